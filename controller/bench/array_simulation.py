@@ -5,17 +5,14 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
-from haptic_wall.controller.bench.plant_alone import PERIOD_S, beside_peers
 from haptic_wall.controller.bench.rows import Measurement, Section, interleaved, over_rounds, ratio
 from haptic_wall.controller.experiments.maps.compiled import compiled
-from haptic_wall.controller.experiments.maps.tables import Table
 from haptic_wall.controller.experiments.maps.walls import Loop, wall_of
-from haptic_wall.controller.laws.detents import Detents
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.clock import SimulatedClock
@@ -23,21 +20,16 @@ from haptic_wall.hw.open import open_servo
 from haptic_wall.hw.settings import ServoSettings
 from haptic_wall.hw.truth import TrueServo
 
+_PERIOD_S = 1e-3
 _ROUNDS = 5
-_WALLS = 64
-_PERIODS, _PERIODS_ALONE = 10_000, 600
-_PERIOD_NS = round(1e9 * PERIOD_S)
-_COMPARED = 8
-"""Number of walls that are also simulated as the program does"""
+_WALLS, _PERIODS = 64, 10_000
+_FEW, _SHORT = 8, 75
+"""Walls and periods that are also simulated as the program does"""
 _NOT_THE_SEARCH = "walls with backlash or long velocity differences, and the search around it"
-_ROUGH = "servos with friction and encoder"
-_KINDS = {"linear servos": False, _ROUGH: True}
-_WIDTH = math.tau / 24
-"""Distance between detents [rad]"""
+_KINDS = {"linear servos": False, "servos with friction and encoder": True}
 
 
-@dataclass(frozen=True, slots=True)
-class ArrayWall:
+class _Released(NamedTuple):
     """A two-sided wall on a servo of its own, released at ``servo.position``."""
 
     servo: TrueServo
@@ -48,34 +40,31 @@ class ArrayWall:
 
 
 def measure() -> Section:
-    """Measure two-sided walls on random servos, and the servo alone beside peers."""
-    drawn = {what: random_walls(rough, _WALLS) for what, rough in _KINDS.items()}
+    """Measure two-sided walls on random servos."""
+    drawn = {what: _random_walls(rough, _WALLS) for what, rough in _KINDS.items()}
     fast = compiled() is not None
-    periods = _PERIODS if fast else _PERIODS_ALONE // _COMPARED
-    how = "compiled" if fast else "not compiled"
-    law = Table.of(Detents(_WIDTH, 0.25), _WIDTH * (np.arange(-24, 25) / 2 + 0.25))
-    work: dict[str, Callable[[], object]] = {
-        "detents": partial(together, drawn[_ROUGH], periods, law)
-    }
+    periods = _PERIODS if fast else _SHORT
+    work: dict[str, Callable[[], object]] = {}
     for what, walls in drawn.items():
         together(walls[:1], periods)  # compiles
         work[what] = partial(together, walls, periods)
-        work[f"{what}, alone"] = partial(_each_alone, walls)
+        work[f"{what}, alone"] = partial(_each_alone, walls[:_FEW])
     times = interleaved(work, _ROUNDS, time.process_time)
     rows, unit = [], "wall-periods/s"
-    for what in (*drawn, "detents"):
-        each = _WALLS * periods
-        name = f"{how}, {_WALLS} random walls, {what}"
-        rows.append(over_rounds(name, [each / s for s in times[what]], unit, _NOT_THE_SEARCH))
+    how = "compiled" if fast else "not compiled"
     for what, walls in drawn.items():
-        few = walls[:_COMPARED]
-        count = _PERIODS_ALONE // _COMPARED
-        apart = together(few, count) - [alone(wall, count) for wall in few]
-        single = [s / _PERIODS_ALONE for s in times[f"{what}, alone"]]
+        single = [s / (_FEW * _SHORT) for s in times[f"{what}, alone"]]
         many = [s / (_WALLS * periods) for s in times[what]]
+        apart = together(walls[:_FEW], _SHORT) - _each_alone(walls[:_FEW])
         rows += [
             over_rounds(
-                f"{_COMPARED} of them, as the simulated servo, {what}",
+                f"{how}, {_WALLS} random walls, {what}",
+                [1.0 / s for s in many],
+                unit,
+                _NOT_THE_SEARCH,
+            ),
+            over_rounds(
+                f"{_FEW} of them, as the simulated servo, {what}",
                 [1.0 / s for s in single],
                 unit,
                 "the program's own loop, which also guards, watches and logs",
@@ -88,13 +77,11 @@ def measure() -> Section:
                 "other walls than these",
             ),
         ]
-    compared, notes = beside_peers()
-    if not fast:
-        notes.append("nothing is compiled: pip install -e '.[fast]' in the clone adds Numba")
-    return Section((*rows, *compared), tuple(notes))
+    note = "nothing is compiled: pip install -e '.[fast]' in the clone adds Numba"
+    return Section(tuple(rows), () if fast else (note,))
 
 
-def random_walls(rough: bool, count: int) -> list[ArrayWall]:
+def _random_walls(rough: bool, count: int) -> list[_Released]:
     """Return walls that differ in everything: servo, delay, stiffness, damping and kick.
 
     Args:
@@ -105,66 +92,56 @@ def random_walls(rough: bool, count: int) -> list[ArrayWall]:
     inertia = 10 ** random.uniform(-3.0, -1.0, count)
     damping = inertia * random.uniform(0.5, 4.0, count)
     coulomb = random.uniform(0.1, 1.0, count) * inertia
-    delay = np.round(random.uniform(0.0, 5.0, count), 3) * PERIOD_S
-    ceiling = max_virtual_damping(inertia, damping, PERIOD_S, delay)
-    virtual = random.uniform(0.0, 0.5, count) * ceiling
-    limit = critical_stiffness(inertia, damping, virtual, PERIOD_S, delay)
+    delay = np.round(random.uniform(0.0, 5.0, count), 3) * _PERIOD_S
+    virtual = random.uniform(0.0, 0.5, count) * max_virtual_damping(
+        inertia, damping, _PERIOD_S, delay
+    )
+    limit = critical_stiffness(inertia, damping, virtual, _PERIOD_S, delay)
     stiffness = random.uniform(0.1, 0.95, count) * limit
     kick = 10 ** random.uniform(-2.0, 0.0, count)
-    return [
-        ArrayWall(
-            TrueServo(
-                inertia=m,
-                damping=b,
-                coulomb=c if rough else 0.0,
-                counts_per_rev=4096 if rough else 0,
-                torque_limit=50.0 * m if rough else math.inf,
-                delay=t_d,
-                position=x,
-            ),
-            k,
-            big_b,
+    columns = (inertia, damping, coulomb, delay, kick, stiffness, virtual)
+    walls = []
+    for m, b, c, t_d, x, k, big_b in zip(*(column.tolist() for column in columns), strict=True):
+        servo = TrueServo(
+            inertia=m,
+            damping=b,
+            coulomb=c if rough else 0.0,
+            counts_per_rev=4096 if rough else 0,
+            torque_limit=50.0 * m if rough else math.inf,
+            delay=t_d,
+            position=x,
         )
-        for m, b, c, t_d, x, k, big_b in zip(
-            *(a.tolist() for a in (inertia, damping, coulomb, delay, kick, stiffness, virtual)),
-            strict=True,
-        )
-    ]
+        walls.append(_Released(servo, k, big_b))
+    return walls
 
 
-def together(walls: list[ArrayWall], periods: int, law: Table | None = None) -> FloatArray:
-    """Return the last measured positions [rad] of walls, or of servos under a law."""
+def together(walls: list[_Released], periods: int) -> FloatArray:
+    """Return the last measured positions of walls [rad]."""
     found = []
-    for each in walls:
-        wall = wall_of(
-            each.servo,
-            period=PERIOD_S,
-            delay=each.servo.delay,
-            virtual_damping=each.virtual_damping,
-            law=law,
-        )
-        loop = Loop(wall, each.stiffness, each.servo.position, law=law)
+    for servo, stiffness, damping in walls:
+        wall = wall_of(servo, period=_PERIOD_S, delay=servo.delay, virtual_damping=damping)
+        loop = Loop(wall, stiffness, servo.position)
         loop.run(periods)
         found.append(loop.measured)
     return np.array(found)
 
 
-def _each_alone(walls: list[ArrayWall]) -> list[float]:
-    return [alone(wall, _PERIODS_ALONE // _COMPARED) for wall in walls[:_COMPARED]]
+def _each_alone(walls: list[_Released]) -> FloatArray:
+    return np.array([_alone(wall) for wall in walls])
 
 
-def alone(wall: ArrayWall, periods: int) -> float:
+def _alone(wall: _Released) -> float:
     """Return the last measured position [rad] of one simulated servo and wall."""
-    clock = SimulatedClock()
+    clock, period_ns = SimulatedClock(), round(1e9 * _PERIOD_S)
     body = open_servo(ServoSettings(true=wall.servo), clock)
     body.start()
     before = math.nan
-    for k in range(periods):
+    for k in range(_SHORT):
         body.request()
         position = body.collect(clock.now_ns()).position
-        velocity = (position - before) / PERIOD_S if k else 0.0
+        velocity = (position - before) / _PERIOD_S if k else 0.0
         body.write(-wall.stiffness * position - wall.virtual_damping * velocity)
         before = position
-        clock.wait_until((k + 1) * _PERIOD_NS)
+        clock.wait_until((k + 1) * period_ns)
     body.close()
     return before

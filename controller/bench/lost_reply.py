@@ -15,9 +15,9 @@ from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from importlib.metadata import version
 from pathlib import Path
+from types import ModuleType
 from typing import Final
 
-from haptic_wall.controller.bench.bus_clients import rustypot
 from haptic_wall.controller.bench.loops import BAUD, emulated_bus, ours
 from haptic_wall.controller.bench.rows import Measurement, Section
 from haptic_wall.controller.emulated_bus.record import BusRow, read_rows
@@ -55,7 +55,7 @@ def measure() -> Section:
         PlatformError: The bus or the loop could not be started, or no reply was lost.
     """
     notes = []
-    if rustypot() is None:
+    if _rustypot() is None:
         notes.append("rustypot is not installed, so nothing is compared with it")
     rows = _whole_program()
     with emulated_bus("--fault", f"drop:every={_EVERY},way=reply") as path, ExitStack() as stack:
@@ -157,7 +157,7 @@ def _clients(path: str, stack: ExitStack) -> dict[str, Read]:
             handler.readTxRx(port, 1, _ADDRESS, _BYTES)[1] == sdk.COMM_SUCCESS
         ),
     }
-    module = rustypot()
+    module = _rustypot()
     if module is not None:  # the last: it locks the port
         client = module.Xl430PyController(path, BAUD, 1e-9 * _PERIOD_NS)
         stack.callback(client.close)
@@ -171,3 +171,11 @@ def _clients(path: str, stack: ExitStack) -> dict[str, Read]:
 
         clients[f"rustypot {version('rustypot')} with a timeout of one period"] = of_rustypot
     return clients
+
+
+def _rustypot() -> ModuleType | None:
+    """Return the module, or None if it is not installed."""
+    try:
+        return importlib.import_module("rustypot")
+    except ImportError:
+        return None

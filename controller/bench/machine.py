@@ -13,15 +13,7 @@ import numpy as np
 from haptic_wall import __version__
 from haptic_wall.controller.bench import cyclictest
 
-_PACKAGES = (
-    "scipy",
-    "control",
-    "dynamixel-sdk",
-    "loop-rate-limiters",
-    "mujoco",
-    "numba",
-    "rustypot",
-)
+_PACKAGES = ("scipy", "control", "dynamixel-sdk", "loop-rate-limiters", "numba", "rustypot")
 _STAT = Path("/proc/stat")
 _STEAL = 7
 """Index of the steal time among a processor's times"""

@@ -18,23 +18,17 @@ from haptic_wall.controller.system.signals import on_signals
 
 SECTIONS = {
     "lateness": "haptic_wall.controller.bench.lateness",
-    "stages": "haptic_wall.controller.bench.stages",
     "boundary": "haptic_wall.controller.bench.boundary",
     "array_simulation": "haptic_wall.controller.bench.array_simulation",
     "torque_frames": "haptic_wall.controller.bench.torque_frames",
-    "highest_rate": "haptic_wall.controller.bench.highest_rate",
-    "bus_cycle": "haptic_wall.controller.bench.bus_cycle",
     "lost_reply": "haptic_wall.controller.bench.lost_reply",
 }
 """Module of each section, which has ``measure() -> Section``."""
 ABOUT_S = {
     "lateness": 90,
-    "stages": 60,
     "boundary": 15,
     "array_simulation": 30,
     "torque_frames": 35,
-    "highest_rate": 150,
-    "bus_cycle": 30,
     "lost_reply": 8,
 }
 """Duration of each section with its peers [s]; up to 1.5 times as long on a busy machine"""

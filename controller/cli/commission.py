@@ -5,11 +5,14 @@ from __future__ import annotations
 import signal
 import sys
 from collections.abc import Iterator
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from haptic_wall.controller.cli.drawing import drawn_or_noted
 from haptic_wall.controller.cli.experiment import REACH, Asked, experiment, folder_option, moving
 from haptic_wall.controller.cli.options import as_json, refuse_same_file, say, writing
 from haptic_wall.controller.cli.places import take_folder
@@ -17,15 +20,13 @@ from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.settings.load import Loaded
-from haptic_wall.controller.system.file_kinds import PICTURE
+from haptic_wall.controller.system.file_kinds import RESULT, RESULT_MARK
 from haptic_wall.controller.system.signals import on_signals
 from haptic_wall.controller.system.whole_file import whole
 
 if TYPE_CHECKING:
-    from haptic_wall.controller.experiments.commission.outcome import Step
     from haptic_wall.controller.experiments.commission.plan import Announcement
     from haptic_wall.controller.experiments.commission.sequence import Ended
-    from haptic_wall.controller.experiments.commission.store import CommissionStore
 
 
 @click.command()
@@ -41,8 +42,8 @@ if TYPE_CHECKING:
 )
 @experiment(
     folder_option(
-        "Folder for report.html, config.yaml, a JSON file of each step, pictures and logs/. The"
-        " command continues an interrupted commissioning of the same settings in DIR."
+        "Folder for report.html, config.yaml, commission.json, pictures and logs/. The command"
+        " continues an interrupted commissioning of the same settings in DIR."
     ),
     force=False,
     of_walls=True,
@@ -57,10 +58,11 @@ def command(asked: Asked, fresh: bool, only_plan: bool, reach: float) -> None:
     """
     from haptic_wall.controller.experiments.commission.plan import announce
 
-    loaded, out = asked.loaded, asked.out
+    config, out = asked.config, asked.out
+    announcement = announce(config, reach)
     if only_plan:
-        kept = [] if out is None else _store(asked, out, reach, fresh, True).done
-        _answer_plan(announce(loaded.config, reach), kept, asked)
+        plan = {"name": asked.name, "seconds": announcement.seconds, "steps": announcement.lines}
+        asked.answer(plan, lambda: "\n".join(plan_lines(asked.loaded, announcement)))
         return
     if out is None:
         raise UserError(
@@ -69,76 +71,36 @@ def command(asked: Asked, fresh: bool, only_plan: bool, reach: float) -> None:
             wanted="the folder for report.html and config.yaml",
             advice="give for example --out my-testbed",
         )
-    announcement = announce(loaded.config, reach)
-    was_there = out.exists()
-    store = _store(asked, out, reach, fresh)
-    folder = store.folder
-    try:
-        if not store.complete:
-            _announce(asked, announcement)
-        seconds = 0.0 if store.complete else announcement.seconds
-        ended, report = _measured(loaded, reach, store, seconds)
-    finally:
-        empty = store.empty
-        if empty:
-            store.discard(keep_folder=was_there)
-    asked.answer(report, lambda: _text(report, folder))
-    if ended.interrupted and not empty:
-        say(f"interrupted: finished steps are kept; the same command with --out {folder} continues")
-    sys.exit(ended.exit_status)
-
-
-def _measured(
-    loaded: Loaded, reach: float, store: CommissionStore, seconds: float
-) -> tuple[Ended, dict[str, Any]]:
-    """Execute the steps, in about ``seconds`` [s]; write the report unless nothing was measured."""
-    from haptic_wall.controller.experiments.commission.report import report
-    from haptic_wall.controller.experiments.commission.sequence import run_steps
-    from haptic_wall.controller.experiments.commission.steps import StepContext
+    from haptic_wall.controller.experiments.commission.sequence import (
+        is_complete,
+        kept_steps,
+        run_steps,
+    )
+    from haptic_wall.controller.experiments.commission.steps import CONFIG, StepContext
     from haptic_wall.controller.report.commission.picture import PLOTS
 
-    with writing("--out", store.folder):
-        with moving(loaded.config, seconds):
-            ended = run_steps(StepContext(loaded.config, loaded.name, reach, store, say, PLOTS))
+    refuse_same_file({"CONFIG": asked.file, f"--out (its {CONFIG})": out / CONFIG})
+    take_folder("--out", out, {}, force=False)  # the sequence knows what may be replaced
+    bench = StepContext(config, asked.name, reach, out, as_json, say, fresh, PLOTS)
+    left = not is_complete(kept_steps(bench).done)
+    if left:
+        announced(asked, announcement)
+    with writing("--out", out):
+        with moving(config, announcement.seconds * left):
+            ended = run_steps(bench)
         with (
             on_signals(signal.SIG_IGN),  # a held Ctrl-C must not cost the report
             working("writing the report", DRAWING_S),
         ):
-            if store.empty:
-                return ended, {**report(ended, loaded.name, store.folder), "report": None}
-            return ended, _written(ended, loaded.name, store)
+            report = written(ended, asked.name, out)
+    asked.answer(report, lambda: _text(report, out))
+    if ended.interrupted:
+        say(f"interrupted: finished steps are kept; the same command with --out {out} continues")
+    sys.exit(ended.exit_status)
 
 
-def _store(
-    asked: Asked,
-    out: Path,
-    reach: float,
-    fresh: bool,
-    only_look: bool = False,
-) -> CommissionStore:
-    from haptic_wall.controller.experiments.commission.store import (
-        CONFIG,
-        CommissionStore,
-        settings_of,
-    )
-
-    refuse_same_file({"CONFIG": asked.file, f"--out (its {CONFIG})": out / CONFIG})
-    if not only_look:
-        take_folder("--out", out, {}, force=False)  # the store knows what may be replaced
-    settings = settings_of(asked.config, reach)
-    return CommissionStore(out, settings, asked.name, as_json, fresh, only_look)
-
-
-def _answer_plan(announcement: Announcement, kept: list[Step], asked: Asked) -> None:
-    """Print the plan of the steps; ``kept`` are steps that are not repeated."""
-    plan = {"name": asked.name, "seconds": announcement.seconds, "steps": announcement.lines}
-    lines = [*_plan_lines(asked.loaded, announcement)]
-    if kept:
-        lines += _wrapped(f"kept from before: {', '.join(kept)}", "  ")
-    asked.answer({**plan, "kept": kept}, lambda: "\n".join(lines))
-
-
-def _plan_lines(loaded: Loaded, announcement: Announcement) -> Iterator[str]:
+def plan_lines(loaded: Loaded, announcement: Announcement) -> Iterator[str]:
+    """Yield the lines that announce a commissioning."""
     minutes = announcement.seconds / 60.0
     config = loaded.config
     if config.loop.clock == "simulated":
@@ -152,9 +114,9 @@ def _plan_lines(loaded: Loaded, announcement: Announcement) -> Iterator[str]:
         yield from _wrapped(line, "  ")
 
 
-def _announce(asked: Asked, announcement: Announcement) -> None:
+def announced(asked: Asked, announcement: Announcement) -> None:
     """Announce the motions; before a real servo moves, wait for a yes."""
-    for line in _plan_lines(asked.loaded, announcement):
+    for line in plan_lines(asked.loaded, announcement):
         say(line)
     servo = asked.config.servo
     if servo.kind == "hardware" and not asked.yes and not sys.stdin.isatty():
@@ -165,26 +127,29 @@ def _announce(asked: Asked, announcement: Announcement) -> None:
     asked.may_move()
 
 
-def _written(ended: Ended, name: str, store: CommissionStore) -> dict[str, Any]:
-    """Write the page; return the report's data."""
+def written(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
+    """Write report, page and picture of a commissioning; return the report's data.
+
+    Raises:
+        OSError: They cannot be written.
+    """
     from haptic_wall.controller.experiments.commission.report import report
-    from haptic_wall.controller.experiments.commission.store import ALLOWED
+    from haptic_wall.controller.experiments.commission.sequence import ALLOWED, JSON, PAGE
     from haptic_wall.controller.experiments.commission.verdict import GuardQuestion
-    from haptic_wall.controller.experiments.kept_folder import without_link
     from haptic_wall.controller.report.commission.page import page
     from haptic_wall.controller.report.commission.picture import draw_allowed
 
-    folder = store.folder
     data = report(ended, name, folder)
-    picture = folder / ALLOWED
-    allowed: Path | None = picture
-    try:
-        with whole(without_link(picture), PICTURE, force=True) as part:
-            draw_allowed(GuardQuestion.of(ended.config, data["delay"]), data, part)
-    except Exception as error:  # noqa: BLE001 - whatever may be wrong with what draws
-        say(f"the picture of the verdict could not be drawn ({error}); the report lacks it")
-        allowed = None
-    data["report"] = str(store.keep_page(page(data, folder, allowed)))
+    question = GuardQuestion.of(ended.config, data["delay"])
+    allowed = drawn_or_noted(
+        "--out", folder / ALLOWED, partial(draw_allowed, question, data), force=True
+    )
+    data["report"] = str(folder / PAGE)
+    with ExitStack() as both:
+        html = both.enter_context(whole(folder / PAGE, RESULT, force=True))
+        html.write_text(page(data, folder, allowed), encoding="utf-8")
+        part = both.enter_context(whole(folder / JSON, RESULT, force=True))
+        part.write_text(as_json({**RESULT_MARK, **data}) + "\n", encoding="utf-8")
     return data
 
 
@@ -211,11 +176,9 @@ def _text(report: dict[str, Any], folder: Path) -> str:
     following = list(words.following(report))
     if following:
         lines += ["", "What next", *(f"  {command}" for command, _ in following)]
-    if report["report"] is None:
-        return "\n".join([*lines, "", f"nothing was measured, so nothing is left in {folder}"])
-    lines += ["", f"written to {folder}: report.html, commission.json, a JSON file of each step,"]
-    lines += ["pictures, logs/" + ("" if report["config"] is None else ", config.yaml")]
-    return "\n".join(lines)
+    more = "" if report["config"] is None else ", config.yaml"
+    files = f"report.html, commission.json, pictures, logs/{more}"
+    return "\n".join([*lines, "", f"written to {folder}: {files}"])
 
 
 def _wrapped(text: str, indent: str) -> list[str]:

@@ -6,9 +6,10 @@ report and a picture to a folder hands the rest to ``carry_out``.
 
 from __future__ import annotations
 
+import csv
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial, wraps
 from pathlib import Path
@@ -34,7 +35,7 @@ from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import Loaded, file_of, load_config
 from haptic_wall.controller.settings.servo import Servo
-from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, RESULT_MARK
+from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, RESULT_MARK, Kind, table
 from haptic_wall.controller.system.whole_file import whole
 from haptic_wall.hw.errors import Problem
 
@@ -43,6 +44,7 @@ _FASTER = 20.0
 """The simulated clock than real time"""
 REACH = 0.6
 """Default excursion of an identification, to each side [rad]"""
+_TABLE = table("virtual_damping,delay_steps,")
 _YES = click.option("--yes", is_flag=True, help="Do not ask before a real servo moves.")
 
 
@@ -174,41 +176,72 @@ def carry_out(
     report: Callable[[Found], Mapping[str, Any]],
     draw: Callable[[Found, str, Path], None],
     text: Callable[[Found, list[Path]], str],
+    *,
+    rows: Callable[[Found], Iterable[Mapping[str, Any]]] | None = None,
+    others: Mapping[str, Kind] | None = None,
+    work: AbstractContextManager[object] | None = None,
+    ended: Callable[[Found], tuple[str, int] | None] = lambda _found: None,
 ) -> None:
     """Measure, write the report and the picture, and answer.
 
     Args:
         asked: The options.
-        what: The command; JSON and picture are called so.
+        what: The command; JSON, picture and table are called so.
         seconds: How long it takes in real time, about [s].
         measure: Measures; its argument is the folder for logs.
         report: Returns JSON-ready values.
         draw: Draws the picture, of what was found, with a title, to a path.
         text: Returns the answer for people; its second argument is the files written.
+        rows: Returns the rows of a CSV table; None: there is none.
+        others: Further files in the folder, with their kinds.
+        work: Shows that it works; None: that a servo is moved.
+        ended: Returns what is kept of a measurement that ended early, up to the words "--out DIR
+            continues", and the exit status; None: it is complete.
 
     Raises:
         UserError: The files cannot be written.
         EndedEarlyError: A person or a trip ended the experiment.
     """
-    folder = asked.out
     files = {f"{what}.json": RESULT, f"{what}.png": PICTURE}
+    folder = asked.out
     if folder is None:
         folder = new_stem("--out", what)
     else:
-        take_folder("--out", folder, files, force=asked.force)
+        tables = {f"{what}.csv": _TABLE} if rows is not None else {}
+        take_folder("--out", folder, {**files, **tables, **(others or {})}, force=asked.force)
     asked.may_move()
-    with moving(asked.config, seconds), endings():
+    with work or moving(asked.config, seconds), endings():
         found = measure(folder)
     result, picture = (folder / name for name in files)
     held = {**RESULT_MARK, "name": asked.name, **report(found)}
-    with writing("--out", folder):
+    paths = [result]
+    with writing("--out", folder), ExitStack() as all_or_none:
         folder.mkdir(parents=True, exist_ok=True)
-    plot = partial(draw, found, asked.name)
-    seen = drawn_or_noted("--out", picture, plot, force=asked.force)
-    paths = [result, *([seen] if seen else [])]
-    with writing("--out", folder), whole(result, RESULT, force=asked.force) as part:
-        part.write_text(as_json({**held, "files": paths}) + "\n", encoding="utf-8")
+        if rows is not None:
+            paths.append(folder / f"{what}.csv")
+            part = all_or_none.enter_context(whole(paths[-1], _TABLE, force=asked.force))
+            _write_table(part, rows(found))
+        part = all_or_none.enter_context(whole(result, RESULT, force=asked.force))
+        part.write_text(as_json(held) + "\n", encoding="utf-8")
+    seen = drawn_or_noted("--out", picture, partial(draw, found, asked.name), force=asked.force)
+    paths += [seen] if seen else []
     asked.answer({**held, "files": paths}, lambda: text(found, paths))
+    if (early := ended(found)) is not None:
+        say(f"{early[0]} --out {folder} continues")
+        sys.exit(early[1])
+
+
+def _write_table(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:
+    """Write rows of equal keys as CSV; lists as one cell."""
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer: csv.DictWriter[str] | None = None
+        for row in rows:
+            if writer is None:
+                writer = csv.DictWriter(stream, list(row))
+                writer.writeheader()
+            writer.writerow(
+                {k: "; ".join(map(str, v)) if isinstance(v, list) else v for k, v in row.items()}
+            )
 
 
 def ask_to_move(servo: Servo, yes: bool) -> None:

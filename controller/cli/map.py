@@ -3,29 +3,37 @@
 from __future__ import annotations
 
 import math
-import sys
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import nullcontext
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from haptic_wall.controller.cli.experiment import Asked, dask_option, experiment, folder_option
+from haptic_wall.controller.cli.experiment import (
+    Asked,
+    carry_out,
+    dask_option,
+    experiment,
+    folder_option,
+)
 from haptic_wall.controller.cli.failure import EndedEarlyError
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
-from haptic_wall.controller.cli.map_files import FILES, json_parts, report_of, write_map
-from haptic_wall.controller.cli.map_plan import LARGE, check_room, planned
 from haptic_wall.controller.cli.numbers import numbers, periods, whole_periods
-from haptic_wall.controller.cli.options import answer, answer_in_parts, say
-from haptic_wall.controller.cli.places import new_folder, take_folder
+from haptic_wall.controller.cli.options import say
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.file_kinds import RESULT
-from haptic_wall.controller.system.signals import interrupting
+from haptic_wall.controller.system.new_folders import make
 
 if TYPE_CHECKING:
-    from haptic_wall.controller.experiments.maps.maps import CriticalMap, MapQuestion, MapSettings
-    from haptic_wall.controller.experiments.maps.store import MapStore
+    from haptic_wall.controller.experiments.maps.maps import (
+        CriticalMap,
+        MapQuestion,
+        MapSettings,
+        Progress,
+    )
 
 _POINT_S = 0.05
 """Approximate duration of a point on one core [s]"""
@@ -34,7 +42,14 @@ _KICKS = (0.003, 0.01, 0.03, 0.1, 0.3)
 _KICK = 0.01
 """Of a servo without friction, encoder and backlash, to which the kick does not matter [rad]."""
 _DAMPINGS = 12
-_KINDS = {**FILES, "map.rows": RESULT}
+_ROWS = "map.rows"
+_NOT_MAPPED = (
+    "chain",
+    *("torque_constant", "current_bandwidth", "current_period", "dead_band", "back_emf"),
+    *("current_droop", "no_load_speed", "current_filter", "current_offset", "supply", "ambient"),
+    *("position", "hand", "hand_origin", "hand_direction"),
+)
+"""Truths of a servo that a report does not name"""
 
 
 @click.command()
@@ -90,7 +105,7 @@ def command(
     a one-sided wall, which returns it.
     """
     from haptic_wall.controller.experiments.maps.maps import MapQuestion, MapSettings
-    from haptic_wall.controller.experiments.maps.store import MapStore
+    from haptic_wall.controller.report.maps import plot_map
 
     setting = MapSettings.of(asked.config)
     chosen_steps = whole_periods(_STEPS if steps is None else steps, 1000)
@@ -98,73 +113,109 @@ def command(
     if min(chosen_kicks) <= 0.0:
         raise UserError(f"found {min(chosen_kicks):g}", field="--kick", wanted="a kick above 0 rad")
     chosen_dampings = _default_dampings(setting, chosen_steps) if dampings is None else dampings
-    if asked.out is None:
-        if resume:
-            raise UserError("found without --out", field="--resume", advice="add --out DIR")
-        folder = new_folder("--out", "map")
-    else:
-        folder = asked.out
-        take_folder("--out", folder, _KINDS, force=asked.force)
+    if asked.out is None and resume:
+        raise UserError("found without --out", field="--resume", advice="add --out DIR")
     wanted = MapQuestion(setting, chosen_dampings, chosen_steps, chosen_kicks)
     say(f"{asked.name}: {wanted.points} points")
-    with interrupting(), MapStore(folder, wanted, resume=resume, force=asked.force) as store:
-        found, interrupted = _computed(wanted, store, folder, workers, dask)
-    if interrupted and not found.begun:
-        text = "interrupted before anything was computed: nothing is written"
-        raise EndedEarlyError(text, INTERRUPTED)
-    report = report_of(found, asked.name)
-    files = write_map(found, report, folder, force=asked.force)
-    if not interrupted:
-        store.remove()
-    if asked.json:
-        answer_in_parts(json_parts(found, {**report, "files": files}))
-    else:
-        answer(_text(found, files))
-    if interrupted:
-        say(
-            "interrupted: the points computed so far are kept, the others are empty; the same"
-            f" command with --out {folder} --resume continues"
-        )
-        sys.exit(INTERRUPTED)
-
-
-def _computed(
-    wanted: MapQuestion, store: MapStore, folder: Path, workers: int | None, dask: str | None
-) -> tuple[CriticalMap, bool]:
-    """Compute the map; return it, and whether Ctrl-C has interrupted it."""
-    from haptic_wall.controller.experiments.cluster import cluster
-    from haptic_wall.controller.experiments.maps.maps import MapInterruptedError, critical_map
-    from haptic_wall.controller.experiments.processes import cores
-
     share = 0.0
 
     def progress(done: int, total: int) -> None:
         nonlocal share
         share = done / total
 
-    with ExitStack() as during:
-        pool = None if dask is None else during.enter_context(cluster(dask))
-        if wanted.points >= LARGE:
-            many = workers or cores() if pool is None else pool.size
-            with working("planning"):
-                plan = planned(wanted, store, many)
-            check_room(folder, plan)
-        during.enter_context(working("computing", _POINT_S * wanted.points, lambda: share))
-        try:
-            found = critical_map(
-                wanted.setting,
-                wanted.dampings,
-                wanted.delay_steps,
-                wanted.kicks,
-                executor=pool,
-                workers=workers,
-                progress=progress,
-                done=store.done,
-                finished=store.add,
-            )
-        except MapInterruptedError as stopped:
-            return stopped.partial, True
-    return found, False
+    def measure(folder: Path) -> CriticalMap:
+        return _computed(wanted, folder, resume, asked.force, workers, dask, progress)
+
+    seconds = _POINT_S * wanted.points
+    carry_out(
+        asked,
+        "map",
+        seconds,
+        measure,
+        _report,
+        plot_map,
+        _text,
+        rows=_points,
+        others={_ROWS: RESULT},
+        work=working("computing", seconds, lambda: share),
+        ended=_ended,
+    )
+    if asked.out is not None:
+        (asked.out / _ROWS).unlink(missing_ok=True)
+
+
+def _computed(
+    wanted: MapQuestion,
+    folder: Path,
+    resume: bool,
+    force: bool,
+    workers: int | None,
+    dask: str | None,
+    progress: Progress,
+) -> CriticalMap:
+    """Compute the map; finished tasks are kept in the folder.
+
+    Raises:
+        EndedEarlyError: Ctrl-C has interrupted it before anything was computed.
+    """
+    from haptic_wall.controller.experiments.cluster import cluster
+    from haptic_wall.controller.experiments.maps.maps import critical_map
+
+    make(folder)
+    kept = wanted.kept(folder / _ROWS, resume=resume, fresh=force and not resume)
+    with nullcontext(None) if dask is None else cluster(dask) as pool:
+        found = critical_map(wanted, executor=pool, workers=workers, progress=progress, kept=kept)
+    if not found.count:
+        text = "interrupted before anything was computed: nothing is written"
+        raise EndedEarlyError(text, INTERRUPTED)
+    return found
+
+
+def _report(found: CriticalMap) -> dict[str, Any]:
+    setting = found.setting
+    return {
+        "side": "one" if setting.one_sided else "both",
+        "period_s": setting.period,
+        "velocity_samples": setting.velocity_samples,
+        "servo": {k: v for k, v in asdict(setting.servo).items() if k not in _NOT_MAPPED},
+        "complete": found.complete,
+        "points": list(_points(found)),
+    }
+
+
+def _points(found: CriticalMap) -> Iterator[dict[str, Any]]:
+    """Yield the points of the table and of the report."""
+    for i, steps in enumerate(found.delay_steps.tolist()):
+        for j, damping in enumerate(found.virtual_damping.tolist()):
+            for k, kick in enumerate(found.kick.tolist()):
+                value = float(found.stiffness[i, j, k])
+                yield {
+                    "virtual_damping": damping,
+                    "delay_steps": steps,
+                    "delay_s": float(found.delay[i]),
+                    "kick_rad": kick,
+                    "simulated": value if math.isfinite(value) else None,
+                    "outcome": _outcome(value),
+                    "exact": float(found.exact[i, j]),
+                    "linear": float(found.linear[i, j]),
+                    "one_sided": float(found.one_sided[i, j]),
+                }
+
+
+def _outcome(simulated: float) -> str:
+    """Describe the result of the search."""
+    if math.isnan(simulated):
+        return "not computed"
+    if math.isinf(simulated):
+        return "never grows"
+    return "grows above" if simulated > 0.0 else "always grows"
+
+
+def _ended(found: CriticalMap) -> tuple[str, int] | None:
+    if found.complete:
+        return None
+    text = "interrupted: the computed points are kept, the others are empty; the same command with"
+    return f"{text} --resume and", INTERRUPTED
 
 
 def _default_dampings(setting: MapSettings, steps: list[int]) -> list[float]:

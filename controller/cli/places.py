@@ -156,22 +156,6 @@ def new_stem(option: str, what: str) -> Path:
     return stem
 
 
-def new_folder(option: str, what: str) -> Path:
-    """Make a folder with a name from ``new_stem``; it is removed if it is empty at the end.
-
-    Args:
-        option: Option that would name another place.
-        what: End of the name, after date and time.
-
-    Raises:
-        UserError: It cannot be made.
-    """
-    folder = new_stem(option, what)
-    with writing(option, folder):
-        _make_and_keep(folder)
-    return folder
-
-
 def _is_new(stem: Path) -> bool:
     """Whether the name is free; claim it then."""
     with ExitStack() as stack:

@@ -2,53 +2,45 @@
 
 from __future__ import annotations
 
-import sys
 import time
-from functools import partial
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from haptic_wall.controller.cli.ceiling import measure_ceiling
-from haptic_wall.controller.cli.drawing import drawn_or_noted
 from haptic_wall.controller.cli.experiment import (
     Asked,
+    carry_out,
     dask_option,
     experiment,
     folder_option,
-    moving,
 )
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
 from haptic_wall.controller.cli.numbers import numbers, periods, whole_periods
 from haptic_wall.controller.cli.options import say
-from haptic_wall.controller.cli.places import new_stem, take_folder
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, table
+from haptic_wall.controller.system.file_kinds import RESULT
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint
     from haptic_wall.controller.experiments.sweep.result import PointResult
     from haptic_wall.controller.settings.config import Config
 
+    Swept = tuple[dict[str, Any], list[PointResult]]
+    """Report and points of a sweep"""
+
 _MOST_STEPS = 1000
 
 
 @click.command()
 @click.option(
-    "--over",
-    type=click.Choice(["stiffness", "damping"]),
-    default="stiffness",
-    show_default=True,
-    help="stiffness: measure the critical stiffness at each virtual damping; damping: measure the"
-    " ceiling of the virtual damping, above which the servo vibrates without any stiffness.",
-)
-@click.option(
     "--virtual-damping",
     "dampings",
     callback=numbers,
     metavar="B[,B...]",
-    help="Virtual damping, also negative [N·m·s/rad]; needed with --over stiffness.",
+    required=True,
+    help="Virtual damping, also negative [N·m·s/rad].",
 )
 @click.option(
     "--delay-steps",
@@ -95,8 +87,7 @@ _MOST_STEPS = 1000
 )
 def command(
     asked: Asked,
-    over: str,
-    dampings: list[float] | None,
+    dampings: list[float],
     steps: list[float],
     kick: float | None,
     fresh: bool,
@@ -110,32 +101,24 @@ def command(
     The shaft is kicked at many stiffnesses near the limit: a soft spring moves it and holds it
     still, then the wall takes over, and its first cycles are observed. A real shaft moves by
     itself!
-
-    With --over damping the shaft travels to and fro at constant speed under rising damping, until a
-    vibration grows; DIR gets ceiling.json, ceiling.png and the logs.
     """
-    if over == "damping":
-        measure_ceiling(asked, whole_periods(steps, _MOST_STEPS), dampings)
-        return
-    if not dampings:
-        raise UserError(
-            "found none",
-            field="--virtual-damping",
-            wanted="the virtual dampings at which to measure the critical stiffness",
-            advice="give them, or --over damping",
-        )
     from haptic_wall.controller.experiments.cluster import cluster
+    from haptic_wall.controller.experiments.holding import without_hand
     from haptic_wall.controller.experiments.sweep.device import Device
     from haptic_wall.controller.experiments.sweep.plan import Options
-    from haptic_wall.controller.experiments.sweep.store import PNG, SweepStore
-    from haptic_wall.controller.experiments.sweep.store import SweepSettings as SweepAsked
-    from haptic_wall.controller.experiments.sweep.sweep import expected_s, experiment_config, sweep
+    from haptic_wall.controller.experiments.sweep.sweep import (
+        ROWS,
+        Sweep,
+        expected_s,
+        sweep,
+    )
     from haptic_wall.controller.experiments.testbed import ExperimentTrippedError
     from haptic_wall.controller.processes.run_report import exit_status
+    from haptic_wall.controller.report.sweep import plot_sweep
 
     if kick is not None and not 0.0 < kick <= 3.0:
         raise UserError(f"found {kick:g}", field="--kick", wanted="a kick above 0 and up to 3 rad")
-    effective = experiment_config(asked.config)
+    effective = without_hand(asked.config)
     if dask is not None and effective.loop.clock != "simulated":
         raise UserError(
             "found a run in real time",
@@ -144,47 +127,51 @@ def command(
             wanted="a simulated one",
             advice="add --set loop.clock=simulated, or leave --dask out",
         )
-    settings = _settings(dampings, steps)
-    options = Options(kick, repeats, tolerance)
+    options, settings = Options(kick, repeats, tolerance), _settings(dampings, steps)
     device = Device.of(effective)
-    folder = _folder(asked, fresh=fresh)
-    store = SweepStore(folder, SweepAsked(effective, settings, options), fresh)
-    _announce(effective, settings, options, store.done)
-    if not store.complete:
-        asked.may_move()
-    progress = _Progress(len(settings), len(store.done))
-    tripped: ExperimentTrippedError | None = None
-    try:
-        left = tuple(setting for setting in settings if setting not in store.done)
-        with moving(effective, expected_s(effective, left, options)):
+    before = {}
+    if asked.out is not None:
+        before = Sweep(effective, settings, options, asked.out).kept(fresh).done
+    left = tuple(setting for setting in settings if setting not in before)
+    _announce(effective, left, options, len(before))
+    if not left:
+        asked = replace(asked, yes=True)
+    ended: tuple[str, int] | None = None
+
+    def measure(folder: Path) -> Swept:
+        nonlocal ended
+        question = Sweep(effective, settings, options, folder)
+        kept = question.kept(fresh)
+        try:
             finished = sweep(
-                effective,
-                store,
-                settings,
-                options,
+                question,
+                kept,
                 tell=say,
-                progress=progress.point,
+                progress=_Progress(len(settings), len(before)).point,
                 workers=workers,
                 pool=None if dask is None else cluster(dask),
             )
-    except ExperimentTrippedError as error:
-        finished, tripped = False, error
-    points = store.points()
-    if points:
-        from haptic_wall.controller.report.sweep import plot_sweep
+            said, status = "interrupted", INTERRUPTED
+        except ExperimentTrippedError as error:
+            finished, said = False, f"{error.stop_reason}: {error}"
+            status = exit_status(error.stop_reason)
+        if not finished:
+            many = f"{len(kept.done)} of {len(settings)} points are kept"
+            ended = f"{said}: {many}; the same command with", status
+        return question.report(kept) | {"out": folder}, question.points(kept)
 
-        store.write()
-        draw = partial(plot_sweep, points, device, asked.name)
-        drawn_or_noted("--out", folder / PNG, draw, force=asked.force)
-    report = {**store.report(asked.name), "out": folder}
-    asked.answer(report, lambda: _text(points, folder))
-    if not finished:
-        why = "interrupted" if tripped is None else f"{tripped.stop_reason}: {tripped}"
-        say(
-            f"{why}: {len(points)} of {len(settings)} points are kept; the same command with"
-            f" --out {folder} continues"
-        )
-        sys.exit(INTERRUPTED if tripped is None else exit_status(tripped.stop_reason))
+    carry_out(
+        asked,
+        "sweep",
+        expected_s(effective, left, options),
+        measure,
+        lambda found: found[0],
+        lambda found, name, path: plot_sweep(found[1], device, name, path),
+        lambda found, _files: _text(found[1], found[0]["out"]),
+        rows=lambda found: map(asdict, found[1]),
+        others={ROWS: RESULT},
+        ended=lambda _found: ended,
+    )
 
 
 def _settings(dampings: list[float], steps: list[float]) -> tuple[PlanePoint, ...]:
@@ -195,30 +182,12 @@ def _settings(dampings: list[float], steps: list[float]) -> tuple[PlanePoint, ..
     return tuple(dict.fromkeys(PlanePoint(b, n) for n in whole for b in dampings))
 
 
-def _folder(asked: Asked, *, fresh: bool) -> Path:
-    from haptic_wall.controller.experiments.sweep.store import CSV, JSON, PNG
-
-    if asked.out is None:
-        return new_stem("--out", f"sweep-{Path(asked.name).stem}")
-    kinds = {CSV: table("virtual_damping,delay_steps,"), PNG: PICTURE}
-    if fresh:  # else the store checks it
-        kinds[JSON] = RESULT
-    take_folder("--out", asked.out, kinds, force=asked.force)
-    return asked.out
-
-
-def _announce(
-    config: Config,
-    settings: tuple[PlanePoint, ...],
-    options: Options,
-    done: dict[PlanePoint, PointResult],
-) -> None:
+def _announce(config: Config, left: tuple[PlanePoint, ...], options: Options, done: int) -> None:
     """Announce the motions."""
     from haptic_wall.controller.experiments.sweep.sweep import excursion, expected_s
 
-    left = tuple(setting for setting in settings if setting not in done)
     if done:
-        say(f"{len(done)} of {len(settings)} points were measured before and are kept")
+        say(f"{done} of {done + len(left)} points were measured before and are kept")
     if not left:
         say("all points are measured; --fresh measures them again")
         return

@@ -6,7 +6,9 @@ and gentle on a coarse encoder; its exact stiffness matters little.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -112,8 +114,14 @@ def without_hand(config: Config) -> Config:
     """Return the configuration without a scripted operator, which would disturb an experiment."""
     if config.servo.hand == "none" or config.servo.kind == "hardware":
         return config
+    return changed(config, servo={"hand": "none"})
+
+
+def changed(config: Config, **sections: Mapping[str, Any]) -> Config:
+    """Return the configuration with other values in some sections."""
     raw = config.model_dump(mode="json")
-    raw["servo"]["hand"] = "none"
+    for name, values in sections.items():
+        raw[name] |= values
     return Config.model_validate(raw)
 
 

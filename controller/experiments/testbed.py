@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from haptic_wall import __version__
 from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.holding import changed
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.logs.file import SUFFIX, read_log
 from haptic_wall.controller.processes.plan import Ended, LogState, Plan
@@ -154,10 +155,7 @@ class Testbed:
         witness: bool = False,
         option: str = "--out",
     ) -> None:
-        raw = config.model_dump(mode="json")
-        raw["guard"]["mode"] = "off"
-        raw["wall"]["side"] = "both"
-        self.config = Config.model_validate(raw)
+        self.config = changed(config, guard={"mode": "off"}, wall={"side": "both"})
         self.folder = folder
         self.tell = tell
         self._start_told = ""
@@ -207,9 +205,7 @@ class Testbed:
     def _played(self, name: str, phases: Sequence[Phase], delay_steps: int | None) -> Played:
         config = self.config
         if delay_steps is not None:
-            raw = config.model_dump(mode="json")
-            raw["delay"]["steps"] = delay_steps
-            config = Config.model_validate(raw)
+            config = changed(config, delay={"steps": delay_steps})
         log = self.folder / f"{name}{SUFFIX}"
         if not may_be_replaced(log, LOG):
             raise UserError(

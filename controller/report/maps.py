@@ -1,4 +1,4 @@
-"""Draws a map: stiffness over virtual damping for each delay, and over the kick."""
+"""Draws a map: stiffness over virtual damping, for some delays, the smallest and largest kick."""
 
 from __future__ import annotations
 
@@ -15,15 +15,13 @@ from haptic_wall.controller.experiments.maps.limits import (
 from haptic_wall.controller.experiments.maps.maps import CriticalMap
 from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.report import style
-from haptic_wall.controller.theory import critical_point, linear_limit
+from haptic_wall.controller.theory import linear_limit
 from haptic_wall.controller.theory.checks import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _POINTS = 120
-_SHARE = 0.5
-"""Fraction of the torque limit up to which the theory of unlimited motion is drawn"""
 _MOST_DELAYS = 3
 """Largest number of drawn delays, for legibility; the table has all of them."""
 _MANY_DAMPINGS = 6
@@ -44,23 +42,15 @@ def plot_map(found: CriticalMap, name: str, path: Path) -> None:
     """
     delays = np.unique(np.linspace(0, found.delay.size - 1, _MOST_DELAYS).round().astype(int))
     colours = dict(zip(delays.tolist(), style.shades(delays.size), strict=True))
-    over_kick = _many_kicks(found)
-    with style.picture(path, style.PAGE, 3.9 if over_kick else 3.6) as figure:
+    with style.picture(path, style.PAGE, 3.6) as figure:
         figure.suptitle(_title(found, name), fontsize=8.5, ha="left", x=0.01)
-        axes = figure.subplots(1, 2 if over_kick else 1, squeeze=False, sharey=True)[0]
-        _over_damping(axes[0], found, colours)
-        if over_kick:
-            _over_kick(axes[1], found, colours)
-        axes[0].set_yscale("log")
-        axes[0].set_ylabel(style.STIFFNESS)
-        axes[0].set_ylim(*_range(found))
-        for ax in axes:
-            style.grid(ax)
-        figure.legend(
-            handles=_legend(found, colours),
-            loc="outside lower left" if over_kick else "outside right upper",
-            ncols=4 if over_kick else 1,
-        )
+        ax = figure.subplots()
+        _over_damping(ax, found, colours)
+        ax.set_yscale("log")
+        ax.set_ylabel(style.STIFFNESS)
+        ax.set_ylim(*_range(found))
+        style.grid(ax)
+        figure.legend(handles=_legend(found, colours), loc="outside right upper")
 
 
 def _over_damping(ax: Axes, found: CriticalMap, colours: dict[int, str]) -> None:
@@ -118,55 +108,6 @@ def _signed_square(value: FloatArray) -> FloatArray:
     return square
 
 
-def _over_kick(ax: Axes, found: CriticalMap, colours: dict[int, str]) -> None:
-    setting, servo = found.setting, found.setting.servo
-    order = np.argsort(found.kick)
-    damping = float(found.virtual_damping[0])
-    for i, colour in colours.items():
-        simulated = found.stiffness[i, 0, order]
-        ax.plot(
-            found.kick[order], _drawn(simulated), color=colour, marker="o", ms=3.5, linestyle=" "
-        )
-        limit = found.one_sided[i, 0] if setting.one_sided else found.exact[i, 0]
-        ax.axhline(limit, color=colour, linewidth=0.5, linestyle="--" if setting.one_sided else "-")
-        finite = simulated[np.isfinite(simulated)]
-        if servo.coulomb == 0.0 or setting.one_sided or not finite.size or found.exact[i, 0] == 0:
-            continue
-        if servo.flexible:
-            continue  # its onset is not known
-        # friction at an amplitude is a damping, and each damping has its limit
-        limit, delay = float(found.exact[i, 0]), float(found.delay[i])
-        extra = limit * (0.5 * setting.period + delay) * np.geomspace(1e-3, 1e3, _POINTS)
-        at = critical_point(
-            servo.inertia,
-            servo.damping + extra,
-            damping,
-            setting.period,
-            delay,
-            setting.velocity_samples,
-        )
-        onset = 2.0 * servo.coulomb / (np.pi**2 * extra * at.frequency)
-        reached = (at.stiffness < 2.0 * finite.max()) & (
-            _SHARE * servo.torque_limit > at.stiffness * onset
-        )
-        ax.plot(
-            onset[reached],
-            at.stiffness[reached],
-            color=colour,
-            linewidth=0.8,
-            linestyle="-.",
-        )
-    ax.set_xscale("log")
-    spread = (found.kick.max() / found.kick.min()) ** 0.06
-    ax.set_xlim(found.kick.min() / spread, found.kick.max() * spread)
-    ax.set_xlabel(f"kick  [rad]   ($B$ = {damping:.3g} N$\\cdot$m$\\cdot$s/rad)")
-
-
-def _many_kicks(found: CriticalMap) -> bool:
-    """Whether there are more kicks than are drawn over the damping."""
-    return np.unique(found.kick).size > len(_shown_kicks(found))
-
-
 def _shown_kicks(found: CriticalMap) -> dict[int, dict[str, Any]]:
     """Return the smallest and the largest kick, and their markers."""
     small, large = int(np.argmin(found.kick)), int(np.argmax(found.kick))
@@ -198,10 +139,6 @@ def _legend(found: CriticalMap, colours: dict[int, str]) -> list[Any]:
             [], [], color=style.GREY, linewidth=0.6, linestyle=(0, (1, 2)), label="linear condition"
         )
     )
-    unknown = setting.one_sided or setting.servo.flexible
-    if setting.servo.coulomb > 0.0 and not unknown and _many_kicks(found):
-        label = "onset amplitude $A^*$ (theory)"
-        handles.append(Line2D([], [], color=style.INK, linewidth=0.8, linestyle="-.", label=label))
     return handles
 
 

@@ -14,13 +14,11 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any, NoReturn, TextIO
+from typing import Any, NoReturn
 
 import pytest
 
 from haptic_wall.controller.experiments.maps import maps
-from haptic_wall.controller.experiments.maps.maps import CriticalMap
-from haptic_wall.controller.experiments.maps.store import ROWS, MapStore
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, flexible_boundary
 from tests.cases import whole_only
@@ -28,6 +26,7 @@ from tests.cli.caller import Cli
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
+ROWS = "map.rows"
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -140,11 +139,11 @@ def test_a_full_disk_leaves_the_older_map_and_nothing_else(
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     assert len(before) == 3
 
-    def full(_found: CriticalMap, stream: TextIO) -> NoReturn:
-        stream.write("half")
+    def full(path: Path, _rows: object) -> NoReturn:
+        path.write_text("half")
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("haptic_wall.controller.cli.map_files.write_csv", full)
+    monkeypatch.setattr("haptic_wall.controller.cli.experiment._write_table", full)
     assert f"--out {tmp_path}: cannot be written: No space left on device" in cli.refused(
         "map", *few, "--set", "servo.inertia=0.01"
     )
@@ -211,9 +210,9 @@ def _unfinished(folder: Path) -> None:
     """Leave what a map that is killed in its third task leaves."""
     setting = maps.MapSettings.of(load_config("simulated", ("servo.torque_step=0",)).config)
     question = maps.MapQuestion(setting, [0.0, 0.1], [0, 1, 2], [0.1])
-    with MapStore(folder, question, resume=False, force=False) as store:
-        for task in question.tasks()[:2]:
-            store.add(task, question.call(task)())
+    kept = question.kept(folder / ROWS, resume=False, fresh=False)
+    for task in question.tasks()[:2]:
+        kept.add(task, question.part(task).compute())
     with (folder / ROWS).open("a") as file:
         file.write("[[2, 0, 2], [[11.5], [")
 
@@ -241,7 +240,7 @@ def test_a_killed_map_goes_on_and_ends_with_the_same_bytes(
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("[[0, 0, 2], [[-1.0], [1.0]]]", "map.rows, line 4: found no task of this map"),
+        ("[[0, 0, 2], [[-1.0], [1.0]]]", "map.rows, line 4: found no result of this program"),
         ("[[0, 0, 2], [[NaN], [1.0]]]", "map.rows, line 4"),
         ("[" * 5000, "map.rows, line 4"),
     ],

@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
@@ -122,24 +121,13 @@ def test_wrong_input_is_named(
     assert words in cli.refused("sweep", "simulated", *PLANT, *arguments, "--out", tmp_path)
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda held: held.pop("points"),
-        lambda held: held["points"][0].pop("exact"),
-        lambda held: held["points"][0].update(measured="much"),
-        lambda held: held["points"][0].update(logs="none"),
-        lambda held: held.update(fingerprint=1),
-    ],
-)
-def test_a_sweep_that_was_edited_is_checked_by_what_wrote_it(
-    swept: tuple[Path, dict[str, Any], str], cli: Cli, tmp_path: Path, change: Callable[..., object]
+def test_a_line_that_no_sweep_wrote_is_refused(
+    swept: tuple[Path, dict[str, Any], str], cli: Cli, tmp_path: Path
 ) -> None:
-    held = json.loads((swept[0] / "sweep.json").read_text())
-    change(held)
-    (tmp_path / "sweep.json").write_text(json.dumps(held))
+    kept = (swept[0] / "sweep.rows").read_text()
+    (tmp_path / "sweep.rows").write_text(kept + "{}\n")
     told = cli.refused("sweep", "simulated", *PLANT, *POINTS, "--out", tmp_path)
-    assert "sweep.json" in told and "--fresh" in told
+    assert "sweep.rows, line 6" in told and "delete" in told
 
 
 def test_before_hardware_moves_it_says_what_will(cli: Cli, tmp_path: Path) -> None:
@@ -151,12 +139,3 @@ def test_before_hardware_moves_it_says_what_will(cli: Cli, tmp_path: Path) -> No
     assert "will swing to both sides" in told
     assert "degrees" in told
     assert "in real time" in told
-
-
-def test_a_ceiling_chooses_its_dampings_and_a_stiffness_needs_them(cli: Cli) -> None:
-    told = cli.refused(
-        "sweep", "simulated", "--over=damping", "--delay-steps=0", "--virtual-damping=0.1"
-    )
-    assert "--virtual-damping" in told
-    assert "the search chooses them" in told
-    assert "give them, or --over damping" in cli.refused("sweep", "simulated", "--delay-steps=0")

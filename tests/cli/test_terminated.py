@@ -30,10 +30,6 @@ MIDDLES: dict[str, tuple[str, str, tuple[str, ...]]] = {
         ("boundary", "--servo=MX-64", "--rate=1000", "--delay=0.002", "--virtual-damping=0"),
     ),
     "map, theory": ("experiments.maps.maps", "_theory", ("map", "simulated", OUT)),
-    "map, plan": (
-        *("cli.map", "planned"),
-        ("map", "simulated", OUT, f"--kick={','.join(map(str, range(1, 90)))}"),
-    ),
     "paper": ("paper.items", "make", ("paper", "all", OUT)),
     "identify": ("experiments.identify.identification", "identify", ("identify", *SIMULATED)),
     "rendered": (

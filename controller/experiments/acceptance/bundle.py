@@ -1,7 +1,7 @@
 """Packs an acceptance into one zip file without personal data.
 
 Texts are written anew: the names of user and machine, the home folder and the folders of this call
-become placeholders. A log whose texts hold one of them goes in as a CSV table of its rows.
+become placeholders. Logs go in as CSV tables of their rows.
 """
 
 from __future__ import annotations
@@ -18,17 +18,14 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from haptic_wall import __version__
 from haptic_wall.controller.errors import LogFormatError
 from haptic_wall.controller.logs.csv_export import write_csv
-from haptic_wall.controller.logs.pieces import End, Event
 from haptic_wall.controller.logs.reader import SUFFIX, LogReader
 from haptic_wall.controller.logs.rows import LogRows
 
 FILE = "acceptance.zip"
-_TEXTS = (".json", ".yaml", ".csv", ".html", ".txt")
+_TEXTS = (".json", ".yaml", ".csv", ".txt")
 _PACKAGES = ("numpy", "scipy", "pyserial", "dynamixel-sdk", "pydantic")
 _LEAST = 3
 """Shortest name that is looked for"""
@@ -78,10 +75,6 @@ class Scrubber:
         """Return JSON-ready values without personal names."""
         return json.loads(self.text(json.dumps(values, ensure_ascii=False)))
 
-    def is_clean(self, text: str) -> bool:
-        """Whether a text has no personal name."""
-        return self.text(text) == text
-
 
 def _user() -> str:
     try:
@@ -91,41 +84,34 @@ def _user() -> str:
 
 
 def pack(
-    path: Path, folders: Mapping[str, Path], own: Mapping[str, str | bytes], scrubber: Scrubber
-) -> list[str]:
-    """Write the bundle; return the names in it.
+    path: Path, folders: Mapping[str, Path], own: Mapping[str, str], scrubber: Scrubber
+) -> None:
+    """Write the bundle.
 
     Args:
         path: The zip file.
         folders: Folders to pack, by their names in the bundle; logs of ``measured`` only.
-        own: Files that are given, by name; texts are scrubbed.
+        own: Texts that are given, by name.
         scrubber: Removes personal names.
 
     Raises:
         OSError: It cannot be written.
     """
-    names = []
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as bundle:
         for name, content in own.items():
-            clean = scrubber.text(content) if isinstance(content, str) else content
-            _add(bundle, name, clean)
-            names.append(name)
+            _add(bundle, name, scrubber.text(content))
         for title, folder in folders.items():
             for file in sorted(folder.rglob("*")):
                 if file.is_symlink() or not file.is_file():
                     continue
                 name = scrubber.text(f"{title}/{file.relative_to(folder)}")
-                if file.suffix == SUFFIX:
-                    if title == "measured":
-                        names.append(_add_log(bundle, name, file, scrubber))
+                if file.suffix == SUFFIX and title == "measured":
+                    _add(bundle, f"{name}.csv", _table(file))
                 elif file.suffix == ".png":
                     _add(bundle, name, file.read_bytes())
-                    names.append(name)
                 elif file.suffix in _TEXTS:
                     text = file.read_text(encoding="utf-8", errors="replace")
                     _add(bundle, name, scrubber.text(text))
-                    names.append(name)
-    return names
 
 
 def _add(bundle: zipfile.ZipFile, name: str, content: str | bytes) -> None:
@@ -135,27 +121,12 @@ def _add(bundle: zipfile.ZipFile, name: str, content: str | bytes) -> None:
     bundle.writestr(entry, content)
 
 
-def _add_log(bundle: zipfile.ZipFile, name: str, log: Path, scrubber: Scrubber) -> str:
+def _table(log: Path) -> bytes:
+    """Return the rows of a log as a table: its texts may name a person."""
     try:
-        reader = LogReader(log)
-        texts: list[Any] = [dict(reader.metadata)]
-        for piece in reader.pieces():
-            if isinstance(piece, End):
-                texts.append(piece.ended)
-            elif isinstance(piece, Event):
-                texts.append(piece.change)
-            elif not isinstance(piece, np.ndarray):
-                texts.append("damaged")
-        if "damaged" not in texts and scrubber.is_clean(json.dumps(texts, ensure_ascii=False)):
-            _add(bundle, name, log.read_bytes())
-            return name
         with tempfile.TemporaryDirectory() as folder:
             table = Path(folder) / "rows.csv"
-            write_csv(table, LogRows.of(reader))
-            content = table.read_bytes()
+            write_csv(table, LogRows.of(LogReader(log)))
+            return table.read_bytes()
     except (LogFormatError, OSError):
-        name, content = f"{name}.txt", b"this log could not be read\n"
-    else:
-        name = f"{name}.csv"
-    _add(bundle, name, content)
-    return name
+        return b"this log could not be read\n"

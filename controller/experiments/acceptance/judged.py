@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from haptic_wall.controller.experiments.acceptance.predictions import at_kick
-from haptic_wall.controller.experiments.acceptance.sequence import Measured
+from haptic_wall.controller.experiments.commission.sequence import Ended
 
 _ERRORS = 2.0
 """Standard errors within which a prediction holds"""
@@ -59,7 +59,7 @@ class Row:
         return asdict(self)
 
 
-def rows(predictions: Mapping[str, Any], real: Measured, twin: Measured) -> list[Row]:
+def rows(predictions: Mapping[str, Any], real: Ended, twin: Ended) -> list[Row]:
     """Return every assumption with its prediction and its measurements.
 
     Args:
@@ -72,8 +72,6 @@ def rows(predictions: Mapping[str, Any], real: Measured, twin: Measured) -> list
         *_delays(predictions, real, twin),
         *_rendered(predictions, real, twin),
         *_limits(predictions, real, twin),
-        *_load(predictions, real, twin),
-        *_observed(real, twin),
     ]
     return [row for row in found if row.real is not None or row.emulated is not None or row.note]
 
@@ -91,7 +89,7 @@ def _row(
     if real is None:
         verdict = MISSING
     elif low is None or high is None:
-        verdict = OBSERVED
+        verdict = OBSERVED  # nothing was predicted at its kick
     else:
         room = _ERRORS * (real.stderr or 0.0)
         verdict = HOLDS if low - room <= real.value <= high + room else FAILS
@@ -104,14 +102,14 @@ def _estimate(found: Mapping[str, Any] | None) -> Figure | None:
     return Figure(found["value"], found.get("stderr"))
 
 
-def _parameters(predictions: Mapping[str, Any], *measured: Measured) -> Iterator[Row]:
+def _parameters(predictions: Mapping[str, Any], *measured: Ended) -> Iterator[Row]:
     for name, unit in _UNITS.items():
         real, twin = (_estimate((each.data("identify") or {}).get(name)) for each in measured)
         words = _WORDS.get(name, name)
         yield _row(words, unit, "identify", predictions["parameters"][name], real, twin)
 
 
-def _delays(predictions: Mapping[str, Any], *measured: Measured) -> Iterator[Row]:
+def _delays(predictions: Mapping[str, Any], *measured: Ended) -> Iterator[Row]:
     data = [each.data("delay") for each in measured]
     real, twin = (_estimate(each["parts"]["device"] if each else None) for each in data)
     bounds = predictions["parameters"]["delay"]
@@ -132,7 +130,7 @@ def _delays(predictions: Mapping[str, Any], *measured: Measured) -> Iterator[Row
         yield _row(name, "s", "delay", inserted, found[0], found[1])
 
 
-def _rendered(predictions: Mapping[str, Any], *measured: Measured) -> Iterator[Row]:
+def _rendered(predictions: Mapping[str, Any], *measured: Ended) -> Iterator[Row]:
     real, twin = (_static(each.data("rendered")) for each in measured)
     bounds = predictions["static_stiffness_ratio"]
     yield _row("rendered over commanded stiffness", "", "rendered", bounds, real, twin)
@@ -147,7 +145,7 @@ def _static(rendered: Mapping[str, Any] | None) -> Figure | None:
     return None
 
 
-def _limits(predictions: Mapping[str, Any], *measured: Measured) -> Iterator[Row]:
+def _limits(predictions: Mapping[str, Any], *measured: Ended) -> Iterator[Row]:
     for wanted in predictions["critical_stiffness"]:
         points = [_point(each.data("sweep"), wanted) for each in measured]
         figures = [
@@ -159,7 +157,7 @@ def _limits(predictions: Mapping[str, Any], *measured: Measured) -> Iterator[Row
         real = figures[0]
         kick = next((each.kick_rad for each in figures if each is not None and each.kick_rad), None)
         bounds = None if kick is None else at_kick(wanted, kick)
-        note = _why(points[0], measured[0].reason("sweep"))
+        note = _why(points[0], _reason(measured[0]))
         name = (
             f"critical stiffness at B {wanted['virtual_damping']:.3g} N·m·s/rad,"
             f" {wanted['delay_steps']} periods inserted"
@@ -167,6 +165,11 @@ def _limits(predictions: Mapping[str, Any], *measured: Measured) -> Iterator[Row
         row = _row(name, "N·m/rad", "sweep", bounds, real, figures[1], note)
         said = [_side(row), note] if row.verdict == FAILS else [note]
         yield replace(row, note="; ".join(filter(None, said)) or None)
+
+
+def _reason(measured: Ended) -> str | None:
+    outcome = measured.outcomes.get("sweep")
+    return None if outcome is None else outcome.reason
 
 
 def _why(point: Mapping[str, Any] | None, ended: str | None) -> str | None:
@@ -196,44 +199,3 @@ def _point(sweep: Mapping[str, Any] | None, wanted: Mapping[str, Any]) -> Any:  
         ):
             return point
     return None
-
-
-def _load(predictions: Mapping[str, Any], *measured: Measured) -> Iterator[Row]:
-    load = predictions["load"]
-    data = [each.data("load") for each in measured]
-    note = None if load else measured[0].extra.get("load", {}).get("reason")
-    real, twin = (_estimate(each["torque"] if each else None) for each in data)
-    bounds = load["commanded"] if load else None
-    name = "commanded torque that balances the weight"
-    yield _row(name, "N·m", "load", bounds, real, twin, note)
-    for key, what in (("friction_bare", "bare"), ("friction_loaded", "under the weight")):
-        real, twin = (_estimate(each[key] if each else None) for each in data)
-        bounds = load[key] if load and key in load else None
-        yield _row(f"friction at slow travel, {what}", "N·m", "load", bounds, real, twin)
-
-
-def _observed(*measured: Measured) -> Iterator[Row]:
-    rest = [each.data("rest") for each in measured]
-    real, twin = (
-        None if each is None or each["counts_apart"] is None else Figure(each["counts_apart"])
-        for each in rest
-    )
-    bounds = {"low": 0.0, "high": 1.0}
-    yield _row("encoder at rest, counts apart", "counts", "rest", bounds, real, twin)
-    shares = [{(each["from"], each["to"]): each for each in m.logged["current"]} for m in measured]
-    for low, high in sorted({*shares[0], *shares[1]}):
-        real, twin = (
-            Figure(each[low, high]["share"]) if (low, high) in each else None for each in shares
-        )
-        name = f"measured over commanded torque from {low:g} to {high:g} rad/s"
-        yield _row(name, "", "logs", None, real, twin)
-    for key, what in (("sample_age_us", "age of a sample"), ("bus_us", "wait for the bus")):
-        real, twin = (
-            Figure(m.logged["bus"][key]["p99"]) if m.logged["bus"] else None for m in measured
-        )
-        yield _row(f"{what} with torque on, 99 %", "µs", "logs", None, real, twin)
-    real, twin = (
-        Figure(m.logged["bus"]["lost"] / m.logged["bus"]["cycles"]) if m.logged["bus"] else None
-        for m in measured
-    )
-    yield _row("lost replies over all", "", "logs", None, real, twin)

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from haptic_wall.controller.experiments.estimated import Estimated
+from haptic_wall.controller.experiments.holding import without_hand
 from haptic_wall.controller.experiments.sweep.device import Device
-from haptic_wall.controller.experiments.sweep.sweep import experiment_config
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory.harmonic import Lossy, kick_limit
 
@@ -68,7 +68,7 @@ def boundary(
         points: Points of a sweep's report.
         effects: Effects that were identified beside the model, by the names of ``Lossy``.
     """
-    config = experiment_config(config)
+    config = without_hand(config)
     answers = []
     for point in points:
         answer = {

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
-
-from pydantic import Field
+from typing import Any, Literal
 
 Step = Literal["doctor", "identify", "delay", "rendered", "sweep"]
 STEPS: tuple[Step, ...] = ("doctor", "identify", "delay", "rendered", "sweep")
@@ -23,7 +21,7 @@ State = Literal["done", "failed", "skipped"]
 
 @dataclass(frozen=True, slots=True)
 class StepOutcome:
-    """The outcome of one step, as its JSON file stores it."""
+    """The outcome of one step, as it is kept."""
 
     step: Step
     state: State
@@ -31,14 +29,12 @@ class StepOutcome:
     """Fingerprint of the step's configuration; with another one the step is repeated"""
     reason: str | None = None
     """Why it failed or was skipped; None: it is done"""
-    exit_status: Annotated[int, Field(ge=0, lt=128)] = 0
+    exit_status: int = 0
     """Exit status of the command, if this is the first failed step"""
     ends_all: bool = False
     """No further step is possible with this servo now"""
-    seconds: Annotated[float, Field(ge=0.0, lt=1e9)] = 0.0
+    seconds: float = 0.0
     data: dict[str, Any] = field(default_factory=dict)
-    picture: str | None = None
-    """File name of the PNG beside the JSON file"""
 
 
 def partly_done(outcomes: Mapping[Step, StepOutcome], step: Step) -> dict[str, Any] | None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments import delay as loop_delay
 from haptic_wall.controller.experiments.commission.sweep_points import OPTIONS, short_sweep
-from haptic_wall.controller.experiments.holding import torque_limit_of
+from haptic_wall.controller.experiments.holding import torque_limit_of, without_hand
 from haptic_wall.controller.experiments.identify.identification import (
     SECONDS,
     announcement,
@@ -16,7 +16,7 @@ from haptic_wall.controller.experiments.identify.identification import (
 )
 from haptic_wall.controller.experiments.rendered import rendering
 from haptic_wall.controller.experiments.rendered.contact_transient import FASTEST
-from haptic_wall.controller.experiments.sweep.sweep import excursion, expected_s, experiment_config
+from haptic_wall.controller.experiments.sweep.sweep import excursion, expected_s
 from haptic_wall.controller.settings.config import Config
 
 DELAY_STEPS = (0, 5)
@@ -78,7 +78,7 @@ def announce(config: Config, reach: float) -> Announcement:
     if config.loop.clock == "simulated":
         lines.append("sweep: the shaft is released at a few settings, at rising stiffness")
         return Announcement(tuple(lines), seconds + _SWEEP_S)
-    swept = experiment_config(config)
+    swept = without_hand(config)
     settings = short_sweep(swept)
     far = excursion(swept, settings, OPTIONS)
     lines.append(

@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from haptic_wall import __version__
-from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.commission import agreement
-from haptic_wall.controller.experiments.commission.outcome import STEPS, TITLES, done, partly_done
-from haptic_wall.controller.experiments.commission.sequence import Ended
-from haptic_wall.controller.experiments.commission.store import AGAIN, CONFIG
+from haptic_wall.controller.experiments.commission.outcome import STEPS, TITLES
+from haptic_wall.controller.experiments.commission.sequence import Ended, is_complete
+from haptic_wall.controller.experiments.commission.steps import CONFIG
 from haptic_wall.controller.experiments.commission.verdict import GuardQuestion, verdict
 
 COMPLETE, INCOMPLETE, NOT_MEASURED = "complete", "incomplete", "not measured"
@@ -26,18 +25,12 @@ def report(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
         ended: The commissioning, as far as it came.
         name: Name of the configuration, for people.
         folder: Folder with the files of the steps.
-
-    Raises:
-        UserError: A step's file holds impossible values.
     """
     config, outcomes = ended.config, ended.outcomes
-    found = {step: done(outcomes, step) for step in STEPS}
-    found["sweep"] = partly_done(outcomes, "sweep")
+    found = {step: ended.data(step) for step in STEPS}
     question = GuardQuestion.of(config, found["delay"])
     config_file = folder / CONFIG
-    complete = all(
-        step in outcomes and (outcomes[step].state == "done" or step == "doctor") for step in STEPS
-    )
+    complete = is_complete(outcomes)
     status = COMPLETE if complete else INCOMPLETE
     return {
         "name": name,
@@ -50,7 +43,7 @@ def report(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
         "status": NOT_MEASURED if found["identify"] is None else status,
         "complete": complete,
         "verdict": verdict(question, found["identify"] is not None),
-        "agreement": _agreement(ended, found, folder),
+        "agreement": _agreement(ended, found),
         "steps": [
             {
                 "step": step,
@@ -58,7 +51,7 @@ def report(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
                 "state": outcomes[step].state if step in outcomes else "not taken",
                 "reason": outcomes[step].reason if step in outcomes else None,
                 "seconds": outcomes[step].seconds if step in outcomes else None,
-                "picture": outcomes[step].picture if step in outcomes else None,
+                "picture": f"{step}.png" if (folder / f"{step}.png").exists() else None,
             }
             for step in STEPS
         ],
@@ -78,23 +71,14 @@ def _without_text(identify: Mapping[str, Any] | None) -> dict[str, Any] | None:
     return {key: value for key, value in identify.items() if key != _CONFIG_TEXT}
 
 
-def _agreement(
-    ended: Ended, found: Mapping[Any, dict[str, Any] | None], folder: Path
-) -> dict[str, Any]:
+def _agreement(ended: Ended, found: Mapping[Any, dict[str, Any] | None]) -> dict[str, Any]:
     """Return theory beside measurement; null where either is missing."""
     identify, delay, sweep = found["identify"], found["delay"], found["sweep"]
     answer: dict[str, Any] = {"delay": None, "boundary": None}
-    if identify is None:
-        return answer
-    if delay is not None:
+    if identify is not None and delay is not None:
         answer["delay"] = agreement.delays(identify, delay, ended.config.period_s)
-    if sweep is not None:
-        try:
-            answer["boundary"] = agreement.boundary(
-                ended.config, sweep["points"], identify.get("effects")
-            )
-        except ValueError as error:  # impossible figures
-            raise UserError(
-                f"sweep.json: {error}", field="--out", given=folder, advice=AGAIN.format("sweep")
-            ) from None
+    if identify is not None and sweep is not None:
+        answer["boundary"] = agreement.boundary(
+            ended.config, sweep["points"], identify.get("effects")
+        )
     return answer

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from haptic_wall.controller.errors import HapticWallError
@@ -14,22 +15,31 @@ from haptic_wall.controller.experiments.commission.outcome import (
     Step,
     StepOutcome,
     done,
+    partly_done,
 )
 from haptic_wall.controller.experiments.commission.plan import has_doctor
-from haptic_wall.controller.experiments.commission.steps import RUN, StepContext, identified
-from haptic_wall.controller.experiments.commission.store import settings_of
-from haptic_wall.controller.experiments.kept_folder import without_link
+from haptic_wall.controller.experiments.commission.steps import (
+    CONFIG,
+    RUN,
+    SWEEP,
+    StepContext,
+    identified,
+)
+from haptic_wall.controller.experiments.kept import Kept, fingerprint, refuse_foreign
 from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
     ExperimentTrippedError,
 )
 from haptic_wall.controller.processes.run_report import exit_status
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.system.file_kinds import PICTURE
+from haptic_wall.controller.system.file_kinds import PICTURE, RESULT
+from haptic_wall.controller.system.new_folders import make
 from haptic_wall.controller.system.signals import interrupting
 from haptic_wall.controller.system.whole_file import whole
 from haptic_wall.hw.errors import ServoError
 
+JSON, PAGE, ALLOWED, ROWS = "commission.json", "report.html", "allowed.png", "commission.rows"
+"""In the folder: report, page, the verdict's picture, the outcomes that are kept"""
 HARDWARE, WRONG = 4, 1
 _NEEDS_MODEL: frozenset[Step] = frozenset({"rendered", "sweep"})
 """Steps that compare with the identified servo, and are planned with it"""
@@ -52,6 +62,33 @@ class Ended:
             return 130
         return next((o.exit_status for o in self.outcomes.values() if o.exit_status), 0)
 
+    def data(self, step: Step) -> dict[str, Any] | None:
+        """Return a step's result, of a sweep also as far as it came; None: there is none."""
+        return (partly_done if step == "sweep" else done)(self.outcomes, step)
+
+
+def kept_steps(bench: StepContext) -> Kept[Step, StepOutcome]:
+    """Return the outcomes of an earlier call.
+
+    Raises:
+        UserError: The folder is of other settings, or has files that no commissioning wrote.
+    """
+    refuse_foreign(bench.folder, ROWS, _written())
+    return Kept(
+        bench.folder / ROWS,
+        {"config": bench.config.model_dump(mode="json"), "reach": bench.reach},
+        lambda line: (line["step"], StepOutcome(**line)),
+        lambda _step, outcome: json.loads(bench.encode(asdict(outcome))),
+        fresh=bench.fresh,
+    )
+
+
+def is_complete(outcomes: Mapping[Step, StepOutcome]) -> bool:
+    """Whether no measurement is left."""
+    return all(
+        step in outcomes and (outcomes[step].state == "done" or step == "doctor") for step in STEPS
+    )
+
 
 def run_steps(bench: StepContext) -> Ended:
     """Execute every step that is not done yet.
@@ -61,18 +98,23 @@ def run_steps(bench: StepContext) -> Ended:
 
     Raises:
         OSError: Results could not be written.
-        UserError: A file of an earlier commissioning was changed.
+        UserError: The folder is of other settings, or was changed.
     """
+    make(bench.folder)
+    kept = kept_steps(bench)
+    earlier = dict(kept.done)
+    complete = is_complete(earlier)
     outcomes: dict[Step, StepOutcome] = {}
     config = bench.config
     interrupted = False
     for step in STEPS:
-        basis = settings_of(config, bench.reach)
-        outcome = bench.store.outcomes.get(step)
-        if outcome is not None and outcome.basis == basis and _is_kept(outcome, bench):
-            if outcome.state == "done":
-                bench.tell(f"{step}: kept from an earlier call")
-            outcomes[step] = outcome
+        basis = fingerprint({"config": config.model_dump(mode="json")})
+        before = earlier.get(step)
+        # The testbed is examined again before new motions.
+        usable = complete or step != "doctor"
+        if usable and before and before.basis == basis and before.state == "done":
+            bench.tell(f"{step}: kept from an earlier call")
+            outcomes[step] = before
         elif not interrupted:
             why_not = _obstacle(step, outcomes, config)
             try:
@@ -82,34 +124,27 @@ def run_steps(bench: StepContext) -> Ended:
                         if why_not is not None
                         else _taken(step, replace(bench, config=config, partly={}), basis)
                     )
+                    outcomes[step] = kept.add(step, outcome)
+                    if outcome.reason is not None:
+                        bench.tell(f"{step}: {outcome.state}: {outcome.reason}")
+                    bench.picture(step).unlink(missing_ok=True)
+                    if shown and step in bench.plots:
+                        _draw(step, shown, bench)
             except (KeyboardInterrupt, ExperimentInterruptedError):
                 bench.tell(f"{step}: interrupted")
                 interrupted = True  # earlier measurements stay in the report
-                continue
-            outcome = bench.store.keep(outcome)
-            outcomes[step] = outcome
-            if outcome.reason is not None:
-                bench.tell(f"{step}: {outcome.state}: {outcome.reason}")
-            try:
-                if shown and step in bench.plots:
-                    outcomes[step] = _drawn(outcome, shown, bench)
-            except KeyboardInterrupt:
-                bench.tell(f"{step}: interrupted")
-                interrupted = True
         if step == "identify" and (found := done(outcomes, step)) is not None:
             config = identified(found["config_text"], bench.config)
-            if bench.store.restore_config(found["config_text"]):
-                bench.tell(
-                    "config.yaml was edited, so it is not replaced; delete it to get a new one"
-                )
+            path = bench.folder / CONFIG
+            if outcomes[step] is not before or not path.exists():
+                with whole(path, RESULT, force=True) as part:
+                    part.write_text(found["config_text"], encoding="utf-8")
     return Ended(outcomes, config, interrupted)
 
 
-def _is_kept(outcome: StepOutcome, bench: StepContext) -> bool:
-    """Whether an earlier step need not be repeated."""
-    if outcome.step == "doctor":  # the testbed is examined again before new motions
-        return bench.store.complete
-    return outcome.state == "done"
+def _written() -> list[str]:
+    """Return the names of what is written into the folder, beside what is kept."""
+    return [CONFIG, PAGE, ALLOWED, JSON, SWEEP, *(f"{step}.png" for step in STEPS)]
 
 
 def _obstacle(step: Step, outcomes: Mapping[Step, StepOutcome], config: Config) -> str | None:
@@ -134,7 +169,6 @@ def _taken(step: Step, bench: StepContext, basis: str) -> tuple[StepOutcome, tup
     Raises:
         KeyboardInterrupt: A person has ended it, as ``ExperimentInterruptedError``.
     """
-    bench.before(step)
     bench.tell(f"{step}: {TITLES[step]} ...")
     began = time.monotonic()
 
@@ -160,16 +194,13 @@ def _taken(step: Step, bench: StepContext, basis: str) -> tuple[StepOutcome, tup
     return StepOutcome(step, "done", basis, seconds=seconds, data=data), shown
 
 
-def _drawn(outcome: StepOutcome, shown: tuple[Any, ...], bench: StepContext) -> StepOutcome:
-    """Draw the picture of a stored step, if possible; return the outcome."""
-    picture = bench.picture(outcome.step)
+def _draw(step: Step, shown: tuple[Any, ...], bench: StepContext) -> None:
+    """Draw the picture of a step, if possible."""
     try:
-        with whole(without_link(picture), PICTURE, force=True) as part:
-            bench.plots[outcome.step](*shown, bench.name, part)
-        return bench.store.keep(replace(outcome, picture=picture.name))
+        with whole(bench.picture(step), PICTURE, force=True) as part:
+            bench.plots[step](*shown, bench.name, part)
     except Exception as error:  # noqa: BLE001 - whatever may be wrong with what draws
-        bench.tell(f"{outcome.step}: its picture could not be drawn ({error}); its data are kept")
-        return outcome
+        bench.tell(f"{step}: its picture could not be drawn ({error}); its data are kept")
 
 
 def _fatal_text(data: Mapping[str, Any]) -> str:

@@ -13,12 +13,11 @@ from typing import Any, NamedTuple
 from pydantic import ValidationError
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.experiments.commission.found import picture_name
 from haptic_wall.controller.experiments.commission.outcome import Step
 from haptic_wall.controller.experiments.commission.plan import BURSTS, DELAY_STEPS
-from haptic_wall.controller.experiments.commission.store import AGAIN, LOGS, SWEEP, CommissionStore
 from haptic_wall.controller.experiments.commission.sweep_points import OPTIONS, short_sweep
 from haptic_wall.controller.experiments.delay import delay_report, measure_delay
+from haptic_wall.controller.experiments.holding import without_hand
 from haptic_wall.controller.experiments.identify.identification import identify
 from haptic_wall.controller.experiments.identify.identified_config import identified_config
 from haptic_wall.controller.experiments.identify.text import report as identify_report
@@ -26,17 +25,16 @@ from haptic_wall.controller.experiments.rendered.rendering import (
     measure_rendering,
     rendering_report,
 )
-from haptic_wall.controller.experiments.sweep.ceiling import CeilingSearch
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
 from haptic_wall.controller.experiments.sweep.result import PointResult
-from haptic_wall.controller.experiments.sweep.store import LOGS as SWEEP_LOGS
-from haptic_wall.controller.experiments.sweep.store import SweepSettings, SweepStore
-from haptic_wall.controller.experiments.sweep.sweep import experiment_config, sweep
-from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError, Testbed
+from haptic_wall.controller.experiments.sweep.sweep import Sweep, sweep
+from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError
 from haptic_wall.controller.settings import yaml_text as config_yaml
 from haptic_wall.controller.settings.config import Config
 
+LOGS, SWEEP, CONFIG = "logs", "sweep", "config.yaml"
+"""In the folder of a commissioning: logs, the sweep's folder, the configuration with the model"""
 Tell = Callable[[str], None]
 Plot = Callable[..., None]
 """Draws a step's data, with the configuration's name as the title, as PNG to a path"""
@@ -60,8 +58,7 @@ _HARMLESS = frozenset(
 them. With any other one a run would be refused, or could not be trusted."""
 
 
-_SLOW = 0.3
-"""Frequency of a vibration that was seen, over the rate, at most"""
+_FRESH = "give --fresh to identify again"
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,25 +70,27 @@ class StepContext:
     """Name of the configuration, for people"""
     reach: float
     """Largest excursion during the identification [rad]"""
-    store: CommissionStore
+    folder: Path
+    encode: Callable[[Mapping[str, Any]], str]
+    """Returns one JSON object as text; values that are not finite become null"""
     tell: Tell
+    fresh: bool = False
+    """Discard the results of an earlier call"""
     plots: Mapping[Step, Plot] = field(default_factory=dict)
     """Draws each step's picture; a step without one has no picture"""
     points: tuple[PlanePoint, ...] | None = None
     """Points of the sweep; None: planned by the identified model"""
-    before: Callable[[Step], None] = lambda _step: None
-    """Called before each step that is executed"""
     partly: dict[str, Any] = field(default_factory=dict)
     """Data of a step that ends early, as far as it came"""
 
     @property
     def logs(self) -> Path:
         """Return the folder of the logs."""
-        return self.store.folder / LOGS
+        return self.folder / LOGS
 
     def picture(self, step: Step) -> Path:
         """Return the path of a step's picture."""
-        return self.store.folder / picture_name(step)
+        return self.folder / f"{step}.png"
 
 
 class StepResult(NamedTuple):
@@ -125,10 +124,9 @@ def run_doctor(bench: StepContext) -> StepResult:
 
 
 def run_identify(bench: StepContext) -> StepResult:
-    """Identify the servo; write the configuration with the result at once."""
+    """Identify the servo; return the text of the configuration with the result, too."""
     found = identify(bench.config, bench.logs, bench.reach, bench.tell)
     text = identified_config(bench.config, found, bench.name)
-    bench.store.keep_config(text)
     return StepResult({**identify_report(found), "config_text": text}, (found,))
 
 
@@ -143,19 +141,13 @@ def identified(text: str, config: Config) -> Config:
     Raises:
         UserError: It differs, or is invalid.
     """
-    where = "identify.json: its configuration"
+    where = "the identified configuration"
     try:
         found = Config.model_validate(config_yaml.parse(text, where))
     except ValidationError as error:
-        raise UserError(
-            f"{where} has {error.error_count()} wrong fields", advice=AGAIN.format("identify")
-        ) from None
-    except UserError as error:
-        raise UserError(error, advice=AGAIN.format("identify")) from None
+        raise UserError(f"{where} has {error.error_count()} wrong fields", advice=_FRESH) from None
     if found.model_copy(update={"model": config.model}) != config:
-        raise UserError(
-            f"{where} differs from CONFIG in more than the model", advice=AGAIN.format("identify")
-        )
+        raise UserError(f"{where} differs from CONFIG in more than the model", advice=_FRESH)
     return found
 
 
@@ -175,50 +167,29 @@ def run_rendered(bench: StepContext) -> StepResult:
 def run_sweep(bench: StepContext) -> StepResult:
     """Measure the critical stiffness at a few points; an interrupted sweep continues.
 
-    Where a load vibrates, the ceiling of the virtual damping is measured first.
-
     Raises:
         ExperimentInterruptedError: A person has ended it; finished points are kept.
     """
-    config = experiment_config(bench.config)
-    settings = bench.points or short_sweep(config)
-    asked = SweepSettings(config, settings, OPTIONS)
-    folder = bench.store.folder / SWEEP
+    config = without_hand(bench.config)
+    asked = Sweep(config, bench.points or short_sweep(config), OPTIONS, bench.folder / SWEEP)
     try:
-        store = SweepStore(folder, asked, fresh=False)
+        kept = asked.kept()
     except UserError:  # of an older model
-        store = SweepStore(folder, asked, fresh=True)
-
-    ceiling = None
-
-    def data() -> dict[str, Any]:
-        found = None if ceiling is None else ceiling.report()
-        return store.report(bench.name) | {"ceiling": found}
+        kept = asked.kept(fresh=True)
 
     def progress(setting: PlanePoint, point: PointResult) -> None:
-        bench.partly.update(data())
+        bench.partly.update(asked.report(kept))
         said = point.reason if point.measured is None else f"{point.measured:.4g} N·m/rad"
         bench.tell(
-            f"{len(store.done)}/{len(settings)}  B {setting.virtual_damping:g},"
+            f"{len(kept.done)}/{len(asked.settings)}  B {setting.virtual_damping:g},"
             f" {setting.delay_steps} steps: {said}"
         )
 
-    if store.done:
-        bench.partly.update(data())
-    if _vibrates(config):
-        bed = Testbed(config, folder / SWEEP_LOGS, bench.tell)
-        ceiling = CeilingSearch(bed, config.delay.steps, bench.tell).run()
-    finished = sweep(config, store, settings, OPTIONS, tell=bench.tell, progress=progress)
-    if not finished:
-        raise ExperimentInterruptedError("interrupted", advice=f"{len(store.done)} points are kept")
-    store.write()
-    return StepResult(data(), (store.points(), Device.of(config)))
-
-
-def _vibrates(config: Config) -> bool:
-    """Return whether a vibration of a load was identified, whose ceiling can be measured."""
-    belief = config.belief()
-    return belief.is_flexible and belief.flexible_hz.high < _SLOW * config.loop.rate_hz
+    if kept.done:
+        bench.partly.update(asked.report(kept))
+    if not sweep(asked, kept, tell=bench.tell, progress=progress):
+        raise ExperimentInterruptedError("interrupted", advice=f"{len(kept.done)} points are kept")
+    return StepResult(asked.report(kept), (asked.points(kept), Device.of(config)))
 
 
 RUN: dict[Step, Callable[[StepContext], StepResult]] = {

@@ -9,23 +9,19 @@ from __future__ import annotations
 
 import hashlib
 import os
-import time
 from collections.abc import Callable
-from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from types import FunctionType
-from typing import Any, Final, NamedTuple, TextIO
+from typing import Any, Final, NamedTuple
 
 from haptic_wall.controller.experiments.maps import bounce, loop, search, turning
 from haptic_wall.hw.plant import chain, current_loop, mechanics, motion, step
 
 Run = Callable[..., Any]
-PATIENCE_S: Final = 120.0
-"""Longest wait for another process that compiles, which takes 15 s on an idle machine [s]"""
 _MODULES = (motion, mechanics, step, chain, current_loop, loop, turning, bounce, search)
 """Modules whose functions are compiled"""
-_OFF = "NUMBA_DISABLE_JIT"
+_OFF: Final = "NUMBA_DISABLE_JIT"
 """Numba's own variable; 1: nothing is compiled"""
 
 
@@ -51,18 +47,17 @@ def compiled() -> Compiled | None:
             if isinstance(part, FunctionType) and part.__module__ == module.__name__:
                 register_jitable(part)
     how: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
-    sources = fingerprint()
+    sources = _fingerprint()
     found = []
     for part in (_course(sources), _onset(sources)):
         try:
-            anew = numba.njit(**how)(part)
-            found.append(compiled_once(numba.njit(cache=True, **how)(part), anew))
+            found.append(numba.njit(cache=True, **how)(part))
         except RuntimeError:  # no place for the cache
             found.append(numba.njit(**how)(part))
     return Compiled(*found)
 
 
-def fingerprint() -> int:
+def _fingerprint() -> int:
     """Return a number that changes with the source of what is compiled."""
     texts = [Path(str(module.__file__)).read_bytes() for module in _MODULES]
     return int.from_bytes(hashlib.sha256(b"".join(texts)).digest()[:7], "big")
@@ -83,44 +78,3 @@ def _onset(sources: int) -> Run:
         return search.onset(wall, s, z, kick, guess, tolerance) if sources else 0.0
 
     return keyed
-
-
-def compiled_once(run: Run, anew: Run) -> Run:
-    """Return the same function, which only one process compiles.
-
-    Others that call it meanwhile wait, at most ``PATIENCE_S``, and read what that process has kept.
-
-    Args:
-        run: The function, with a cache.
-        anew: The function without, where another version has kept what this one cannot read.
-    """
-    ready = False
-
-    def once(*given: Any) -> Any:  # noqa: ANN401 - as ``run``
-        nonlocal ready, run
-        if ready:
-            return run(*given)
-        with Path(str(loop.__file__)).open() as sources:
-            with suppress(ImportError, OSError):  # Windows, or a file system without locks
-                _lock(sources)
-            try:
-                found = run(*given)
-            except (AttributeError, ImportError):
-                run = anew
-                found = run(*given)
-        ready = True
-        return found
-
-    return once
-
-
-def _lock(file: TextIO) -> None:
-    """Lock a file until it is closed, or give up: the process that holds it may be stopped."""
-    import fcntl
-
-    end_s = time.monotonic() + PATIENCE_S
-    while time.monotonic() < end_s:
-        try:
-            return fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            time.sleep(0.05)

@@ -45,8 +45,7 @@ SUMS: Final = 9
 """Of two lines, six for each"""
 RINGS: Final = 21
 """Measured positions of the last ``samples + 1`` periods [rad], torques of the last ``whole + 2``
-[N·m], a law's positions and elongations [rad], and the encoder's noise in each period [counts],
-which repeats"""
+[N·m], and the encoder's noise in each period [counts], which repeats"""
 
 
 MOST_COUNTS: Final = 1e15
@@ -90,10 +89,6 @@ class Wall(NamedTuple):
     """N of the velocity difference"""
     one_sided: bool
     """Whether the wall never pulls"""
-    rows: int
-    """Of the table of a law that takes the wall's place; 0: none"""
-    contact_only: bool
-    """Whether a law's damping acts in contact only, and the law never pulls"""
     moved: float
     """The whole inertia that moves, loads included [kg·m²]"""
 
@@ -105,7 +100,7 @@ def begin(
 
     Args:
         wall: The wall.
-        s: The simulation's buffer; its table and noise stay.
+        s: The simulation's buffer; its noise stays.
         z: The state of ``chain``.
         stiffness: K [N·m/rad].
         position: [rad].
@@ -135,9 +130,8 @@ def steps_of(duration: float) -> int:
 
 def command(wall: Wall, s: Buffer, k: int) -> None:
     """Measure in period ``k``, and command the wall's torque, limited and rounded."""
-    rows, samples, whole = wall.rows, wall.samples, wall.whole
+    samples, whole = wall.samples, wall.whole
     torques = RINGS + samples + 1
-    table = torques + whole + 2
     seen = s[FOLLOWED]
     if wall.eccentricity > 0.0:
         seen += wall.eccentricity * math.sin(seen + wall.encoder_phase) + wall.offset
@@ -145,23 +139,17 @@ def command(wall: Wall, s: Buffer, k: int) -> None:
     if counts > 0.0:
         turned = seen * counts
         if wall.noise > 0.0:
-            noise = table + 2 * rows
+            noise = torques + whole + 2
             turned += s[noise + k % (len(s) - noise)]
         # What has grown out of all bounds is not counted.
         seen = round(turned) / counts if abs(turned) < MOST_COUNTS else seen
-    away = seen
-    if rows > 0:
-        away = elongation(s, table, rows, seen)
-    torque = -s[STIFFNESS] * away
+    torque = -s[STIFFNESS] * seen
     back = k if k < samples else samples
     if back > 0:
         earlier = s[RINGS + (k - back) % (samples + 1)]
         torque -= wall.virtual_damping * ((seen - earlier) / (back * wall.period))
     s[RINGS + k % (samples + 1)] = seen
-    if rows > 0:
-        if wall.contact_only and (away == 0.0 or away * torque >= 0.0):
-            torque = 0.0
-    elif wall.one_sided and (seen <= 0.0 or torque > 0.0):
+    if wall.one_sided and (seen <= 0.0 or torque > 0.0):
         torque = 0.0
     limit, step = wall.limit, wall.step
     if torque > limit:
@@ -175,23 +163,6 @@ def command(wall: Wall, s: Buffer, k: int) -> None:
             torque = (steps - math.copysign(1.0, steps)) * step
     s[TORQUE], s[MEASURED] = torque, seen
     s[torques + k % (whole + 2)] = torque
-
-
-def elongation(s: Buffer, table: int, rows: int, position: float) -> float:
-    """Return the elongation of a law at a position [rad]; beyond its table's ends it stays."""
-    low, high = table, table + rows - 1
-    if position <= s[low]:
-        return s[low + rows]
-    if position >= s[high]:
-        return s[high + rows]
-    while high - low > 1:
-        middle = (low + high) // 2
-        if s[middle] <= position:
-            low = middle
-        else:
-            high = middle
-    first = s[low + rows]
-    return first + (s[high + rows] - first) * (position - s[low]) / (s[high] - s[low])
 
 
 def act(

@@ -7,16 +7,17 @@ result does not depend on the number of processes.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from contextlib import nullcontext
-from dataclasses import dataclass
-from functools import partial
-from typing import NamedTuple
+from contextlib import nullcontext, suppress
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.kept import Kept
 from haptic_wall.controller.experiments.maps.limits import exact_limit, one_sided_limit_of
 from haptic_wall.controller.experiments.maps.loop import Wall
 from haptic_wall.controller.experiments.maps.onset import onset
@@ -50,10 +51,6 @@ class Task(NamedTuple):
     """Number of the first virtual damping"""
     size: int
     """Number of virtual dampings"""
-
-
-Finished = Callable[[Task, FloatArray], None]
-"""Called with a task and its stiffnesses, dampings x kicks [N·m/rad]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +140,11 @@ class MapSettings:
 
 @dataclass(frozen=True, slots=True)
 class MapQuestion:
-    """All that the results of a map depend on."""
+    """All that the results of a map depend on.
+
+    Raises:
+        ValueError: A value is outside of its domain.
+    """
 
     setting: MapSettings
     dampings: Sequence[float]
@@ -154,6 +155,18 @@ class MapQuestion:
     """[rad]"""
     tolerance: float = TOLERANCE
     """Wanted relative accuracy"""
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        for name in ("dampings", "delay_steps", "kicks"):
+            values = getattr(self, name)
+            if len(values) == 0 or not np.all(np.isfinite(values)):
+                raise ValueError(f"{name}: wanted one finite number or more, got {values}")
+        if min(self.delay_steps) < 0:
+            raise ValueError(f"delay_steps: wanted 0 or more, got {min(self.delay_steps)}")
+        if min(self.kicks) <= 0.0 or not self.tolerance > 0.0:
+            given = f"{min(self.kicks):g}, {self.tolerance:g}"
+            raise ValueError(f"kicks and tolerance: wanted > 0, got {given}")
 
     @property
     def points(self) -> int:
@@ -171,12 +184,45 @@ class MapQuestion:
             for first in range(0, len(self.dampings), size)
         ]
 
-    def call(self, task: Task) -> Callable[[], FloatArray]:
-        """Return a call that computes a task, and can be sent to another process."""
-        part = np.array(self.dampings[task.first : task.first + task.size], dtype=np.float64)
-        kicks = np.array(self.kicks, dtype=np.float64)
-        steps = int(self.delay_steps[task.delay])
-        return partial(compute, self.setting, part, steps, kicks, self.tolerance)
+    def part(self, task: Task) -> MapQuestion:
+        """Return the settings of one task; they can be sent to another process."""
+        dampings = self.dampings[task.first : task.first + task.size]
+        return replace(self, dampings=dampings, delay_steps=[self.delay_steps[task.delay]])
+
+    def compute(self) -> FloatArray:
+        """Compute a part: critical stiffness at its one delay, dampings × kicks [N·m/rad]."""
+        (steps,) = self.delay_steps
+        repeated = [damping for damping in self.dampings for _ in self.kicks]
+        kicks = np.tile(np.array(self.kicks, dtype=np.float64), len(self.dampings))
+        walls = self.setting.walls(repeated, steps)
+        found = onset(walls, kicks, self.tolerance, self.setting.servo)
+        return found.reshape(len(self.dampings), len(self.kicks))
+
+    def kept(self, path: Path, *, resume: bool, fresh: bool) -> Kept[Task, FloatArray]:
+        """Return the file of finished tasks.
+
+        Args:
+            path: The file.
+            resume: Go on with the tasks of an earlier call.
+            fresh: Discard them.
+
+        Raises:
+            UserError: See ``Kept``.
+        """
+        tasks = set(self.tasks())
+
+        def read(line: Any) -> tuple[Task, FloatArray]:  # noqa: ANN401 - JSON
+            task, found = Task(*line[0]), np.array(line[1], dtype=np.float64)
+            if task not in tasks or found.shape != (task.size, len(self.kicks)):
+                raise ValueError("no task of this map")
+            if not np.all(found >= 0.0):
+                raise ValueError("no stiffness")
+            return task, found
+
+        def write(task: Task, found: FloatArray) -> object:
+            return [task, found.tolist()]
+
+        return Kept(path, asdict(self), read, write, fresh=fresh, resume=resume)
 
 
 def _refuse_more(servo: TrueServo, period_ns: int) -> None:
@@ -224,10 +270,6 @@ class CriticalMap:
     one_sided: FloatArray
     """Limit of the wall that never pulls, without friction [N·m/rad]"""
 
-    def fill(self, task: Task, stiffness: FloatArray) -> None:
-        """Enter the stiffnesses of a task, dampings x kicks [N·m/rad]."""
-        self.stiffness[task.delay, task.first : task.first + len(stiffness)] = stiffness
-
     @property
     def count(self) -> int:
         """Return the number of computed points."""
@@ -238,129 +280,67 @@ class CriticalMap:
         """Whether every point was computed."""
         return self.count == self.stiffness.size
 
-    @property
-    def begun(self) -> bool:
-        """Whether any point was computed."""
-        return self.count > 0
-
-
-class MapInterruptedError(KeyboardInterrupt):
-    """Ctrl-C, with the finished part of the map.
-
-    Attributes:
-        partial: The map; NaN where nothing was computed.
-    """
-
-    def __init__(self, partial: CriticalMap) -> None:
-        super().__init__()
-        self.partial = partial
-
 
 def critical_map(
-    setting: MapSettings,
-    virtual_dampings: Sequence[float],
-    delay_steps: Sequence[int],
-    kicks: Sequence[float],
+    question: MapQuestion,
     *,
     executor: Executor | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
-    tolerance: float = TOLERANCE,
-    done: Mapping[Task, FloatArray] | None = None,
-    finished: Finished | None = None,
+    kept: Kept[Task, FloatArray] | None = None,
 ) -> CriticalMap:
     """Compute the critical stiffness by simulation at every combination; see ``onset``.
 
     Args:
-        setting: The servo and the loop.
-        virtual_dampings: B [N·m·s/rad].
-        delay_steps: Whole periods inserted, >= 0.
-        kicks: > 0 [rad].
+        question: The settings.
         executor: Computes the tasks, which are picklable; it stays open. None: a process for each
             core, started for this call.
         workers: Number of processes, where there is no executor.
         progress: Called with the progress, in this thread.
-        tolerance: Wanted relative accuracy, > 0.
-        done: Tasks of an earlier call with the same settings.
-        finished: Called with each other task, in this thread.
+        kept: The file of finished tasks.
+
+    Returns:
+        The map; after Ctrl-C the part that was finished: tasks that had not begun are cancelled.
 
     Raises:
-        ValueError: A value is outside of its domain.
-        MapInterruptedError: Ctrl-C; tasks that had not begun were cancelled.
         PlatformError: A process started for this call was ended from outside.
+        UserError: The file could not be written.
         Exception: An error of a task, or of the caller's executor; the other tasks were cancelled.
     """
-    damping = np.array(virtual_dampings, dtype=np.float64)
-    steps = np.array(delay_steps, dtype=np.int64)
-    kick = np.array(kicks, dtype=np.float64)
-    _check(damping, steps, kick, tolerance)
-    found = _theory(setting, damping, steps, kick)
-    question = MapQuestion(setting, virtual_dampings, delay_steps, kicks, tolerance)
-    known = {} if done is None else done
+    found = _theory(question)
+
+    def fill(task: Task, stiffness: FloatArray) -> None:
+        found.stiffness[task.delay, task.first : task.first + task.size] = stiffness
+
+    known = {} if kept is None else kept.done
     for task, stiffness in known.items():
-        found.fill(task, stiffness)
-    left = [(task, question.call(task)) for task in question.tasks() if task not in known]
-    points = found.count
+        fill(task, stiffness)
+    left = [(task, question.part(task).compute) for task in question.tasks() if task not in known]
     own = processes(min(workers or cores(), len(left) or 1)) if executor is None else None
-    try:
-        with interrupting(), own or nullcontext(executor) as pool:
-            assert pool is not None
-            with results(pool, left) as computed:
-                for task, stiffness in computed:
-                    found.fill(task, stiffness)
-                    if finished is not None:
-                        finished(task, stiffness)
-                    points += stiffness.size
-                    if progress is not None:
-                        progress(points, found.stiffness.size)
-    except KeyboardInterrupt:
-        raise MapInterruptedError(found) from None
+    with suppress(KeyboardInterrupt), interrupting(), own or nullcontext(executor) as pool:
+        assert pool is not None
+        with results(pool, left) as computed:
+            for task, stiffness in computed:
+                fill(task, stiffness)
+                if kept is not None:
+                    kept.add(task, stiffness)
+                if progress is not None:
+                    progress(found.count, found.stiffness.size)
     return found
 
 
-def compute(
-    setting: MapSettings,
-    virtual_damping: FloatArray,
-    steps: int,
-    kick: FloatArray,
-    tolerance: float,
-) -> FloatArray:
-    """Compute one task: critical stiffness [N·m/rad] at one delay, dampings × kicks."""
-    walls = setting.walls(np.repeat(virtual_damping, kick.size).tolist(), steps)
-    found = onset(walls, np.tile(kick, virtual_damping.size), tolerance, setting.servo)
-    return found.reshape(virtual_damping.size, kick.size)
-
-
-def _check(damping: FloatArray, steps: IntArray, kick: FloatArray, tolerance: float) -> None:
-    for name, array in (("virtual_dampings", damping), ("delay_steps", steps), ("kicks", kick)):
-        if array.size == 0 or not np.all(np.isfinite(array)):
-            raise ValueError(f"{name}: wanted one finite number or more, got {array.tolist()}")
-    if steps.min() < 0:
-        raise ValueError(f"delay_steps: wanted 0 or more, got {steps.min()}")
-    if kick.min() <= 0.0 or not tolerance > 0.0:
-        raise ValueError(f"kicks and tolerance: wanted > 0, got {kick.min():g}, {tolerance:g}")
-
-
-def _theory(
-    setting: MapSettings, damping: FloatArray, steps: IntArray, kick: FloatArray
-) -> CriticalMap:
+def _theory(question: MapQuestion) -> CriticalMap:
     """Return the map with the theory's limits filled in."""
+    setting = question.setting
+    damping = np.array(question.dampings, dtype=np.float64)
+    steps = np.array(question.delay_steps, dtype=np.int64)
     delay = setting.delay(steps)
-    column = delay[:, None]
     cuts = range(0, damping.size, max(1, _LIMITS // steps.size))
-    parts = [_limits(setting, part, column) for part in np.split(damping, cuts[1:])]
+    parts = [_limits(setting, part, delay[:, None]) for part in np.split(damping, cuts[1:])]
     linear, exact, one_sided = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
-    return CriticalMap(
-        setting=setting,
-        virtual_damping=damping,
-        delay_steps=steps,
-        delay=delay,
-        kick=kick,
-        stiffness=np.full((steps.size, damping.size, kick.size), np.nan),
-        linear=linear,
-        exact=exact,
-        one_sided=one_sided,
-    )
+    kick = np.array(question.kicks, dtype=np.float64)
+    stiffness = np.full((steps.size, damping.size, kick.size), np.nan)
+    return CriticalMap(setting, damping, steps, delay, kick, stiffness, linear, exact, one_sided)
 
 
 def _limits(

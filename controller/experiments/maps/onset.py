@@ -12,14 +12,7 @@ from haptic_wall.controller.experiments.maps.compiled import compiled
 from haptic_wall.controller.experiments.maps.limits import first_guess
 from haptic_wall.controller.experiments.maps.loop import Wall
 from haptic_wall.controller.experiments.maps.walls import buffers, noise_of, wall_of
-from haptic_wall.controller.theory.checks import (
-    FloatArray,
-    broadcast,
-    not_negative,
-    number,
-    positive,
-    samples,
-)
+from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.truth import TrueServo
 
 _NOISY = 16_384
@@ -71,23 +64,10 @@ def simulated_critical_stiffness(
         Stiffness [N·m/rad] in the broadcast shape: the middle between two neighbouring ones, of
         which one grows. 0 where the motion grows at the softest wall tried (1e-4 m/T², and below
         half the limit without friction), inf where it does not at the stiffest (20 m/T²).
-
-    Raises:
-        ValueError: An argument is outside of its domain; the message names it.
     """
-    arrays = broadcast(
-        inertia=positive("inertia", inertia),
-        damping=not_negative("damping", damping),
-        virtual_damping=number("virtual_damping", virtual_damping),
-        period=positive("period", period),
-        delay=not_negative("delay", delay),
-        coulomb=not_negative("coulomb", coulomb),
-        position_step=not_negative("position_step", position_step),
-        backlash=not_negative("backlash", backlash),
-        torque_limit=_limit(torque_limit),
-        velocity_samples=samples("velocity_samples", velocity_samples),
-        kick=positive("kick", kick),
-    )
+    loops = (inertia, damping, virtual_damping, period, delay)
+    effects = (coulomb, position_step, backlash, torque_limit, velocity_samples, kick)
+    arrays = np.broadcast_arrays(*loops, *effects)
     walls = []
     for m, b, virtual, t, t_d, c, q, slack, limit, n, _ in zip(
         *(array.ravel().tolist() for array in arrays), strict=True
@@ -102,7 +82,7 @@ def simulated_critical_stiffness(
             velocity_samples=int(n),
         )
         walls.append(wall._replace(counts=1.0 / q if q > 0.0 else 0.0))
-    found = onset(walls, arrays[-1].ravel(), float(positive("tolerance", tolerance)))
+    found = onset(walls, arrays[-1].ravel(), tolerance)
     result: FloatArray = found.reshape(arrays[0].shape)[()]
     return result
 
@@ -127,10 +107,3 @@ def onset(
         for wall, size, guess in zip(walls, kick.tolist(), guesses, strict=True)
     ]
     return np.array(found)
-
-
-def _limit(value: ArrayLike) -> FloatArray:
-    limit = np.asarray(value, dtype=np.float64)
-    if not np.all(limit > 0.0):
-        raise ValueError(f"torque_limit must be > 0, got {float(np.min(limit)):g}")
-    return limit

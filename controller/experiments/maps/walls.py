@@ -18,7 +18,6 @@ from haptic_wall.controller.experiments.maps.loop import (
     begin,
     course,
 )
-from haptic_wall.controller.experiments.maps.tables import Table
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.plant.chain import Buffer, room
 from haptic_wall.hw.plant.current_loop import Winding, drive_of
@@ -41,7 +40,6 @@ def wall_of(
     velocity_samples: int = 1,
     limit: float = math.inf,
     offset: float = 0.0,
-    law: Table | None = None,
 ) -> Wall:
     """Return a wall on a servo.
 
@@ -54,7 +52,6 @@ def wall_of(
         velocity_samples: N of the velocity difference.
         limit: Torque limit of the wall, beside the servo's [N·m].
         offset: Of an encoder with an eccentricity [rad].
-        law: In place of the wall; ``buffers`` takes it too.
 
     Raises:
         ValueError: A value is out of range.
@@ -82,8 +79,6 @@ def wall_of(
         lag=lag,
         samples=velocity_samples,
         one_sided=one_sided,
-        rows=0 if law is None else law.positions.size,
-        contact_only=law is not None and not law.everywhere,
         moved=servo.inertia + load,
     )
 
@@ -96,12 +91,9 @@ def noise_of(servo: TrueServo, period: float, periods: int) -> list[float]:
     return [errors.noise(round(k * period * 1e9)) for k in range(periods)]
 
 
-def buffers(
-    wall: Wall, noise: Sequence[float] = (), law: Table | None = None
-) -> tuple[Buffer, Buffer]:
+def buffers(wall: Wall, noise: Sequence[float] = ()) -> tuple[Buffer, Buffer]:
     """Return the buffers of a wall's simulation: lists, or arrays where it is compiled."""
-    table = [] if law is None else [*law.positions.tolist(), *law.elongations.tolist()]
-    s = [*[0.0] * (RINGS + wall.samples + wall.whole + 3), *table, *noise]
+    s = [*[0.0] * (RINGS + wall.samples + wall.whole + 3), *noise]
     z = [0.0] * room(wall.body.masses)
     return (s, z) if compiled() is None else (_array(s), _array(z))
 
@@ -118,7 +110,6 @@ class Loop:
         position: At the start [rad].
         velocity: At the start [rad/s].
         noise: Of the encoder in each period, from ``noise_of``.
-        law: In place of the wall.
 
     Attributes:
         k: Periods simulated.
@@ -132,10 +123,9 @@ class Loop:
         velocity: float = 0.0,
         *,
         noise: Sequence[float] = (),
-        law: Table | None = None,
     ) -> None:
         self._wall = wall
-        self._s, self._z = buffers(wall, noise, law)
+        self._s, self._z = buffers(wall, noise)
         self.k = 0
         begin(wall, self._s, self._z, stiffness, position, velocity)
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.holding import sample_age
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.growth_fit import Balance, Trial, balance
 from haptic_wall.controller.experiments.sweep.plan import (
@@ -48,6 +49,8 @@ _BACK = 0.6
 _AROUND = (-1.0, -0.4, 0.4, 1.0)
 _COARSE, _FINE = 0.12, 0.04
 """Half widths of a batch around an estimate, in the logarithm of the stiffness"""
+_CLOSE = 0.03
+"""Relative standard error of an estimate from which trials are made close around it"""
 _SOFTEST = 1e-2
 """Lower end of the search, in predicted stiffnesses"""
 _BATCHES, _MOST_FINE = 12, 4
@@ -59,8 +62,6 @@ _MOST_OFFSET = 2.0
 """Largest offset of the soft spring's centre from its goal, in kicks, or ``KICK``"""
 _IDLE = 4
 """Number of batches without a new half-cycle to fit that end the search"""
-_AGE = 1.0, 2.0
-"""Assumed sample age in periods before a measurement: immediate, pipelined"""
 _SMALLER, _LEAST_COUNTS = 0.5, 8.0
 """Factor on a kick at which nothing grew within the torque limit, and the smallest in counts"""
 _NARROW, _WIDE = 1.1, 1.5
@@ -103,12 +104,7 @@ class PointSearch:
         self._options = options
         self._tell = tell
         self._device = Device.of(bed.config)
-        config = bed.config
-        bus = config.servo.kind != "simulated"
-        self._longest_age = 0.0
-        if bus:
-            periods = _AGE[config.servo.schedule == "pipelined"]
-            self._longest_age = max(periods * config.period_s, config.guard.sample_age)
+        self._longest_age = sample_age(bed.config)
         self._ages: list[float] = []
         self._delay = self._total_delay()
         self._trials: list[Trial] = []
@@ -167,7 +163,7 @@ class PointSearch:
             found = self._estimate()
             if found is not None and self._enough(found, fine):
                 break
-            near = found is not None and self._near(found)
+            near = found is not None and found.uncertainty < _CLOSE * found.stiffness
             if self._again and repeats < _REPEATS:
                 batch, near = self._again, False
                 repeats += 1
@@ -224,10 +220,6 @@ class PointSearch:
         return inserted + self._device.lag + age
 
     # What to try next
-
-    def _near(self, found: Balance) -> bool:
-        """Whether an estimate is good enough for trials close around it."""
-        return found.high / found.low < math.exp(3.0 * _COARSE)
 
     def _around(self, found: Balance, near: bool) -> list[_Asked]:
         half, repeats = (_FINE, self._options.repeats) if near else (_COARSE, 1)
@@ -413,13 +405,13 @@ class PointSearch:
         result.kick_rad = found.amplitude
         result.larger_grows = found.larger_grows
         if result.exact > 0.0:
-            again = reach(device, self._setting, self._delay, found.amplitude)
-            sustained = again.predicted
-            if device.loop.is_plain:
-                sustained = device.sustained(damping, self._delay, found.amplitude)
+            sustained = device.sustained(damping, self._delay, found.amplitude)
+            if sustained is None:
+                again = reach(device, self._setting, self._delay, found.amplitude)
+                sustained = again.predicted
             result.predicted_with_friction = sustained if math.isfinite(sustained) else None
-            onset, _ = device.onset(np.array([found.stiffness]), damping, self._delay)
-            result.onset_rad = float(onset[0]) if np.isfinite(onset[0]) else None
+            onset, _ = device.onset(found.stiffness, damping, self._delay)
+            result.onset_rad = onset if math.isfinite(onset) else None
         if not found.low <= found.stiffness <= found.high:
             result.reason = "extrapolated: on one side of the limit there is no trial"
         elif found.uncertainty > 2.0 * self._options.tolerance * found.stiffness:

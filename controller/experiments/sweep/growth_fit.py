@@ -3,7 +3,8 @@
 Near it the growth per half-cycle is a plane over the logarithm of the stiffness and the inverse of
 the amplitude, because the effect of Coulomb friction falls with the amplitude. The plane is fitted
 to the half-cycles of all trials, so that trials on either side of the limit bracket it and each of
-them counts.
+them counts. What leaving out each trial changes is the uncertainty (jackknife): neighbouring
+half-cycles share a turning point, and trials scatter for more reasons than these.
 """
 
 from __future__ import annotations
@@ -15,24 +16,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptic_wall.controller.experiments.sweep.decrement import Growth
-from haptic_wall.controller.theory.checks import FloatArray
 
-_NEAR = (0.1, 0.25)
-"""Largest logarithmic distances of fitted trials from the estimate: the smaller where they are
-enough, because growth is curved over the stiffness"""
+_NEAR = 0.25
+"""Largest logarithmic distance of fitted trials from the estimate, where they are enough"""
 _ENOUGH = 4
-"""Least number of different stiffnesses"""
+"""Least number of trials"""
 _CURVED = 5
 """Number of different stiffnesses from which a curvature is fitted"""
 _SPREAD = 0.02
 """Least relative spread of the inverse amplitudes for fitting their effect"""
-_DRIFT = 0.1
-"""Part of a half-cycle's error that is independent; the rest comes from two turning points, and is
-shared with its neighbours."""
 _STRETCH = 1.05
 """Largest extrapolation of the growth beyond the observed amplitudes"""
-_BESIDE = 4
-"""Number of trials nearest to the guess that define the observed amplitudes"""
 _LEVEL = 0.2
 """Least slope of the growth at its zero, relative to that at the guess"""
 _TOLD = 3.0
@@ -90,109 +84,62 @@ def balance(trials: Sequence[Trial], kick: float, guess: float) -> Balance | Non
     usable = [trial for trial in trials if trial.growth.log_ratio.size]
     estimate = None
     for _ in range(3):
-        near = _near(usable, guess)
-        if len({trial.stiffness for trial in near}) < 2:
-            return estimate
+        ordered = sorted(usable, key=lambda trial: abs(math.log(trial.stiffness / guess)))
+        near = [t for t in ordered if abs(math.log(t.stiffness / guess)) < _NEAR]
+        near = near if len(near) > _ENOUGH else ordered[:_ENOUGH]
         zero = _zero(near, kick, guess)
-        if zero is None:
+        parts = [_zero(near[:n] + near[n + 1 :], kick, guess) for n in range(len(near))]
+        left = np.array([part[:2] for part in parts if part is not None])
+        if zero is None or len(left) < _ENOUGH - 1:
             return estimate
-        stiffness, error, amplitude, larger_grows = zero
-        found = [_without(near, left, kick, guess) for left in range(len(near)) if len(near) > 3]
-        spread = np.array([value for value in found if value is not None])
-        # Delete one trial at a time (jackknife): the scatter of repeats, whatever its cause.
-        if spread.size > 2:
-            n = spread.size
-            again = float(np.sqrt((n - 1) / n * np.sum((spread - spread.mean()) ** 2)))
-            error = max(error, again)
+        away, effect, amplitude = zero
+        n = len(left)
+        error = np.sqrt((n - 1) / n * np.sum((left - left.mean(axis=0)) ** 2, axis=0))
+        stiffness = guess * math.exp(away)
         stiffnesses = [trial.stiffness for trial in near]
         estimate = Balance(
             stiffness=stiffness,
-            uncertainty=error,
+            uncertainty=stiffness * float(error[0]),
             frequency=_frequency(near, stiffness),
             amplitude=amplitude,
             low=min(stiffnesses),
             high=max(stiffnesses),
-            larger_grows=larger_grows,
+            larger_grows=effect < 0.0 if abs(effect) > _TOLD * error[1] else None,
         )
-        if abs(np.log(stiffness / guess)) < 0.01:
+        if abs(away) < 0.01:
             break
         guess = stiffness
     return estimate
 
 
-def _near(trials: Sequence[Trial], guess: float) -> list[Trial]:
-    """Return the trials nearest to the guess, of at least ``_ENOUGH`` stiffnesses."""
-    ordered = sorted(trials, key=lambda trial: abs(math.log(trial.stiffness / guess)))
-    near: list[Trial] = []
-    for distance in _NEAR:
-        near = [t for t in ordered if abs(math.log(t.stiffness / guess)) < distance]
-        if len({trial.stiffness for trial in near}) >= _ENOUGH:
-            return near
-    return near if len(near) > _ENOUGH else ordered[:_ENOUGH]
+def _zero(trials: Sequence[Trial], kick: float, guess: float) -> tuple[float, float, float] | None:
+    """Return log(stiffness without growth / guess), the effect of the amplitude, the amplitude.
 
-
-def _without(trials: Sequence[Trial], left: int, kick: float, guess: float) -> float | None:
-    zero = _zero([trial for n, trial in enumerate(trials) if n != left], kick, guess)
-    return None if zero is None else zero[0]
-
-
-def _zero(
-    trials: Sequence[Trial], kick: float, guess: float
-) -> tuple[float, float, float, bool | None] | None:
-    """Return the stiffness without growth, its standard error, its amplitude, and larger motion.
-
-    The trials come in order of their distance from the guess.
+    The trials come in order of their distance from the guess. None: they do not tell it.
     """
-    amplitudes = np.concatenate([trial.growth.amplitude for trial in trials[:_BESIDE]])
-    reached = float(np.clip(kick, amplitudes.min() / _STRETCH, amplitudes.max() * _STRETCH))
-    amplitudes = np.concatenate([trial.growth.amplitude for trial in trials])
-    inverse = reached / amplitudes[amplitudes >= _FADED * reached] - 1.0
-    curved = len({trial.stiffness for trial in trials}) >= _CURVED
-    by_amplitude = float(np.ptp(inverse)) > _SPREAD
-    rows, values = [], []
-    for trial in trials:
-        away = math.log(trial.stiffness / guess)
-        growth = _lasting(trial.growth, _FADED * reached)
-        n = growth.log_ratio.size
-        if n == 0:
-            continue
-        terms = [np.ones(n), np.full(n, away)]
-        if curved:
-            terms.append(np.full(n, away * away))
-        if by_amplitude:
-            terms.append(reached / growth.amplitude - 1.0)
-        whiten = _whitening(growth)
-        rows.append(whiten @ np.column_stack(terms))
-        values.append(whiten @ growth.log_ratio)
-    if not rows:
+    if len({trial.stiffness for trial in trials}) < 2:
         return None
-    matrix, value = np.concatenate(rows), np.concatenate(values)
+    nearest = np.concatenate([trial.growth.amplitude for trial in trials[:_ENOUGH]])
+    reached = float(np.clip(kick, nearest.min() / _STRETCH, nearest.max() * _STRETCH))
+    size = [trial.growth.log_ratio.size for trial in trials]
+    x = np.repeat([math.log(trial.stiffness / guess) for trial in trials], size)
+    inverse = reached / np.concatenate([trial.growth.amplitude for trial in trials]) - 1.0
+    value = np.concatenate([trial.growth.log_ratio for trial in trials])
+    lasting = inverse <= 1.0 / _FADED - 1.0
+    x, inverse, value = x[lasting], inverse[lasting], value[lasting]
+    curved = len(set(x.tolist())) >= _CURVED
+    by_amplitude = x.size > 0 and float(np.ptp(inverse)) > _SPREAD
+    terms = [np.ones(x.size), x]
+    terms += [x * x] if curved else []
+    terms += [inverse] if by_amplitude else []
+    matrix = np.column_stack(terms)
     if matrix.shape[0] < matrix.shape[1] + 2:
         return None
     found, *_ = np.linalg.lstsq(matrix, value, rcond=None)
-    rest = value - matrix @ found
-    variance = float(rest @ rest) / (matrix.shape[0] - matrix.shape[1])
-    covariance = variance * np.linalg.pinv(matrix.T @ matrix)
     root = _root(found[0], found[1], found[2] if curved else 0.0)
     if root is None:
         return None
-    x = root
-    gradient = np.zeros(found.size)
-    gradient[:2] = 1.0, x
-    if curved:
-        gradient[2] = x * x
-    slope = found[1] + (2.0 * found[2] * x if curved else 0.0)
-    error = float(np.sqrt(gradient @ covariance @ gradient) / slope)
-    stiffness = guess * float(np.exp(x))
-    larger = None
-    if by_amplitude and abs(found[-1]) > _TOLD * math.sqrt(covariance[-1, -1]):
-        larger = bool(found[-1] < 0.0)
-    return stiffness, error * stiffness, reached, larger
-
-
-def _lasting(growth: Growth, least: float) -> Growth:
-    keep = growth.amplitude >= least
-    return Growth(growth.log_ratio[keep], growth.amplitude[keep], growth.number[keep])
+    return root, float(found[-1]) if by_amplitude else 0.0, reached
 
 
 def _root(constant: float, slope: float, bend: float) -> float | None:
@@ -204,20 +151,7 @@ def _root(constant: float, slope: float, bend: float) -> float | None:
         x = -constant / slope
     else:
         x = -2.0 * constant / (slope + math.sqrt(squared))
-    return x if abs(x) < 1.5 else None
-
-
-def _whitening(growth: Growth) -> FloatArray:
-    """Return the matrix that makes the errors of a trial's half-cycles independent, shape (n, n).
-
-    Neighbours share an amplitude: its error increases the one and decreases the other.
-    """
-    n = growth.number.size
-    covariance = (1.0 + _DRIFT) * np.eye(n)
-    together = np.flatnonzero(np.diff(growth.number) == 1)
-    covariance[together, together + 1] = covariance[together + 1, together] = -0.5
-    result: FloatArray = np.linalg.inv(np.linalg.cholesky(covariance))
-    return result
+    return float(x) if abs(x) < 1.5 else None
 
 
 def _frequency(trials: Sequence[Trial], stiffness: float) -> float:

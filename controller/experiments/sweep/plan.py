@@ -189,8 +189,7 @@ def trial_phase(
     device: Device, setting: PlanePoint, delay: float, stiffness: float, kick: float
 ) -> Phase:
     """Return the wall itself, about the program's start, until its motion is decided."""
-    at = np.array([stiffness])
-    frequency = float(device.onset(at, setting.virtual_damping, delay)[1][0])
+    frequency = device.onset(stiffness, setting.virtual_damping, delay)[1]
     torque = float(np.hypot(stiffness, setting.virtual_damping * 2.0 * np.pi * frequency))
     largest = max(min(_GROWN * kick, device.torque_limit / torque), _ROOM * kick)
     cycle = 1.0 / frequency

@@ -9,9 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
+from haptic_wall.controller.experiments.kept import Kept
 from haptic_wall.controller.experiments.processes import cores, processes, results
 from haptic_wall.controller.experiments.sweep.critical import PointSearch
 from haptic_wall.controller.experiments.sweep.device import Device
@@ -24,7 +27,6 @@ from haptic_wall.controller.experiments.sweep.plan import (
     trial_phase,
 )
 from haptic_wall.controller.experiments.sweep.result import PointResult
-from haptic_wall.controller.experiments.sweep.store import LOGS, SweepStore
 from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
     ExperimentTrippedError,
@@ -41,35 +43,74 @@ _RUNS, _START_S = 3, 4.0
 _SETTLE_S = 1.2
 """Approximate duration of the soft spring's phase [s]"""
 
+LOGS, ROWS = "logs", "sweep.rows"
+"""In a sweep's folder: the folder of its logs, the file of finished points"""
+
 Progress = Callable[[PlanePoint, PointResult], None]
 
 
-def experiment_config(config: Config) -> Config:
-    """Return the configuration for a sweep: without a scripted operator."""
-    raw = config.model_dump(mode="json")
-    if config.servo.kind != "hardware":
-        raw["servo"]["hand"] = "none"
-    return Config.model_validate(raw)
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """All on which a sweep's results depend, and its folder."""
+
+    config: Config
+    settings: tuple[PlanePoint, ...]
+    options: Options
+    folder: Path
+    """For logs and finished points; made by the first of them"""
+
+    def kept(self, fresh: bool = False) -> Kept[PlanePoint, PointResult]:
+        """Return the finished points.
+
+        Args:
+            fresh: Measure all of them again.
+
+        Raises:
+            UserError: See ``Kept``.
+        """
+
+        def read(line: dict[str, Any]) -> tuple[PlanePoint, PointResult]:
+            point = PointResult(**line)
+            return PlanePoint(point.virtual_damping, point.delay_steps), point
+
+        described = {
+            "config": self.config.model_dump(mode="json"),
+            "settings": [asdict(setting) for setting in self.settings],
+            "options": asdict(self.options),
+        }
+        return Kept(
+            self.folder / ROWS, described, read, lambda _key, point: asdict(point), fresh=fresh
+        )
+
+    def report(self, kept: Kept[PlanePoint, PointResult]) -> dict[str, Any]:
+        """Return JSON-ready values."""
+        return {
+            "servo": self.config.servo.kind,
+            "clock": self.config.loop.clock,
+            "period_s": self.config.period_s,
+            "complete": len(kept.done) == len(self.settings),
+            "points": [asdict(point) for point in self.points(kept)],
+        }
+
+    def points(self, kept: Kept[PlanePoint, PointResult]) -> list[PointResult]:
+        """Return the finished points in the requested order."""
+        return [kept.done[setting] for setting in self.settings if setting in kept.done]
 
 
 def sweep(
-    config: Config,
-    store: SweepStore,
-    settings: tuple[PlanePoint, ...],
-    options: Options,
+    asked: Sweep,
+    kept: Kept[PlanePoint, PointResult],
     *,
     tell: Callable[[str], None] = lambda _text: None,
     progress: Progress = lambda _setting, _result: None,
     workers: int | None = None,
     pool: AbstractContextManager[Executor] | None = None,
 ) -> bool:
-    """Measure the unfinished points; store each at once.
+    """Measure the unfinished points; keep each at once.
 
     Args:
-        config: The servo.
-        store: Store for the results.
-        settings: The points.
-        options: Kick, repeats, tolerance.
+        asked: The servo, the points, the folder.
+        kept: The finished points.
         tell: Called with each trial, where points are measured in sequence.
         progress: Called after each point.
         workers: Processes on the simulated clock; None: one for each core.
@@ -83,17 +124,25 @@ def sweep(
         ExperimentTrippedError: It was lost, or must be examined before it may move again.
         UserError: The configuration is unsuitable, or results or a log could not be written.
     """
-    left = [setting for setting in settings if setting not in store.done]
-    folder = store.folder / LOGS
+    left = [setting for setting in asked.settings if setting not in kept.done]
+    bed = Testbed(asked.config, asked.folder / LOGS, tell)
     count = min(workers or cores(), len(left))
     if pool is None and count > 1:
         pool = processes(count)
+
+    def add(setting: PlanePoint, result: PointResult) -> None:
+        progress(setting, kept.add(setting, result))
+
     try:
         with interrupting():
-            if config.loop.clock == "simulated" and pool is not None:
-                _side_by_side(config, store, left, options, folder, pool, progress)
+            if asked.config.loop.clock == "simulated" and pool is not None:
+                text, folder = asked.config.model_dump_json(), bed.folder.resolve()
+                tasks = [(at, partial(measure, text, folder, at, asked.options)) for at in left]
+                with pool as executor, results(executor, tasks) as found:
+                    for setting, result in found:
+                        add(setting, result)
             else:
-                _in_turn(Testbed(config, folder, tell), store, left, options, tell, progress)
+                _in_turn(bed, left, asked.options, tell, add)
     except (KeyboardInterrupt, ExperimentInterruptedError):
         return False
     return True
@@ -101,11 +150,10 @@ def sweep(
 
 def _in_turn(
     bed: Testbed,
-    store: SweepStore,
     left: list[PlanePoint],
     options: Options,
     tell: Callable[[str], None],
-    progress: Progress,
+    add: Progress,
 ) -> None:
     """Measure points one after the other; those that bus or machine disturbed once more at the end.
 
@@ -124,8 +172,7 @@ def _in_turn(
         else:
             ended = False
             if result.measured is not None or not result.disturbed:
-                store.add(setting, result)
-                progress(setting, result)
+                add(setting, result)
                 continue
             spoiled[setting] = f"an earlier search had {result.disturbed} disturbed trials"
         tell(
@@ -135,25 +182,7 @@ def _in_turn(
     for setting, why in spoiled.items():
         result = PointSearch(bed, setting, options, tell).run()
         result.trips.insert(0, why)
-        store.add(setting, result)
-        progress(setting, result)
-
-
-def _side_by_side(
-    config: Config,
-    store: SweepStore,
-    left: list[PlanePoint],
-    options: Options,
-    folder: Path,
-    pool: AbstractContextManager[Executor],
-    progress: Progress,
-) -> None:
-    text = config.model_dump_json()
-    tasks = [(each, partial(measure, text, folder.resolve(), each, options)) for each in left]
-    with pool as executor, results(executor, tasks) as found:
-        for setting, result in found:
-            store.add(setting, result)
-            progress(setting, result)
+        add(setting, result)
 
 
 def measure(config: str, folder: Path, setting: PlanePoint, options: Options) -> PointResult:

@@ -65,7 +65,7 @@ def watch(
     step = device.position_step
     least = _NOISE_SHARE * kick * (1.0 if step else 0.1)
     turns = turning_points(time[good], position[good], max(_NOISE_COUNTS * step, least))
-    damped = _damped(rows, device.velocity_filter)[here]
+    damped = _damped(rows, device.loop.velocity_filter)[here]
     sound = _sound(own, phase, position, damped, time, turns.time, device.period)
     found = growth(turns, sound)
     age = None

@@ -14,7 +14,7 @@ of a gain from its coherence.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -267,36 +267,21 @@ class _Spectra:
 
 
 def _spectra(stretches: Sequence[NDArray[np.void]], column: str, size: int) -> _Spectra:
-    window = np.hanning(size)
-    scale = 2.0 / float(np.sum(window**2))
-    motion, torque = np.zeros(size // 2 + 1), np.zeros(size // 2 + 1)
-    cross = np.zeros(size // 2 + 1, dtype=np.complex128)
+    """Return the spectra of overlapping halves, without their straight lines."""
+    from scipy.signal import csd
+
+    step = size // 2
     segments = 0
-    for x, u in _segments(stretches, column, size):
-        fx, fu = np.fft.rfft(window * x), np.fft.rfft(window * u)
-        motion += np.abs(fx) ** 2
-        torque += np.abs(fu) ** 2
-        cross += np.conj(fx) * fu
-        segments += 1
-    scale /= max(segments, 1)
-    frequency: FloatArray = np.arange(size // 2 + 1) / size
-    return _Spectra(frequency, scale * motion, scale * torque, scale * cross, segments)
-
-
-def _segments(
-    stretches: Sequence[NDArray[np.void]], column: str, size: int
-) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield overlapping halves of position and torque, without their straight lines."""
-    along = np.linspace(-1.0, 1.0, size)
-    along /= np.sqrt(np.sum(along**2))
+    sums = np.zeros((3, step + 1), dtype=np.complex128)
     for rows in stretches:
-        for start in range(0, len(rows) - size + 1, size // 2):
-            part = rows[start : start + size]
-            pair = []
-            for name in ("position", column):
-                values = part[name] - np.mean(part[name])
-                pair.append(values - along * np.sum(along * values))
-            yield pair[0], pair[1]
+        count = max((len(rows) - size) // step + 1, 0)
+        x, u = rows["position"], rows[column]
+        for i, pair in enumerate(((x, x), (u, u), (x, u)) if count else ()):
+            options = {"window": np.hanning(size), "noverlap": size - step, "detrend": "linear"}
+            sums[i] += count * csd(*pair, **options)[1]
+        segments += count
+    motion, torque, cross = sums / max(segments, 1)
+    return _Spectra(np.arange(step + 1) / size, motion.real, torque.real, cross, segments)
 
 
 def _measured(band: Band, found: _Spectra, period: float, step: float) -> Band:

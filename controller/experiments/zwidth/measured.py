@@ -12,9 +12,11 @@ from haptic_wall import __version__
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.commission.sweep_points import OPTIONS
 from haptic_wall.controller.experiments.commission.verdict import GuardQuestion
+from haptic_wall.controller.experiments.holding import changed
 from haptic_wall.controller.experiments.processes import cores, processes
-from haptic_wall.controller.experiments.sweep.store import SweepSettings, SweepStore
-from haptic_wall.controller.experiments.sweep.sweep import expected_s, sweep
+from haptic_wall.controller.experiments.sweep.plan import PlanePoint
+from haptic_wall.controller.experiments.sweep.result import PointResult
+from haptic_wall.controller.experiments.sweep.sweep import Sweep, expected_s, sweep
 from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
     ExperimentTrippedError,
@@ -86,31 +88,24 @@ def measure_points(widths: Sequence[Width], folder: Path, fresh: bool, tell: Tel
         ServoError: The servo could not be started.
         UserError: A folder holds points of other settings.
     """
-    stores = [
-        (width, SweepStore(folder / width.velocity.folder, asked, fresh))
+    asked = [
+        (width, Sweep(width.config, width.settings(), OPTIONS, folder / width.velocity.folder))
         for width in widths
         if width.config is not None
-        and (asked := SweepSettings(width.config, width.settings(), OPTIONS))
     ]
-    left = any(not store.complete for _, store in stores)
-    parallel = all(w.config is not None and w.config.loop.clock == "simulated" for w, _ in stores)
+    sweeps = [(width, each, each.kept(fresh)) for width, each in asked]
+    left = any(len(kept.done) < len(each.settings) for _, each, kept in sweeps)
+    parallel = all(each.config.loop.clock == "simulated" for _, each, _ in sweeps)
     with processes(cores()) if left and parallel else nullcontext() as pool:
-        for width, store in stores:
-            assert width.config is not None
-            label, settings = width.velocity.label, width.settings()
-            finished = sweep(
-                width.config,
-                store,
-                settings,
-                OPTIONS,
-                tell=tell,
-                progress=lambda _at, point, label=label: tell(  # type: ignore[misc]
-                    f"{label}, B {point.virtual_damping:g}: "
-                    + (f"{point.measured:.4g} N·m/rad" if point.measured else f"{point.reason}")
-                ),
-                pool=None if pool is None else nullcontext(pool),
-            )
-            width.points = store.points()
+        for width, each, kept in sweeps:
+
+            def progress(_at: PlanePoint, point: PointResult, width: Width = width) -> None:
+                value = f"{point.measured:.4g} N·m/rad" if point.measured else f"{point.reason}"
+                tell(f"{width.velocity.label}, B {point.virtual_damping:g}: {value}")
+
+            own = None if pool is None else nullcontext(pool)
+            finished = sweep(each, kept, tell=tell, progress=progress, pool=own)
+            width.points = each.points(kept)
             if not finished:
                 raise ExperimentInterruptedError(
                     "interrupted", advice=f"the same command with --out {folder.parent} continues"
@@ -153,11 +148,9 @@ def impedance_of(config: Config, log: Path | None, folder: Path | None, tell: Te
 
 def _tapped(config: Config, log: Path, tell: Tell) -> Path:
     """Run the two-sided wall under a tapping hand; return its log."""
-    raw = config.model_dump(mode="json")
-    raw["wall"]["side"] = "both"
-    raw["servo"]["hand"] = "tap"
-    raw["safety"]["engage"] = "at-once"  # the hand keeps the shaft away from the middle
-    tapped = Config.model_validate(raw)
+    # The hand keeps the shaft away from the middle: the wall must not wait for it.
+    safety = {"engage": "at-once"}
+    tapped = changed(config, wall={"side": "both"}, servo={"hand": "tap"}, safety=safety)
     metadata = {
         "program": f"haptic-wall {__version__}",
         "name": "zwidth",

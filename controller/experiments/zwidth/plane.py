@@ -16,11 +16,10 @@ import numpy as np
 from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.experiments.commission.sweep_points import points_at
 from haptic_wall.controller.experiments.commission.verdict import GuardQuestion
-from haptic_wall.controller.experiments.holding import sample_age
+from haptic_wall.controller.experiments.holding import sample_age, without_hand
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
 from haptic_wall.controller.experiments.sweep.result import PointResult
-from haptic_wall.controller.experiments.sweep.sweep import experiment_config
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import loaded
 from haptic_wall.controller.theory.checks import FloatArray
@@ -180,7 +179,7 @@ def width_of(config: Config, velocity: Velocity) -> Width:
 
 
 def _with(config: Config, velocity: Velocity, side: str) -> Config:
-    raw: dict[str, Any] = experiment_config(config).model_dump(mode="json")
+    raw: dict[str, Any] = without_hand(config).model_dump(mode="json")
     raw["wall"] |= {
         "side": side,
         "velocity_samples": velocity.samples,

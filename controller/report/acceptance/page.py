@@ -6,16 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from haptic_wall.controller.experiments.acceptance.judged import FAILS, HOLDS
-from haptic_wall.controller.report.html import embedded, filled_in
+from haptic_wall.controller.report.html import filled_in
 
 
-def page(report: Mapping[str, Any], picture: bytes | None) -> str:
-    """Return the page's text.
-
-    Args:
-        report: The report's data.
-        picture: PNG; None: there is none.
-    """
+def page(report: Mapping[str, Any]) -> str:
+    """Return the page's text, of the report's data."""
     rows = [
         {
             "name": row["name"],
@@ -29,12 +24,7 @@ def page(report: Mapping[str, Any], picture: bytes | None) -> str:
         }
         for row in report["rows"]
     ]
-    return filled_in(
-        __package__,
-        r=report,
-        rows=rows,
-        picture=None if picture is None else embedded(picture),
-    )
+    return filled_in(__package__, r=report, rows=rows)
 
 
 def predicted_text(row: Mapping[str, Any]) -> str:

@@ -7,14 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.experiments.commission.store import AGAIN
-from haptic_wall.controller.experiments.kept_folder import kept_bytes
 from haptic_wall.controller.report.commission import words
 from haptic_wall.controller.report.html import embedded, filled_in
 
-_PNG = b"\x89PNG\r\n\x1a\n"
-"""First bytes of every picture"""
 _CAPTIONS = {
     "identify": "The motion to which the model was fitted, the torque, and the fit's residual.",
     "delay": "The motion after a torque step, from the sample on; measured inserted delays.",
@@ -32,10 +27,10 @@ def page(report: Mapping[str, Any], folder: Path, allowed: Path | None) -> str:
         allowed: The picture of the verdict; None: there is none.
 
     Raises:
-        UserError: A picture is missing, or is no PNG.
+        OSError: A picture cannot be read.
     """
     pictures = [
-        (step["step"], _embedded(folder / step["picture"], step["step"]), _CAPTIONS[step["step"]])
+        (step["step"], embedded((folder / step["picture"]).read_bytes()), _CAPTIONS[step["step"]])
         for step in report["steps"]
         if step["state"] == "done" and step["picture"]
     ]
@@ -51,18 +46,6 @@ def page(report: Mapping[str, Any], folder: Path, allowed: Path | None) -> str:
         model=list(words.model_rows(report)),
         wrong=list(words.wrong(report)),
         examined=len((report["doctor"] or {}).get("checks", ())),
-        allowed=None if allowed is None else _embedded(allowed, "a step"),
+        allowed=None if allowed is None else embedded(allowed.read_bytes()),
         pictures=pictures,
     )
-
-
-def _embedded(path: Path, step: str) -> str:
-    content = kept_bytes(path, AGAIN.format(step))
-    if not content.startswith(_PNG):
-        raise UserError(
-            f"{path.name} is no PNG picture",
-            field="--out",
-            given=path.parent,
-            advice=AGAIN.format(step),
-        )
-    return embedded(content)

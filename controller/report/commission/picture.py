@@ -31,8 +31,6 @@ PLOTS: dict[Step, Plot] = {
 _POINTS = 241
 _BEYOND = 1.8
 """End of the damping axis, as a multiple of the best virtual damping"""
-_BESIDE = 1.15
-"""The same as a multiple of a measured ceiling"""
 
 
 def draw_allowed(question: GuardQuestion, report: Mapping[str, Any], path: Path) -> None:
@@ -44,11 +42,7 @@ def draw_allowed(question: GuardQuestion, report: Mapping[str, Any], path: Path)
     verdict = report["verdict"]
     best = verdict["best"]["commanded"]
     capped = float(question.limits(np.array([1e12])).damping[0])
-    ceiling = (report["sweep"] or {}).get("ceiling") or {}
-    measured = ceiling.get("measured")
     last = min(max(_BEYOND * best["damping"], 0.02 * capped), capped)
-    if measured is not None:
-        last = max(last, _BESIDE * measured)
     damping = np.linspace(0.0, last, _POINTS)
     found = question.limits(damping)
     least = found.smallest()
@@ -66,17 +60,6 @@ def draw_allowed(question: GuardQuestion, report: Mapping[str, Any], path: Path)
         top = float(np.max(least))
         top = max(top, _measured(ax, report, last))
         _walls(ax, verdict)
-        if measured is not None:
-            error = 2.0 * (ceiling["uncertainty"] or 0.0)
-            ax.axvspan(
-                measured - error, measured + error, color=style.ORANGE, alpha=0.3, linewidth=0
-            )
-            ax.axvline(
-                measured,
-                color=style.ORANGE,
-                linewidth=0.8,
-                label=f"measured ceiling: {measured:.3g}",
-            )
         ax.set_xlim(0.0, last)
         ax.set_ylim(0.0, 1.15 * top)
         ax.set_xlabel(style.VIRTUAL_DAMPING)

@@ -12,8 +12,6 @@ from haptic_wall.controller.guard.delay_parts import ms
 
 Report = Mapping[str, Any]
 
-_CLOSE = 1.05
-"""Limits within this factor of the smallest are reported together"""
 _PARTS = {
     "hold": "half the period",
     "sample_age": "age of the sample",
@@ -80,7 +78,6 @@ def why(report: Report) -> Iterator[str]:
         if case == "best" and decided["commanded"]["damping"] == 0.0:
             continue
         yield f"{which} {'; '.join(decided['reasons'])}."
-    yield from _together(verdict["best"])
     parts = ", ".join(
         f"{_PARTS[part['name']]} {ms(part['seconds'])} ({100 * part['share']:.0f} %)"
         for part in verdict["delay_parts"]
@@ -95,17 +92,6 @@ def why(report: Report) -> Iterator[str]:
             f" reached {_n(depth)} rad ({_n(math.degrees(depth))}°) inside the wall."
         )
     yield from _configured(verdict["configured"])
-
-
-def _together(best: Mapping[str, Any]) -> Iterator[str]:
-    limits = {name: value for name, value in best["limit"].items() if value is not None}
-    least = min(limits.values())
-    near = [f"{name} {_n(value)}" for name, value in limits.items() if value <= _CLOSE * least]
-    if len(near) > 1 and least > 0.0:
-        yield (
-            f"At that damping the limits {', '.join(near)} are nearly equal: to raise only one of"
-            " them gains almost nothing."
-        )
 
 
 def _configured(decided: Mapping[str, Any]) -> Iterator[str]:
@@ -156,20 +142,15 @@ def _delay(found: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _rendered(found: Mapping[str, Any]) -> Iterator[str]:
-    rows = {row["name"]: row for row in found["rows"]}
-    for name in ("static stiffness", "static stiffness, true"):
-        row = rows.get(name)
-        if row is None or row["rendered"] is None:
-            continue
-        ratio = row["ratio"]
-        off = ratio is not None and abs(ratio - 1.0) > _NEAR_ONE
-        if name != "static stiffness" and not off:
-            continue
-        said = (
-            f"{name.capitalize()}: {_n(row['commanded'])} N·m/rad commanded,"
-            f" {_n(row['rendered'])}{_pm(row['stderr'])} rendered, {row['note']}"
-        )
-        yield f"{said}: {ratio:.3f} of the commanded stiffness." if off else f"{said}."
+    for row in found["rows"]:
+        if row["name"] == "static stiffness" and row["rendered"] is not None:
+            ratio = row["ratio"]
+            off = ratio is not None and abs(ratio - 1.0) > _NEAR_ONE
+            yield (
+                f"Static stiffness: {_n(row['commanded'])} N·m/rad commanded,"
+                f" {_n(row['rendered'])}{_pm(row['stderr'])} rendered, {row['note']}"
+                + (f": {ratio:.3f} of the commanded stiffness." if off else ".")
+            )
 
 
 def _boundary(points: Sequence[Mapping[str, Any]], margin: float) -> Iterator[str]:

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -19,7 +20,7 @@ from distributed import Client
 from haptic_wall.controller.errors import PlatformError, UserError
 from haptic_wall.controller.experiments import cluster as module
 from haptic_wall.controller.experiments.cluster import Cluster, checked, cluster
-from haptic_wall.controller.experiments.maps.maps import MapSettings, compute, critical_map
+from haptic_wall.controller.experiments.maps.maps import MapQuestion, MapSettings, critical_map
 from haptic_wall.controller.settings.load import load_config
 
 _WORKERS = 2
@@ -49,7 +50,7 @@ def address() -> Iterator[str]:
 @pytest.mark.whole
 def test_a_map_is_the_same_although_a_worker_is_killed(address: str) -> None:
     setting = MapSettings.of(load_config("simulated", ()).config)
-    asked = (setting, [0.0, 0.1], [0, 1, 2], [0.1])
+    asked = MapQuestion(setting, [0.0, 0.1], [0, 1, 2], [0.1], tolerance=0.1)
     with Client(address) as client:
         client.wait_for_workers(_WORKERS)
     with cluster(address) as pool:
@@ -60,10 +61,8 @@ def test_a_map_is_the_same_although_a_worker_is_killed(address: str) -> None:
         def progress(_done: int, _all: int) -> None:
             next(killing, int)()
 
-        found = critical_map(*asked, executor=pool, tolerance=0.1, progress=progress)
-    alone = [
-        compute(setting, np.array(asked[1]), steps, np.array(asked[3]), 0.1) for steps in asked[2]
-    ]
+        found = critical_map(asked, executor=pool, progress=progress)
+    alone = [replace(asked, delay_steps=[steps]).compute() for steps in asked.delay_steps]
     np.testing.assert_array_equal(found.stiffness, alone)
     assert next(killing, None) is None
 

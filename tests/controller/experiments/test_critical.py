@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.holding import without_hand
 from haptic_wall.controller.experiments.sweep.critical import PointSearch
 from haptic_wall.controller.experiments.sweep.decrement import Growth
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.growth_fit import Trial
 from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint, hold_spring
 from haptic_wall.controller.experiments.sweep.result import PointResult
-from haptic_wall.controller.experiments.sweep.store import SweepSettings, SweepStore
 from haptic_wall.controller.experiments.sweep.sweep import (
+    Sweep,
     excursion,
-    experiment_config,
     sweep,
 )
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed
@@ -36,7 +36,7 @@ LINEAR = ("servo.coulomb=0", "servo.counts_per_rev=0", "servo.torque_step=0")
 
 
 def config(*sets: str, preset: str = "simulated") -> Config:
-    return experiment_config(load_config(preset, ("loop.clock=simulated", *sets)).config)
+    return without_hand(load_config(preset, ("loop.clock=simulated", *sets)).config)
 
 
 def search(
@@ -200,14 +200,15 @@ def test_a_disturbed_point_is_measured_again_at_the_end(
         return search.result
 
     monkeypatch.setattr(PointSearch, "run", run_point)
-    store = SweepStore(tmp_path, SweepSettings(config(), asked, Options()), fresh=False)
+    swept = Sweep(config(), asked, Options(), tmp_path)
+    kept = swept.kept()
     if in_a_row == 2:
         with pytest.raises(ExperimentTrippedError):
-            sweep(config(), store, asked, Options(), workers=1)
+            sweep(swept, kept, workers=1)
         return
-    assert sweep(config(), store, asked, Options(), workers=1)
+    assert sweep(swept, kept, workers=1)
     assert order == [0.0, 0.01, 0.02, 0.0]
-    assert store.points()[0].trips == ["trip:loss_rate ended an earlier search"]
+    assert swept.points(kept)[0].trips == ["trip:loss_rate ended an earlier search"]
 
 
 def test_three_trips_give_a_point_up(tmp_path: Path) -> None:
@@ -248,6 +249,6 @@ def test_the_soft_spring_is_stable_in_the_worst_corner() -> None:
 
 
 def test_a_servo_without_a_known_torque_limit_is_refused() -> None:
-    effective = config("servo.torque_limit=null", preset="emulated-ideal")
-    with pytest.raises(UserError, match=r"servo\.torque_limit: found null"):
+    effective = config("servo.torque_limit=null", "loop.clock=monotonic", preset="xm430-w350")
+    with pytest.raises(UserError, match=r"servo\.torque_limit: found none"):
         Device.of(effective)

@@ -13,7 +13,7 @@ import pytest
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.maps.maps import (
     CriticalMap,
-    MapInterruptedError,
+    MapQuestion,
     MapSettings,
     critical_map,
 )
@@ -46,21 +46,21 @@ def setting() -> MapSettings:
     return MapSettings.of(load_config("simulated", sets).config)
 
 
+def asked(setting: MapSettings, tolerance: float = 0.1) -> MapQuestion:
+    return MapQuestion(setting, DAMPINGS, STEPS, KICKS, tolerance)
+
+
 @pytest.fixture(scope="module")
 def found(setting: MapSettings) -> CriticalMap:
-    return critical_map(setting, DAMPINGS, STEPS, KICKS, executor=AtOnce(), tolerance=0.01)
+    return critical_map(asked(setting, 0.01), executor=AtOnce())
 
 
 @pytest.mark.whole
 def test_the_result_does_not_depend_on_the_executor(setting: MapSettings) -> None:
     seen: list[tuple[int, int]] = []
     found = critical_map(
-        setting,
-        DAMPINGS,
-        STEPS,
-        KICKS,
+        asked(setting),
         executor=AtOnce(),
-        tolerance=0.1,
         progress=lambda done, total: seen.append((done, total)),
     )
     assert [total for _, total in seen] == [8] * len(seen), (
@@ -69,9 +69,9 @@ def test_the_result_does_not_depend_on_the_executor(setting: MapSettings) -> Non
     assert [done for done, _ in seen] == sorted(done for done, _ in seen)
     assert seen[-1] == (8, 8)
     with ThreadPoolExecutor(3) as threads:
-        other = critical_map(setting, DAMPINGS, STEPS, KICKS, executor=threads, tolerance=0.1)
+        other = critical_map(asked(setting), executor=threads)
         assert threads.submit(int).result() == 0  # the caller's executor stays open
-    own = critical_map(setting, DAMPINGS, STEPS, KICKS, workers=2, tolerance=0.1)
+    own = critical_map(asked(setting), workers=2)
     np.testing.assert_array_equal(found.stiffness, other.stiffness)
     np.testing.assert_array_equal(found.stiffness, own.stiffness)
     assert found.complete
@@ -112,13 +112,9 @@ def test_an_interrupted_map_keeps_what_was_done_and_cancels_the_rest(setting: Ma
         raise KeyboardInterrupt
 
     executor = Interrupted()
-    with pytest.raises(MapInterruptedError) as stopped:
-        critical_map(
-            setting, DAMPINGS, STEPS, KICKS, executor=executor, tolerance=0.1, progress=interrupt
-        )
-    partial = stopped.value.partial
+    partial = critical_map(asked(setting), executor=executor, progress=interrupt)
     assert not partial.complete
-    assert partial.begun
+    assert partial.count == 4
     # the longest delay, which takes longest, is computed first
     assert np.isfinite(partial.stiffness[1]).all()
     assert np.isnan(partial.stiffness[0]).all()
@@ -133,14 +129,14 @@ def test_a_failing_task_is_not_hidden(setting: MapSettings) -> None:
             return future
 
     with pytest.raises(RuntimeError, match="the cluster is gone"):
-        critical_map(setting, DAMPINGS, STEPS, KICKS, executor=Broken())
+        critical_map(asked(setting), executor=Broken())
 
 
 @pytest.mark.whole
 def test_the_servos_own_delay_comes_on_top_and_may_be_a_fraction() -> None:
     sets = ("servo.delay=0.00125", "wall.velocity_samples=2")
     setting = MapSettings.of(load_config("paper-table2", sets).config)
-    found = critical_map(setting, [0.1], [0, 1], [0.01], executor=AtOnce())
+    found = critical_map(MapQuestion(setting, [0.1], [0, 1], [0.01]), executor=AtOnce())
     np.testing.assert_allclose(found.delay, [0.00125, 0.00225])
     np.testing.assert_allclose(found.stiffness[:, :, 0], found.exact, rtol=1e-3)
     assert not setting.kick_matters
@@ -154,8 +150,8 @@ def test_a_real_servo_has_no_known_truth() -> None:
 @pytest.mark.parametrize(
     ("dampings", "steps", "kicks", "name"),
     [
-        ([], [0], [0.1], "virtual_dampings"),
-        ([float("nan")], [0], [0.1], "virtual_dampings"),
+        ([], [0], [0.1], "dampings"),
+        ([float("nan")], [0], [0.1], "dampings"),
         ([0.0], [-1], [0.1], "delay_steps"),
         ([0.0], [0], [0.0], "kicks"),
     ],
@@ -164,7 +160,7 @@ def test_what_cannot_be_mapped_is_refused(
     setting: MapSettings, dampings: list[float], steps: list[int], kicks: list[float], name: str
 ) -> None:
     with pytest.raises(ValueError, match=name):
-        critical_map(setting, dampings, steps, kicks, executor=AtOnce())
+        MapQuestion(setting, dampings, steps, kicks)
 
 
 def test_the_drive_and_the_mechanics_of_the_servo_take_part() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -14,16 +13,9 @@ import pytest
 from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.experiments.maps import loop, onset, search, walls
 from haptic_wall.controller.experiments.maps.bounce import returned
-from haptic_wall.controller.experiments.maps.compiled import compiled, compiled_once, fingerprint
-from haptic_wall.controller.experiments.maps.maps import MapSettings, critical_map
-from haptic_wall.controller.experiments.maps.tables import Table
+from haptic_wall.controller.experiments.maps.compiled import _fingerprint, compiled
+from haptic_wall.controller.experiments.maps.maps import MapQuestion, MapSettings, critical_map
 from haptic_wall.controller.experiments.maps.walls import Loop, buffers, noise_of, wall_of
-from haptic_wall.controller.laws.friction import Friction
-from haptic_wall.controller.laws.profile import Profile
-from haptic_wall.controller.laws.shape import Memoryless, Shape
-from haptic_wall.controller.laws.shaped import ShapedLaw
-from haptic_wall.controller.laws.stops import Stops
-from haptic_wall.controller.laws.texture import Texture
 from haptic_wall.controller.laws.velocity import velocity_estimator
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.laws.wall import Wall as ProgramWall
@@ -199,7 +191,9 @@ def test_the_simulated_limit_of_a_load_without_friction_is_the_exact_one() -> No
     for side in ("output", "motor"):
         config = load_config("simulated", (*sets, f"servo.encoder={side}")).config
         with ThreadPoolExecutor(1) as here:
-            found = critical_map(MapSettings.of(config), [0.0, 0.05], [1], [0.03], executor=here)
+            found = critical_map(
+                MapQuestion(MapSettings.of(config), [0.0, 0.05], [1], [0.03]), executor=here
+            )
         np.testing.assert_allclose(found.stiffness[0, :, 0], found.exact[0], rtol=1e-3)
 
 
@@ -225,90 +219,14 @@ def test_contacts_of_a_load_return_what_the_theory_says() -> None:
         assert math.exp(found) == pytest.approx(float(np.max(ratio)), abs=STATED_RATIO)
 
 
-# Laws
-
-
-class OneWay(Memoryless):
-    """A law that depends on the speed."""
-
-    damped_everywhere = True
-
-    def elongation(self, position: float, speed: float, _dt: float) -> float:
-        return position if speed > 0.0 else 0.0
-
-
-@pytest.mark.parametrize("shape", [Friction(0.1), Texture(0.02, PERIOD), OneWay()])
-def test_a_law_that_depends_on_more_than_the_position_has_no_table(shape: Shape) -> None:
-    with pytest.raises(ValueError, match="more than the position"):
-        Table.of(shape, np.linspace(-0.1, 0.1, 5))
-
-
-@pytest.mark.parametrize(
-    ("positions", "elongations"),
-    [([], []), ([0.0], [0.1]), ([0.0, 0.0], [0.1, 0.2]), ([0.0, math.nan], [0.0, 1.0]),
-     ([0.1, 0.0], [0.0, 1.0]), ([0.0, 0.1], [0.0])],
-)  # fmt: skip
-def test_a_table_that_cannot_be_searched_is_refused(
-    positions: list[float], elongations: list[float]
-) -> None:
-    with pytest.raises(ValueError, match="two or more rising positions"):
-        Table(np.array(positions), np.array(elongations))
-
-
-@pytest.mark.parametrize(
-    ("law", "places"),
-    [
-        (Profile([-0.2, -0.05, 0.08, 0.3], [1.0, 0.2, -0.1, -1.0]), (-0.2, -0.05, 0.08, 0.3)),
-        (Stops(-0.05, 0.08), (-9.0, -0.05, 0.08, 9.0)),
-    ],
-    ids=["profile", "stops"],
-)
-@pytest.mark.usefixtures("uncompiled")
-def test_laws_from_a_table_move_as_each_alone(law: Shape, places: tuple[float, ...]) -> None:
-    servo = TrueServo(0.012, 0.02, position=0.25)
-    table = Table.of(law, np.array(places))
-    wall = wall_of(servo, period=PERIOD, delay=0.0, virtual_damping=0.02, law=table)
-    course = Loop(wall, 8.0, 0.25, law=table).run(PAST)
-    rendered, mechanism, before = ShapedLaw("", law, 0.0), Mechanism(servo, 0), math.nan
-    rendered.stiffness, rendered.damping = 8.0, 0.02
-    for k in range(PAST):
-        mechanism.advance(k * PERIOD_NS)
-        position = mechanism.measured()[0]
-        assert course[k, 2] == pytest.approx(position, abs=1e-9)
-        speed, before = ((position - before) / PERIOD if k else 0.0), position
-        mechanism.command(rendered.torque(position, speed), k * PERIOD_NS)
-    assert np.ptp(course[:, 3]) > 0.0
-
-
 # What is compiled
 
 
 def test_changed_sources_have_another_key(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    before, changed = fingerprint(), tmp_path / "loop.py"
+    before, changed = _fingerprint(), tmp_path / "loop.py"
     changed.write_text(Path(str(loop.__file__)).read_text() + "# more")
     monkeypatch.setattr(loop, "__file__", str(changed))
-    assert fingerprint() != before
-
-
-def test_one_process_compiles_and_the_others_wait_for_it() -> None:
-    def alone(*_given: object) -> int:
-        with Path(str(loop.__file__)).open() as sources:
-            try:
-                fcntl.flock(sources, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                return 1
-        return 0
-
-    run = compiled_once(alone, alone)
-    assert [run(), run()] == [1, 0], "while it compiles, and afterwards"
-
-
-def test_what_another_version_has_kept_and_cannot_be_read_is_compiled_anew() -> None:
-    def unreadable(*_given: object) -> int:
-        raise AttributeError("Can't get attribute 'Wall'")
-
-    run = compiled_once(unreadable, lambda: 7)
-    assert [run(), run()] == [7, 7]
+    assert _fingerprint() != before
 
 
 @pytest.mark.parametrize("how", ["switched off", "missing"])

@@ -12,7 +12,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from haptic_wall.controller.experiments.maps.maps import MapSettings, critical_map
+from haptic_wall.controller.experiments.maps.maps import MapQuestion, MapSettings, critical_map
 from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.report import maps as map_plot
 from haptic_wall.controller.report import style
@@ -29,7 +29,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch, dampings: list[float]) -> Axes:
 
     setting = MapSettings.of(load_config("paper-table2", ()).config)
     with ThreadPoolExecutor(1) as pool:
-        found = critical_map(setting, dampings, [1], [0.01], executor=pool, tolerance=0.1)
+        found = critical_map(MapQuestion(setting, dampings, [1], [0.01], 0.1), executor=pool)
     monkeypatch.setattr(style, "picture", picture)
     map_plot.plot_map(found, "test", Path("unused"))
     return figure.axes[0]

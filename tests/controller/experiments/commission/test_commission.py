@@ -92,11 +92,11 @@ def test_a_rerun_measures_nothing_again_and_says_the_same(
     commissioned: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     nothing_moves(monkeypatch)
-    before = (commissioned / "identify.json").read_text()
+    before = (commissioned / "commission.rows").read_text()
     status, first = report_of(commissioned, capsys)
     assert status == 0 and first["complete"]
     assert report_of(commissioned, capsys) == (0, first)
-    assert (commissioned / "identify.json").read_text() == before
+    assert (commissioned / "commission.rows").read_text() == before
 
 
 def test_a_run_commands_what_the_verdict_says(desk: Desk) -> None:
@@ -153,7 +153,7 @@ def test_other_settings_are_refused_in_a_sentence(desk: Desk) -> None:
     assert call("commission", *words, "--out", desk.folder) == 2
     (line,) = desk.capsys.readouterr().err.strip().splitlines()
     assert "other settings" in line and "--fresh" in line
-    assert (desk.folder / "identify.json").exists()
+    assert (desk.folder / "config.yaml").exists()
 
 
 # With steps that move nothing
@@ -171,7 +171,6 @@ def identify_data(bench: StepContext) -> dict[str, Any]:
     raw = bench.config.model_dump(mode="json")
     raw["model"] = {k: {"value": v, "low": 0.9 * v, "high": 1.1 * v} for k, v in MODEL.items()}
     text = json.dumps(raw)  # JSON is YAML
-    bench.store.keep_config(text)
     return {
         **{name: {"value": value, "stderr": 0.01 * value} for name, value in MODEL.items()},
         "torque_unit": "commanded",

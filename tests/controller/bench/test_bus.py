@@ -7,22 +7,12 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.bench import torque_frames
-from haptic_wall.controller.bench.highest_rate import RateSearch, holds, kept_up
-from haptic_wall.controller.bench.loops import Ran, emulated_bus
+from haptic_wall.controller.bench.loops import emulated_bus
 from haptic_wall.controller.bench.lost_reply import request_to_torque_s
 from haptic_wall.controller.bench.report import measured
-from haptic_wall.controller.bench.stage_times import STAGES, WALL, StageTimes
 from haptic_wall.controller.bench.torque_frames import held_up, intervals_us
 from haptic_wall.controller.emulated_bus.record import BusRow
 from haptic_wall.controller.errors import PlatformError
-from haptic_wall.controller.laws.wall import Wall
-from haptic_wall.controller.runtime.session import run_session
-from haptic_wall.controller.runtime.telemetry import Telemetry
-from haptic_wall.controller.runtime.tick import Tick
-from haptic_wall.controller.settings.load import load_config
-from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.errors import ServoError
-from haptic_wall.hw.simulated import SimulatedServo
 
 READ, SYNC_WRITE = 2, 131
 
@@ -50,32 +40,6 @@ class TestTorqueFrames:
         assert torque_frames.torque_frames(rows).tolist() == [1.0, 1.4]
 
 
-class TestHighestRate:
-    @pytest.mark.parametrize("capacity_hz", [520.0, 1234.0, 4700.0, 7990.0])
-    def test_six_halvings_find_the_rate_to_within_five_per_cent(self, capacity_hz: float) -> None:
-        # The range 500 to 8000 Hz halved six times: 16^(1/64) = 1.044.
-        search = RateSearch(500.0, 8000.0)
-        for _ in range(6):
-            search.tell(search.rate_hz <= capacity_hz)
-        found = search.held_hz or 500.0
-        assert found <= capacity_hz < found * 1.05
-
-    def test_periods_skipped_and_replies_lost_both_count(self) -> None:
-        assert kept_up(Ran(ticks=991, missed=5, lost=4))
-        assert not kept_up(Ran(ticks=990, missed=5, lost=5))
-        assert not kept_up(Ran(ticks=0, missed=1000, lost=0))
-
-    def test_a_machine_that_stalls_once_is_tried_again_and_one_that_cannot_start_holds_none(
-        self,
-    ) -> None:
-        def none(*_: object) -> NoReturn:
-            raise ServoError("nobody answers")
-
-        runs = [Ran(900, 100, 0), Ran(1000, 0, 0)]
-        assert holds(lambda *_: runs.pop(0), "", 1000.0)
-        assert not holds(none, "", 1000.0)
-
-
 class TestLostReply:
     def test_the_time_runs_from_the_unanswered_request_to_the_next_torque(self) -> None:
         rows = [
@@ -90,28 +54,6 @@ class TestLostReply:
             row(1.0022, "rx", SYNC_WRITE),
         ]
         assert request_to_torque_s(rows) == pytest.approx([0.0008])
-
-
-class TestStages:
-    """On the simulated clock: the same tick, and no process is needed."""
-
-    CONFIG = load_config("simulated", ("loop.clock=simulated",)).config
-
-    def listened(self) -> tuple[StageTimes, int]:
-        times = StageTimes()
-        with times.listening(SimulatedServo):
-            result = run_session(self.CONFIG, SimulatedClock(), Telemetry.create(), 0.3)
-        return times, result.ticks
-
-    def test_every_stage_is_found_in_every_tick_and_all_is_as_before_afterwards(self) -> None:
-        before = [Tick.run, Wall.torque, SimulatedServo.collect]
-        times, ticks = self.listened()
-        assert [Tick.run, Wall.torque, SimulatedServo.collect] == before
-        found = times.times_us(0)
-        assert set(found) == set(STAGES)
-        assert {each.size for each in found.values()} == {ticks}
-        work = [name for name in STAGES if not name.startswith("from waking")]
-        assert all(np.median(found[name]) > 0.0 for name in work if name != WALL)
 
 
 @pytest.mark.whole
