@@ -48,7 +48,7 @@ CARDS: Mapping[str, Card] = {
     ),
     "delay": Card(
         "delay",
-        "the shaft, some degrees, under torque steps",
+        "the shaft, by itself, up to 0.3 rad to each side",
         _NOTHING,
         "the delay from torque command to motion, and inserted delays",
         "lag of the current loop",
@@ -58,7 +58,7 @@ CARDS: Mapping[str, Card] = {
         "the shaft, up to half a radian, and into the wall",
         _NOTHING,
         "the rendered stiffness, the drag of the free shaft, contacts with the wall",
-        "torque in proportion to current; lost motion",
+        "torque in proportion to current",
     ),
     "sweep": Card(
         "sweep",

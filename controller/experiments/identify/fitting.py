@@ -126,14 +126,26 @@ def fit_motion(motion: Motion, step: float) -> Fit:
     Raises:
         NoFitError: The motion is not sufficient.
     """
-    speed, acceleration = smoothed(motion)
-    cuts = cuts_of(motion, speed, max(step, 1e-6))
-    start = start_of(motion, speed, acceleration)
-    pieces = pieces_of(motion, cuts)
-    speeds = np.array([speed[begin] for begin, _ in cuts])
-    without = fitted(replace(start, pieces=pieces, speeds=speeds))
+    without = fitted(on_motion(start_of(motion, *smoothed(motion)), motion, step))
     # Neglected backlash looks like delay: half a count like a third of a millisecond.
     return visible_backlash(without) or without
+
+
+def on_motion(start: Fit, motion: Motion, step: float) -> Fit:
+    """Return the values of a fit as the start of another one, to this motion's pieces.
+
+    Args:
+        start: The values.
+        motion: As ``fit_motion``.
+        step: As ``fit_motion``.
+
+    Raises:
+        NoFitError: The motion is not sufficient.
+    """
+    speed, _ = smoothed(motion)
+    cuts = cuts_of(motion, speed, max(step, 1e-6))
+    speeds = np.array([speed[begin] for begin, _ in cuts])
+    return replace(start, pieces=pieces_of(motion, cuts), speeds=speeds)
 
 
 def visible_backlash(

@@ -21,13 +21,12 @@ from haptic_wall.controller.experiments.identify.effects import (
 from haptic_wall.controller.experiments.identify.fitting import (
     NAMES,
     Fit,
-    cuts_of,
     fitted,
     model_of,
-    smoothed,
+    on_motion,
     visible_backlash,
 )
-from haptic_wall.controller.experiments.identify.motion_model import Motion, pieces_of, taken
+from haptic_wall.controller.experiments.identify.motion_model import Motion, taken
 from haptic_wall.controller.experiments.identify.output_error import Prior
 from haptic_wall.controller.experiments.identify.standard_errors import standard_covariance
 
@@ -68,11 +67,8 @@ def fit_loaded(
     Raises:
         NoFitError: The motion is not sufficient.
     """
-    speed, _ = smoothed(motion)
-    cuts = cuts_of(motion, speed, max(step, 1e-6))
-    speeds = np.array([speed[begin] for begin, _ in cuts])
     explained = _LEFT * max(start.residual, _UNQUANTISED)
-    begun = replace(start, pieces=pieces_of(motion, cuts), speeds=speeds)
+    begun = on_motion(start, motion, step)
     tried = replace(begun.effects, fitted=hints)
     begun = replace(begun, effects=tried) if hints else _every_effect(begun)
     fit = fitted(begun, priors, thorough=False)

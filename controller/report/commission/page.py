@@ -17,8 +17,8 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 """First bytes of every picture"""
 _CAPTIONS = {
     "identify": "The motion to which the model was fitted, the torque, and the fit's residual.",
-    "delay": "The motion after a torque step, from the sample on; measured inserted delays.",
-    "rendered": "A slow push on the wall's spring, the free shaft's drag, contacts with the wall.",
+    "delay": "The lag that each run found, with the periods inserted in it.",
+    "rendered": "A slow push on the wall's spring, contacts with the wall.",
     "sweep": "Measured critical stiffness, over the limits of the identified servo.",
 }
 
