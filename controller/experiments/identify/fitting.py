@@ -281,13 +281,13 @@ def fitted(start: Fit, priors: Mapping[str, Prior] | None = None, thorough: bool
     count = 5 if start.backlash > 0.0 else 4
     names = (*NAMES[:count], *start.effects.fitted)
     model = model_of(start, names, priors)
-    values, speeds = model.fitted(start.speeds, thorough=thorough)
-    return made(start, model, values, speeds)
+    values, speeds = model.fitted(start.speeds[None], thorough=thorough)
+    return made(start, model, values, speeds[0])
 
 
 def made(start: Fit, model: OutputError, values: FloatArray, speeds: FloatArray) -> Fit:
     """Return the fit with these values, and its standard errors."""
-    linear = model.linear(values, speeds)
+    linear = model.linear(values, speeds[None])
     left = linear.left[start.pieces.held]
     period = float(np.median(np.diff(start.pieces.motion.sampled)))
     every = dict(zip(model.names, values.tolist(), strict=True))

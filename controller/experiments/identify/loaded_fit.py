@@ -129,7 +129,7 @@ def hinted(fit: Fit) -> tuple[str, ...]:
     """
     every = _every_effect(fit)
     model = model_of(every, (*NAMES[:4], *every.effects.fitted), None)
-    linear = model.linear(model.begin, every.speeds)
+    linear = model.linear(model.begin, every.speeds[None])
     period = float(np.median(np.diff(fit.pieces.motion.sampled)))
     found: list[str] = []
     for group in ALWAYS:
@@ -181,7 +181,7 @@ def _with_stiction(fit: Fit, priors: Mapping[str, Prior] | None) -> Fit:
     """Return the fit with the friction at rest that leaves the smallest residual."""
     model = model_of(fit, (*NAMES[:4], *fit.effects.fitted), priors)
     slow = fit.coulomb + max(fit.effects.excess, 0.0)
-    costs = model.costs("static", _RATIOS * slow, fit.speeds)
+    costs = model.costs("static", _RATIOS * slow, fit.speeds[None])
     lowest = int(np.argmin(costs))
     if float(costs[lowest]) > _STICKS * float(costs[0]):
         return fit
