@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from haptic_wall.controller.experiments.recorded.estimate import Pendulum
 from haptic_wall.controller.experiments.recorded.record import Stretch, read_record
-from haptic_wall.controller.experiments.recorded.swing import Pieces, positions
 from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.hw.plant.mechanism import Mechanism
+from haptic_wall.hw.truth import TrueServo
 from tests.support.truth import COUNT
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "examples" / "xl330-pendulum"
@@ -78,30 +79,30 @@ def made(seed: int, *, torque: bool, stribeck: bool = False) -> Made:
     interval = random.uniform(0.001, 0.006)
     count = int(6.0 / interval)
     time = np.cumsum(interval * (1.0 + 0.3 * np.abs(random.standard_normal(count))))
-    fine = np.interp(np.arange(4 * count) / 4.0, np.arange(count), time)
-    fine += 1e-9 * np.arange(fine.size)  # beyond the last row the time stands still
-    one = np.ones((1, 1))
-    values = {
-        "inertia": total, "damping": damping, "coulomb": coulomb, "gain": 1.0, "delay": 0.0,
-        "sine": weight * math.cos(hanging), "cosine": -weight * math.sin(hanging),
-    }  # fmt: skip
+    delay, gain = 0.0, 1.0
     begin, sent = hanging, np.zeros(count)
     if torque:
-        values["delay"] = truth["delay"] = random.uniform(0.001, 0.008)
-        values["gain"] = truth["torque_gain"] = random.uniform(0.8, 1.2)
+        delay = truth["delay"] = random.uniform(0.001, 0.008)
+        gain = truth["torque_gain"] = random.uniform(0.8, 1.2)
         size = random.uniform(0.13, 0.3) * weight
         for hertz in (0.5, 1.3, 2.2):
             sent += size * np.sin(math.tau * (hertz * time + random.random()))
     else:
         begin = random.uniform(0.3, 1.4) * random.choice([-1.0, 1.0])
-    if stribeck:
-        values |= {"stribeck": 0.5 * coulomb, "stribeck_speed": 0.3}
-    pieces = Pieces(
-        fine[None], np.zeros((1, fine.size)), np.ones((1, fine.size), dtype=bool),
-        np.array([torque]), (time,), (sent,),
+    servo = TrueServo(
+        total, damping, coulomb, counts_per_rev=0, delay=delay, torque_limit=1e3,
+        position=begin, gravity=weight, gravity_angle=hanging,
     )  # fmt: skip
-    terms = {name: value * one for name, value in values.items()}
-    found = positions(pieces, terms, begin * one, 0.0 * one)[0, 0, ::4]
+    if stribeck:
+        servo = replace(
+            servo, static_friction=1.5 * coulomb, stribeck_speed=0.3, stribeck_exponent=2.0
+        )
+    mechanism = Mechanism(servo, 0)
+    found = np.empty(count)
+    for row, (at, asked) in enumerate(zip(np.rint(1e9 * time), sent, strict=True)):
+        mechanism.advance(int(at))
+        found[row] = mechanism.position
+        mechanism.command(gain * float(asked), int(at))
     rows = {"time_s": time, "position_rad": np.round(found / COUNT) * COUNT}
     rows |= {"torque_nm": sent} if torque else {"torque_enabled": np.zeros(count)}
     return Made(rows, truth, pendulum)

@@ -28,7 +28,7 @@ def drawn(path: Path) -> None:
         for column, (name, other) in enumerate(zip(DROPS, reversed(DROPS), strict=True)):
             above, below = axes[:, column]
             pieces, _ = pieces_of(drop(name))
-            time, held = pieces.time[0], pieces.held[0]
+            time, held = pieces.sampled[0], pieces.held[0]
             measured = pieces.position[0]
             above.plot(time, measured, color=style.INK, linewidth=0.9, label="measured")
             ahead = alone[other]

@@ -25,31 +25,22 @@ if TYPE_CHECKING:
     help="Inserted delays to measure, in whole periods, beside CONFIG's; default: 0, and 5 more"
     " than CONFIG's.",
 )
-@click.option(
-    "--bursts",
-    type=click.IntRange(1, 1000),
-    metavar="N",
-    help="Bursts of torque steps in each run; four times as many halve the error. Default: 8.",
-)
-@click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of the torque steps.")
 @experiment(
     folder_option("Folder for delay.json, delay.png and the logs; default: a new one in ./runs/.")
 )
 def command(
     asked: Asked,
     steps: list[float] | None,
-    bursts: int | None,
-    seed: int,
 ) -> None:
     """Measure the delay of CONFIG's loop from torque command to motion, and its parts.
 
-    Torque steps in both directions make the shaft swing by a few degrees about its position. Runs
-    with an inserted delay check the method: the result must contain that delay.
+    The shaft moves as for ``identify``. Runs with an inserted delay check the method: the result
+    must contain that delay.
     """
     from haptic_wall.controller.experiments.delay import (
-        BURST_S,
-        BURSTS,
         CHECK_STEPS,
+        RUN_S,
+        START_S,
         delay_report,
         measure_delay,
     )
@@ -58,12 +49,11 @@ def command(
     config = asked.config
     default = [0.0, config.delay.steps + CHECK_STEPS]
     chosen = whole_periods(default if steps is None else steps, 200)
-    count = bursts or BURSTS
     carry_out(
         asked,
         "delay",
-        BURST_S * count * len(chosen),
-        measure=lambda folder: measure_delay(config, folder, chosen, count, seed, say),
+        START_S + RUN_S * len(chosen),
+        measure=lambda folder: measure_delay(config, folder, chosen, tell=say),
         report=lambda found: delay_report(found, config.period_s, config.belief().delay.high),
         draw=plot_delay,
         text=lambda found, files: _text(found, config.period_s, files),
@@ -83,5 +73,5 @@ def _text(found: LoopDelay, period: float, files: list[Path]) -> str:
     ]
     for point in found.points:
         recovered = point.recovered.in_ms() if point.recovered else "(reference)"
-        lines.append(f"{ms(point.inserted):>10}  {point.total.in_ms():>20}  {recovered:>20}")
+        lines.append(f"{ms(point.inserted):>10}  {point.moved.total.in_ms():>20}  {recovered:>20}")
     return "\n".join([*lines, *found.notes, "", "written", *(f"  {path}" for path in files)])

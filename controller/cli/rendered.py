@@ -23,10 +23,10 @@ if TYPE_CHECKING:
     of_walls=True,
 )
 def command(asked: Asked, seed: int) -> None:
-    """Measure the stiffness, drag and contacts that CONFIG's servo renders.
+    """Measure the stiffness, friction and contacts that CONFIG's servo renders.
 
-    A slow torque pushes the shaft in the wall to both sides, the free shaft moves at several
-    speeds, and the shaft hits the wall. The shaft moves by up to half a radian to each side.
+    The shaft moves as for ``identify``, a slow torque pushes it in the wall to both sides, and it
+    hits the wall. The shaft moves by up to half a radian to each side.
     """
     from haptic_wall.controller.experiments.rendered.rendering import (
         SECONDS,

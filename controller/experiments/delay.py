@@ -1,8 +1,8 @@
 """Measures the loop's delay, from the sample of a torque to the motion that the torque causes.
 
-The torque is stepped. The instant at which the shaft's acceleration changes follows from the motion
-before and after it, with far finer resolution than a sampling period. Runs with inserted periods
-must find exactly that much more, which proves the measurement.
+The servo makes the motions of its identification, and the same model is fitted: it gives the lag
+from the sending of a torque. The log shows when a torque was computed and when it was sent. Runs
+with inserted periods must find exactly that much more, which proves the measurement.
 """
 
 from __future__ import annotations
@@ -13,21 +13,63 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from haptic_wall.controller.experiments.estimated import Estimated
-from haptic_wall.controller.experiments.holding import torque_limit_of, without_hand
-from haptic_wall.controller.experiments.steps.shaken import Shaken, Shaking, plan_shaking, shake
-from haptic_wall.controller.experiments.steps.step_fit import StepFit, from_command
-from haptic_wall.controller.experiments.testbed import Testbed
+from haptic_wall.controller.experiments.identify.bench import (
+    SPOILT,
+    Bench,
+    UnidentifiableError,
+    rounding_of,
+    smooth_part,
+)
+from haptic_wall.controller.experiments.identify.excitation import Bounds
+from haptic_wall.controller.experiments.identify.fitting import Fit
+from haptic_wall.controller.experiments.identify.identification import (
+    FULL,
+    REACH,
+    begun,
+    bounds_of,
+)
+from haptic_wall.controller.experiments.testbed import Played
 from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
 
-BURSTS = 8
-BURST_S = 2.6
-"""Approximate duration of a burst and its return in real time [s]"""
+START_S, RUN_S = 30.0, 25.0
+"""Approximate duration of the first motions, and of each run, in real time [s]"""
 CHECK_STEPS = 5
 """Periods inserted in addition to the configured ones, to be recovered."""
+_DOUBTFUL = 1.2
+"""Residual without noise, over the rounding's, from which the lag is doubtful"""
+_MORE = 5
+"""Periods beside twice the inserted ones that are tried for the sending row"""
 GUARD_SHARE = 2.0
 """Standard errors between the value and its bounds."""
+
+
+@dataclass(frozen=True, slots=True)
+class Moved:
+    """A servo's motions with one number of inserted periods, and their fits."""
+
+    fit: Fit
+    """Delay from sending a torque until it acts"""
+    wait: float
+    """From the sample of a torque to its sending [s]"""
+    ages: FloatArray
+    """Ages of all samples when their torque was sent [s]"""
+    played: Played
+    note: str
+    """Remark for a person; empty: none"""
+
+    @property
+    def device(self) -> Estimated:
+        """Return the delay from sending a torque to the motion [s]."""
+        return Estimated(self.fit.delay, self.fit.stderr[3])
+
+    @property
+    def total(self) -> Estimated:
+        """Return the delay from the sample to the motion [s]: t_d of the theory."""
+        return Estimated(self.wait + self.fit.delay, self.fit.stderr[3])
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,18 +79,12 @@ class DelayPoint:
     steps: int
     inserted: float
     """Set [s]"""
-    total: Estimated
-    """From the sample to the motion [s]: t_d of the theory"""
-    device: Estimated
-    """From sending to motion [s]"""
     age: Estimated
-    """Age of a sample when a torque is sent in the same period, mean over the steps [s]"""
+    """Age of a sample when a torque is sent in the same period, mean [s]"""
     recovered: Estimated | None
     """Measured inserted delay, relative to the run with the fewest periods [s]; None: this is that
     run"""
-    shaken: Shaken
-    commanded: StepFit
-    """The fit with the lag counted from the sample"""
+    moved: Moved
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,36 +105,14 @@ class LoopDelay:
     @property
     def notes(self) -> list[str]:
         """Return remarks for a person."""
-        return [p.shaken.note for p in self.points if p.shaken.note]
-
-
-def planned(
-    config: Config, delay_steps: Sequence[int], bursts: int, seed: int
-) -> tuple[list[Shaking], str]:
-    """Return the planned runs, and their description for a person.
-
-    Raises:
-        UserError: The torque limit is unknown, or too small against friction.
-    """
-    limit = torque_limit_of(config)
-    steps = sorted({config.delay.steps, *delay_steps})
-    runs = [plan_shaking(config, limit, n, bursts, seed + n) for n in steps]
-    plan = runs[0].plan
-    reach = max(run.plan.reach for run in runs)
-    text = (
-        f"the shaft will swing over about {plan.travel:.2g} rad at up to {plan.speed:.2g} rad/s,"
-        f" within ±{reach:.2g} rad of its position, with torques of up to {plan.torque:.3g} N·m;"
-        f" {len(runs)} runs of about {bursts * BURST_S:.0f} s"
-    )
-    return runs, text
+        return [p.moved.note for p in self.points if p.moved.note]
 
 
 def measure_delay(
     config: Config,
     folder: Path,
     delay_steps: Sequence[int],
-    bursts: int = BURSTS,
-    seed: int = 0,
+    reach: float = REACH,
     tell: Callable[[str], None] = lambda _text: None,
 ) -> LoopDelay:
     """Measure the loop's delay on the servo of a configuration.
@@ -107,35 +121,93 @@ def measure_delay(
         config: The servo and its settings; a scripted operator is switched off.
         folder: Folder for the logs.
         delay_steps: Periods to be inserted and recovered, in addition to the configured ones.
-        bursts: Bursts of torque steps, for each run.
-        seed: Seed of the random lengths and amplitudes of the steps.
+        reach: Largest excursion from the start [rad].
         tell: Called with messages for a person.
 
     Raises:
-        UserError: The torque limit is unknown, or too small against friction.
-        ExperimentFailedError: The servo did not respond, or not as expected.
+        UserError: The reach, the torque limit or the folder is invalid.
+        UnidentifiableError: The servo did not respond, or not as a rigid one.
         ExperimentInterruptedError: A person has ended it.
         ExperimentTrippedError: A trip has ended it.
         ServoError: The servo could not be started.
     """
-    config = without_hand(config)
-    runs, text = planned(config, delay_steps, bursts, seed)
-    tell(text)
-    bed = Testbed(config, folder, tell)
+    bounds = bounds_of(config, reach)
+    bench, fit = begun(config, folder, bounds, tell)
     points: list[DelayPoint] = []
-    for place, run in enumerate(runs):
-        tell(f"run {place + 1} of {len(runs)}: {run.delay_steps} periods inserted")
-        shaken = shake(bed, f"delay-{run.delay_steps}", run)
-        points.append(_point(run.delay_steps, config.period_s, shaken, points[:1]))
-    ages = np.concatenate([point.shaken.ages for point in points])
+    runs = sorted({config.delay.steps, *delay_steps})
+    for place, steps in enumerate(runs):
+        tell(f"run {place + 1} of {len(runs)}: {steps} periods inserted")
+        moved = measure(bench, f"delay-{steps}", fit, bounds, steps)
+        fit = moved.fit
+        points.append(_point(steps, config.period_s, moved, points[:1]))
+    ages = np.concatenate([point.moved.ages for point in points])
+    device = _together([point.moved.device for point in points])
+    wait = next(point.moved.wait for point in points if point.steps == config.delay.steps)
     return LoopDelay(
-        total=next(point.total for point in points if point.steps == config.delay.steps),
-        device=_together([point.shaken.fit for point in points]),
+        total=Estimated(wait + device.value, device.stderr),
+        device=device,
         age_median=float(np.median(ages)),
         age_high=float(np.percentile(ages, config.guard.delay_percentile)),
         points=tuple(points),
         configured=config.delay.steps,
     )
+
+
+def measure(bench: Bench, name: str, fit: Fit, bounds: Bounds, steps: int) -> Moved:
+    """Move the servo with inserted periods, and fit its delay.
+
+    Args:
+        bench: The servo.
+        name: Name of the log.
+        fit: Fit of an earlier motion, for the scale.
+        bounds: Limits of the motions.
+        steps: Periods to be inserted.
+
+    Raises:
+        UnidentifiableError: The servo did not respond, or not as a rigid one.
+        ExperimentInterruptedError: A person has ended it.
+        ExperimentTrippedError: A trip has ended it.
+    """
+    bench.delay_steps = steps
+    played, fit = bench.fitted(name, bench.corrected(fit), FULL * bounds.reach)
+    left, rounding = smooth_part(fit, bounds), rounding_of(bounds)
+    if left > SPOILT * rounding:
+        raise UnidentifiableError(
+            f"the motion in {played.log} is not that of a rigid servo, and does not determine the"
+            f" lag: {1e3 * left:.2g} mrad remain, wanted at most {1e3 * SPOILT * rounding:.2g}",
+            advice="check for a loose horn, an elastic link or transmission, and contact with the"
+            " shaft",
+        )
+    note = ""
+    if left > _DOUBTFUL * rounding:
+        note = (
+            f"the residual without noise is {1e3 * left:.2g} mrad, of which rounding explains"
+            f" {1e3 * rounding:.2g}: the lag may be further off than its error says, as where a"
+            " load vibrates"
+        )
+    ages: FloatArray = played.rows["age_ns"] * 1e-9
+    return Moved(fit, waiting(played.rows, steps), ages, played, note)
+
+
+def waiting(rows: NDArray[np.void], steps: int) -> float:
+    """Return the time from the sample that a torque was computed of to its sending [s].
+
+    The row that sends it is found by comparing the sent torques with the computed ones.
+
+    Args:
+        rows: Dtype ``telemetry.ROW``.
+        steps: Inserted periods, roughly.
+    """
+    rows = rows[rows["sampled_ns"] > 0]
+    computed, sent = rows["wall_torque"], rows["torque"]
+    off = [
+        float(np.mean(np.abs(sent[later:] - computed[: rows.size - later])))
+        for later in range(2 * steps + _MORE)
+    ]
+    later = int(np.argmin(off))
+    sampled, age = rows["sampled_ns"], rows["age_ns"]
+    waits: IntArray = sampled[later:] + age[later:] - sampled[: rows.size - later]
+    return float(np.median(waits)) * 1e-9
 
 
 def delay_report(found: LoopDelay, period: float, believed: float) -> dict[str, Any]:
@@ -162,13 +234,12 @@ def delay_report(found: LoopDelay, period: float, believed: float) -> dict[str, 
             {
                 "delay_steps": point.steps,
                 "inserted": point.inserted,
-                "total": point.total.report(),
-                "device": point.device.report(),
+                "total": point.moved.total.report(),
+                "device": point.moved.device.report(),
                 "age": point.age.report(),
                 "recovered": point.recovered and point.recovered.report(),
-                "torque_steps": len(point.shaken.fit.steps),
-                "residual_rad": point.shaken.fit.residual,
-                "log": point.shaken.played.log,
+                "residual_rad": point.moved.fit.residual,
+                "log": point.moved.played.log,
             }
             for point in found.points
         ],
@@ -176,30 +247,22 @@ def delay_report(found: LoopDelay, period: float, believed: float) -> dict[str, 
     }
 
 
-def _point(
-    steps: int, period: float, shaken: Shaken, reference: Sequence[DelayPoint]
-) -> DelayPoint:
-    fit = shaken.fit
-    commanded = from_command(fit, period)
-    ages = np.array([step.age for step in commanded.steps])
+def _point(steps: int, period: float, moved: Moved, reference: Sequence[DelayPoint]) -> DelayPoint:
+    ages, total = moved.ages, moved.total
     age = Estimated(float(np.mean(ages)), float(np.std(ages) / np.sqrt(ages.size)))
-    total = Estimated(commanded.lag, commanded.stderr)
     recovered = None
     if reference:
         first = reference[0]
+        before = first.moved.total
         recovered = Estimated(
-            first.inserted + (total.value - age.value) - (first.total.value - first.age.value),
-            float(np.hypot(total.stderr, first.total.stderr)),
+            first.inserted + (total.value - age.value) - (before.value - first.age.value),
+            float(np.hypot(total.stderr, before.stderr)),
         )
-    device = Estimated(fit.lag, fit.stderr)
-    return DelayPoint(steps, steps * period, total, device, age, recovered, shaken, commanded)
+    return DelayPoint(steps, steps * period, age, recovered, moved)
 
 
-def _together(fits: Sequence[StepFit]) -> Estimated:
-    """Return the mean lag weighted by information; common errors stay."""
-    weights = np.array([fit.stderr**-2 for fit in fits])
-    values = np.array([fit.lag for fit in fits])
-    common = max(fit.systematic for fit in fits)
-    return Estimated(
-        float(weights @ values / weights.sum()), max(float(weights.sum() ** -0.5), common)
-    )
+def _together(found: Sequence[Estimated]) -> Estimated:
+    """Return the mean weighted by information."""
+    weights = np.array([max(each.stderr, 1e-9) ** -2 for each in found])
+    values = np.array([each.value for each in found])
+    return Estimated(float(weights @ values / weights.sum()), float(weights.sum() ** -0.5))

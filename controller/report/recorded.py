@@ -30,7 +30,7 @@ def plot_recorded(found: Recorded, name: str, path: Path) -> None:
         for stretch in found.stretches:
             above.plot(stretch.time, stretch.position, color=style.INK, linewidth=0.7)
         for time, fitted, left, held in zip(
-            shot.pieces.time, shot.fitted, shot.left, shot.pieces.held, strict=True
+            shot.pieces.sampled, shot.fitted, -shot.linear.left, shot.pieces.held, strict=True
         ):
             above.plot(time[held], fitted[held], color=style.ORANGE, linewidth=1.0, linestyle="--")
             below.plot(time[held], 1e3 * left[held], color=style.BLUE, linewidth=0.6)

@@ -1,4 +1,4 @@
-"""Draws a rendering: the spring's push, the drag, and the contacts with the wall."""
+"""Draws a rendering: the spring's push, and the contacts with the wall."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from haptic_wall.controller.experiments.rendered.contact_transient import Contact
-from haptic_wall.controller.experiments.rendered.drag import Drag
 from haptic_wall.controller.experiments.rendered.rendering import Rendering
 from haptic_wall.controller.experiments.rendered.static_stiffness import StaticStiffness
 from haptic_wall.controller.report import style
@@ -41,15 +40,12 @@ def plot_rendering(found: Rendering, name: str, path: Path) -> None:
             ha="left",
             x=0.01,
         )
-        axes = figure.subplots(1, 3)
+        axes = figure.subplots(1, 2)
         if found.static is not None:
             _push(axes[0], found.static, found.stiffness)
         _labels(axes[0], "displacement  [rad]", "torque less that of the spring  [N$\\cdot$m]")
-        if found.drag is not None:
-            _drag(axes[1], found.drag)
-        _labels(axes[1], "speed  [rad/s]", "torque to move the shaft  [N$\\cdot$m]")
-        _contacts(axes[2], found.contacts, found.predicted)
-        _labels(axes[2], "time since the entry  [s]", "penetration  [rad]")
+        _contacts(axes[1], found.contacts, found.predicted)
+        _labels(axes[1], "time since the entry  [s]", "penetration  [rad]")
 
 
 def _labels(ax: Axes, across: str, up: str) -> None:
@@ -73,17 +69,6 @@ def _push(ax: Axes, static: StaticStiffness, commanded: float) -> None:
     ends = np.array([static.position.min(), static.position.max()])
     ax.plot(ends, commanded * ends, color=style.INK, linewidth=0.8, label="commanded")
     style.legend_above(ax, columns=2)
-
-
-def _drag(ax: Axes, drag: Drag) -> None:
-    ax.plot(drag.speed, drag.torque, ".", color=style.BLUE, markersize=4, label="measured")
-    fastest = float(np.max(np.abs(drag.speed)))
-    for sign in (-1.0, 1.0):
-        speed = sign * np.array([0.0, fastest])
-        label = "Coulomb and viscous" if sign > 0 else None
-        torque = sign * drag.coulomb + drag.viscous * speed
-        ax.plot(speed, torque, color=style.INK, linewidth=0.8, label=label)
-    style.legend_above(ax)
 
 
 def _contacts(ax: Axes, struck: tuple[Contact, ...], predicted: tuple[Contact, ...]) -> None:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from haptic_wall.controller.experiments.identify.motion_model import taken
 from haptic_wall.controller.experiments.recorded.choice import error_of, predicted, start_with
 from haptic_wall.controller.experiments.recorded.estimate import identify_record
 from haptic_wall.controller.experiments.recorded.friction import FREE, MEANING, MODELS
@@ -23,7 +24,7 @@ from scripts.recorded_motions import DRIVEN, DROPS, PENDULUM, columns, driven, d
 from scripts.study import Found, Given, Option, Part, Study, table
 
 EXTRA = {
-    "M1 + drag": ({"quadratic": 0.02}, "M1 and a drag with the square of the speed"),
+    "M1 + drag": ({"drag": 0.02}, "M1 and a drag with the square of the speed"),
 }
 """Models besides bam's, with what they add"""
 PREDICTING = ("M1", "M3", "M4", "M6")
@@ -60,7 +61,7 @@ def swings(names: tuple[str, ...], model: str) -> Shot:
     whole, _ = pieces_of(stretches)
     first = np.unique(of, return_index=True)[1]
     near = fit(short, start_of(stretches, weight=True), rounds=15)
-    at = near.begin[first], near.speed[first]
+    at = near.own[:, first]
     shot = fit_anywhere(whole, near.terms, at, rounds=25)
     if model == "M1":
         return shot
@@ -68,9 +69,9 @@ def swings(names: tuple[str, ...], model: str) -> Shot:
     for terms in (shot.terms, near.terms):
         start = start_with(model, terms) if model in MODELS else {**terms, **EXTRA[model][0]}
         # from the plain fit, and from one to short pieces, where there are fewer minima
-        found.append(fit_anywhere(whole, start, (shot.begin, shot.speed), rounds=25))
+        found.append(fit_anywhere(whole, start, shot.own, rounds=25))
         close = fit(short, start, rounds=15)
-        at = close.begin[first], close.speed[first]
+        at = close.own[:, first]
         found.append(fit_anywhere(whole, close.terms, at, rounds=25))
     return min(found, key=lambda each: each.rms)
 
@@ -83,14 +84,14 @@ def dropped(case: tuple[str, tuple[str, ...]]) -> Drop:
     total = PENDULUM.weight(0.0) / math.hypot(terms["sine"], terms["cosine"])
     left, ahead = {}, {}
     for place, name in enumerate(names):
-        part = shot.pieces.taken(np.array([place]))
-        left[name] = error_of(part, shot.fitted[place : place + 1, : part.time.shape[1]])
+        part = taken(shot.pieces, np.arange(len(names)) == place)
+        left[name] = error_of(part, shot.fitted[place : place + 1])
     for name in DROPS:
         pieces, _ = pieces_of(drop(name))
         ahead[name] = error_of(pieces, predicted(pieces, shot.names, shot.values))
     basic = ("sine", "cosine", "damping", "coulomb")
     more = {name: value for name, value in terms.items() if name not in basic}
-    for name in ("stribeck", "quadratic"):
+    for name in ("excess", "drag"):
         if name in more:
             more[name] *= total
     return Drop(total, terms["damping"] * total, terms["coulomb"] * total, more, left, ahead)
@@ -197,12 +198,12 @@ def out_of(name: str) -> dict[str, Left]:
         little = {name: _LITTLE * value for name, value in usual.items()} | known
         for start in (usual, little):
             near = fit(pieces, start, at, rounds=15)
-            again = fit_anywhere(pieces, near.terms, (near.begin, near.speed), rounds=12)
+            again = fit_anywhere(pieces, near.terms, near.own, rounds=12)
             shots += [near, again]
         shot = min(shots, key=lambda each: each.rms)
-        terms, at = shot.terms, (shot.begin, shot.speed)
+        terms, at = shot.terms, shot.own
         left = error_of(rest, predicted(rest, shot.names, shot.values))
-        found[model] = Left(shot.rms, left, shot.terms.get("load"))
+        found[model] = Left(shot.rms, left, shot.terms.get("gear"))
     return found
 
 

@@ -113,7 +113,7 @@ def _delays(predictions: Mapping[str, Any], *measured: Ended) -> Iterator[Row]:
     data = [each.data("delay") for each in measured]
     real, twin = (_estimate(each["parts"]["device"] if each else None) for each in data)
     bounds = predictions["parameters"]["delay"]
-    yield _row("delay of the servo, by torque steps", "s", "delay", bounds, real, twin)
+    yield _row("delay of the servo, by further runs", "s", "delay", bounds, real, twin)
     for inserted in predictions["inserted_delay"]:
         found = [
             next(

@@ -24,7 +24,7 @@ _PERCENT = 0.05
 def delays(
     identify: Mapping[str, Any], delay: Mapping[str, Any], period: float
 ) -> dict[str, dict[str, Any]]:
-    """Compare the device's own delay from the identification with that from torque steps.
+    """Compare the device's own delay from the identification with that from further runs.
 
     Args:
         identify: Result of the identification step.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments import delay as loop_delay
 from haptic_wall.controller.experiments.commission.sweep_points import OPTIONS, short_sweep
 from haptic_wall.controller.experiments.holding import torque_limit_of, without_hand
@@ -15,13 +14,11 @@ from haptic_wall.controller.experiments.identify.identification import (
     bounds_of,
 )
 from haptic_wall.controller.experiments.rendered import rendering
-from haptic_wall.controller.experiments.rendered.contact_transient import FASTEST
 from haptic_wall.controller.experiments.sweep.sweep import excursion, expected_s
 from haptic_wall.controller.settings.config import Config
 
 DELAY_STEPS = (0, 5)
 """Inserted periods, in addition to the configured ones, that must be recovered"""
-BURSTS = 8
 _DOCTOR_S = 20.0
 _SWEEP_S = 200.0
 """Approximate duration of the sweep: a simulated servo needs no person beside it, so it is not
@@ -62,17 +59,11 @@ def announce(config: Config, reach: float) -> Announcement:
     else:
         lines.append("doctor: left out, because there is no bus to examine")
     lines.append(f"identify: {announcement(bounds)}")
-    fastest = FASTEST
-    try:
-        runs, text = loop_delay.planned(config, DELAY_STEPS, BURSTS, 0)
-        lines.append(f"delay: {text}")
-        seconds += len(runs) * BURSTS * loop_delay.BURST_S
-        fastest = max(fastest, *(run.plan.speed for run in runs))
-    except UserError as error:
-        lines.append(f"delay: needs the result of identify for its plan ({error})")
+    runs = 1 + len(DELAY_STEPS)
+    lines.append(f"delay: the same motions in {runs} runs, with periods inserted")
+    seconds += loop_delay.START_S + runs * loop_delay.RUN_S
     lines.append(
-        f"rendered: {rendering.announcement(config, fastest)}, with torques of up to {limit:.3g}"
-        " N·m"
+        f"rendered: {rendering.announcement(config)}, with torques of up to {limit:.3g} N·m"
     )
     seconds += rendering.SECONDS
     if config.loop.clock == "simulated":

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.commission.outcome import Step
-from haptic_wall.controller.experiments.commission.plan import BURSTS, DELAY_STEPS
+from haptic_wall.controller.experiments.commission.plan import DELAY_STEPS
 from haptic_wall.controller.experiments.commission.sweep_points import OPTIONS, short_sweep
 from haptic_wall.controller.experiments.delay import delay_report, measure_delay
 from haptic_wall.controller.experiments.holding import without_hand
@@ -154,7 +154,7 @@ def identified(text: str, config: Config) -> Config:
 def run_delay(bench: StepContext) -> StepResult:
     """Measure the loop's delay, and whether inserted delays are recovered."""
     config = bench.config
-    found = measure_delay(config, bench.logs, DELAY_STEPS, BURSTS, 0, bench.tell)
+    found = measure_delay(config, bench.logs, DELAY_STEPS, tell=bench.tell)
     return StepResult(delay_report(found, config.period_s, config.belief().delay.high), (found,))
 
 

@@ -79,7 +79,12 @@ class UnidentifiableError(HapticWallError):
 
 
 class Bench:
-    """Executes the motions, repeats them smaller where necessary, and keeps the logs' names."""
+    """Executes the motions, repeats them smaller where necessary, and keeps the logs' names.
+
+    Attributes:
+        delay_steps: Periods that are inserted between a torque's command and its sending.
+        logs: Paths of all logs so far.
+    """
 
     def __init__(
         self,
@@ -93,6 +98,7 @@ class Bench:
         self._tell = tell
         self._priors = priors
         self._age = self._start = 0.0
+        self.delay_steps = 0
         self.logs: list[Path] = []
 
     def find_moving_torque(self, guess: Guess) -> Guess:
@@ -252,7 +258,7 @@ class Bench:
             fit.inertia,
             max(fit.damping, least),
             fit.coulomb,
-            max(fit.delay, 0.0) + self._age,
+            max(fit.delay, 0.0) + self._age + self.delay_steps * self._bounds.period,
             fit.effects.dead_band,
             sine,
             cosine,
@@ -260,7 +266,7 @@ class Bench:
 
     def play(self, name: str, phases: list[Phase]) -> Played:
         """Execute a program, and keep its log's name."""
-        played = self._testbed.play(name, phases, delay_steps=0)
+        played = self._testbed.play(name, phases, self.delay_steps)
         self.logs.append(played.log)
         return played
 

@@ -126,14 +126,26 @@ def fit_motion(motion: Motion, step: float) -> Fit:
     Raises:
         NoFitError: The motion is not sufficient.
     """
-    speed, acceleration = smoothed(motion)
-    cuts = cuts_of(motion, speed, max(step, 1e-6))
-    start = start_of(motion, speed, acceleration)
-    pieces = pieces_of(motion, cuts)
-    speeds = np.array([speed[begin] for begin, _ in cuts])
-    without = fitted(replace(start, pieces=pieces, speeds=speeds))
+    without = fitted(on_motion(start_of(motion, *smoothed(motion)), motion, step))
     # Neglected backlash looks like delay: half a count like a third of a millisecond.
     return visible_backlash(without) or without
+
+
+def on_motion(start: Fit, motion: Motion, step: float) -> Fit:
+    """Return the values of a fit as the start of another one, to this motion's pieces.
+
+    Args:
+        start: The values.
+        motion: As ``fit_motion``.
+        step: As ``fit_motion``.
+
+    Raises:
+        NoFitError: The motion is not sufficient.
+    """
+    speed, _ = smoothed(motion)
+    cuts = cuts_of(motion, speed, max(step, 1e-6))
+    speeds = np.array([speed[begin] for begin, _ in cuts])
+    return replace(start, pieces=pieces_of(motion, cuts), speeds=speeds)
 
 
 def visible_backlash(
@@ -269,13 +281,13 @@ def fitted(start: Fit, priors: Mapping[str, Prior] | None = None, thorough: bool
     count = 5 if start.backlash > 0.0 else 4
     names = (*NAMES[:count], *start.effects.fitted)
     model = model_of(start, names, priors)
-    values, speeds = model.fitted(start.speeds, thorough=thorough)
-    return made(start, model, values, speeds)
+    values, speeds = model.fitted(start.speeds[None], thorough=thorough)
+    return made(start, model, values, speeds[0])
 
 
 def made(start: Fit, model: OutputError, values: FloatArray, speeds: FloatArray) -> Fit:
     """Return the fit with these values, and its standard errors."""
-    linear = model.linear(values, speeds)
+    linear = model.linear(values, speeds[None])
     left = linear.left[start.pieces.held]
     period = float(np.median(np.diff(start.pieces.motion.sampled)))
     every = dict(zip(model.names, values.tolist(), strict=True))

@@ -169,6 +169,25 @@ def identify(
         UserError: The reach, the torque limit or the folder is invalid.
     """
     bounds = bounds_of(config, reach)
+    bench, fit = begun(config, folder, bounds, tell)
+    played, fit = bench.fitted("motions", bench.corrected(fit), FULL * reach)
+    heaviest = heaviest_load(fit.inertia, config.belief())
+    mode = find_mode(bench, fit, bounds, FULL * reach, config.servo.encoder, heaviest)
+    found = _judged(played, fit, bounds, tuple(bench.logs), mode, heaviest)
+    return replace(found, warnings=(*found.warnings, *_echo(fit, config)))
+
+
+def begun(
+    config: Config, folder: Path, bounds: Bounds, tell: Callable[[str], None]
+) -> tuple[Bench, Fit]:
+    """Move the servo gently, and fit its motion roughly, for the scale of other motions.
+
+    Args:
+        config: As ``identify``.
+        folder: As ``identify``.
+        bounds: Limits of the motions.
+        tell: As ``identify``.
+    """
     raw = config.model_dump(mode="json")
     raw["wall"]["velocity_samples"] = 1  # no wall is rendered; the springs are planned for 1
     if config.servo.kind != "hardware":
@@ -176,12 +195,7 @@ def identify(
     bed = Testbed(Config.model_validate(raw), folder, tell, option="--logs")
     bench = Bench(bed, bounds, tell, _priors(config, bounds))
     guess = bench.find_moving_torque(_believed(config))
-    _, fit = bench.fitted("gentle", guess, GENTLE * reach, rough=True)
-    played, fit = bench.fitted("motions", bench.corrected(fit), FULL * reach)
-    heaviest = heaviest_load(fit.inertia, config.belief())
-    mode = find_mode(bench, fit, bounds, FULL * reach, config.servo.encoder, heaviest)
-    found = _judged(played, fit, bounds, tuple(bench.logs), mode, heaviest)
-    return replace(found, warnings=(*found.warnings, *_echo(fit, config)))
+    return bench, bench.fitted("gentle", guess, GENTLE * bounds.reach, rough=True)[1]
 
 
 def _believed(config: Config) -> Guess:

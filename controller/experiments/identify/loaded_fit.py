@@ -21,13 +21,12 @@ from haptic_wall.controller.experiments.identify.effects import (
 from haptic_wall.controller.experiments.identify.fitting import (
     NAMES,
     Fit,
-    cuts_of,
     fitted,
     model_of,
-    smoothed,
+    on_motion,
     visible_backlash,
 )
-from haptic_wall.controller.experiments.identify.motion_model import Motion, pieces_of, taken
+from haptic_wall.controller.experiments.identify.motion_model import Motion, taken
 from haptic_wall.controller.experiments.identify.output_error import Prior
 from haptic_wall.controller.experiments.identify.standard_errors import standard_covariance
 
@@ -68,11 +67,8 @@ def fit_loaded(
     Raises:
         NoFitError: The motion is not sufficient.
     """
-    speed, _ = smoothed(motion)
-    cuts = cuts_of(motion, speed, max(step, 1e-6))
-    speeds = np.array([speed[begin] for begin, _ in cuts])
     explained = _LEFT * max(start.residual, _UNQUANTISED)
-    begun = replace(start, pieces=pieces_of(motion, cuts), speeds=speeds)
+    begun = on_motion(start, motion, step)
     tried = replace(begun.effects, fitted=hints)
     begun = replace(begun, effects=tried) if hints else _every_effect(begun)
     fit = fitted(begun, priors, thorough=False)
@@ -133,7 +129,7 @@ def hinted(fit: Fit) -> tuple[str, ...]:
     """
     every = _every_effect(fit)
     model = model_of(every, (*NAMES[:4], *every.effects.fitted), None)
-    linear = model.linear(model.begin, every.speeds)
+    linear = model.linear(model.begin, every.speeds[None])
     period = float(np.median(np.diff(fit.pieces.motion.sampled)))
     found: list[str] = []
     for group in ALWAYS:
@@ -185,7 +181,7 @@ def _with_stiction(fit: Fit, priors: Mapping[str, Prior] | None) -> Fit:
     """Return the fit with the friction at rest that leaves the smallest residual."""
     model = model_of(fit, (*NAMES[:4], *fit.effects.fitted), priors)
     slow = fit.coulomb + max(fit.effects.excess, 0.0)
-    costs = model.costs("static", _RATIOS * slow, fit.speeds)
+    costs = model.costs("static", _RATIOS * slow, fit.speeds[None])
     lowest = int(np.argmin(costs))
     if float(costs[lowest]) > _STICKS * float(costs[0]):
         return fit

@@ -26,6 +26,8 @@ from haptic_wall.hw.servo import Outcome
 
 _NO_SPEED = 1e-6
 """[rad/s]"""
+_RESTS = ("gear_rest", "gear_motor_rest", "square", "square_motor")
+"""Effects that fade with the speed, beside the excess"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +103,10 @@ def taken(pieces: Pieces, kept: NDArray[np.bool_]) -> Pieces:
     return Pieces(pieces.motion, pieces.sampled[kept], pieces.position[kept], pieces.held[kept])
 
 
+Under = tuple[FloatArray, FloatArray]
+"""Friction by the gear's load: in motion, and the further part in slow motion and at rest [N·m]"""
+
+
 class _Friction(NamedTuple):
     """Friction of every variant of every piece, arrays of shape (v, s)."""
 
@@ -114,93 +120,144 @@ class _Friction(NamedTuple):
     """Fraction of the gear's load that adds to all three"""
     gear_rest: FloatArray
     """Further fraction in slow motion and at rest"""
+    motor: tuple[FloatArray, FloatArray] | None
+    """The same two of the motor's torque, where those above are of the load's; None: equal"""
+    square: tuple[FloatArray, FloatArray] | None
+    """Friction at rest by the square of the load's torque, and of the motor's, where the other one
+    drives [1/(N·m)]; None: there is none"""
     fading: FloatArray | None
     """Speed over which that of slow motion fades [rad/s]; None: there is none"""
+    exponent: float
+    """Of that fading"""
 
-    def moving(self, speed: FloatArray, load: FloatArray | float) -> FloatArray:
-        """Return the friction at a speed under the gear's load [N·m]."""
-        found, more = self.coulomb, self.gear * load
+    def under(self, motor: FloatArray, external: FloatArray) -> Under:
+        """Return the friction by the gear's load, from the torques of motor and load [N·m].
+
+        Source: bam, ``Model.compute_frictions`` (arXiv:2410.08650).
+        """
+        if self.motor is None:
+            load = np.abs(motor - external)
+            fast, rest = self.gear * load, self.gear_rest * load
+        else:
+            fast = np.abs(external * self.gear - motor * self.motor[0])
+            rest = np.abs(external * self.gear_rest - motor * self.motor[1])
+        if self.square is not None:
+            leads = np.abs(motor) > np.abs(external)
+            more = np.where(leads, self.square[0] * external**2, self.square[1] * motor**2)
+            rest = rest + more * (np.sign(external) != np.sign(motor))
+        return fast, rest
+
+    def moving(self, speed: FloatArray, under: Under | None) -> FloatArray:
+        """Return the friction at a speed [N·m]."""
+        found = self.coulomb
+        faded = None
         if self.fading is not None:
-            faded = np.exp(-np.abs(speed) / self.fading)
+            faded = np.exp(-((np.abs(speed) / self.fading) ** self.exponent))
             found = found + (self.slow - found) * faded
-            more = more + self.gear_rest * load * faded
-        return found + more
+        if under is None:
+            return found
+        return found + (under[0] if faded is None else under[0] + under[1] * faded)
 
-    def loaded(self, friction: FloatArray, load: FloatArray | float) -> FloatArray:
+    def loaded(self, friction: FloatArray, under: Under | None) -> FloatArray:
         """Return a friction of slow motion or rest under the gear's load [N·m]."""
-        return friction + (self.gear * load + self.gear_rest * load)
+        return friction if under is None else friction + (under[0] + under[1])
 
 
-def _friction(used: Values, shape: tuple[int, ...]) -> _Friction:
+def _friction(used: Values, values: Values, shape: tuple[int, ...]) -> _Friction:
     none = np.zeros((shape[0], 1))
-    coulomb = used.get("coulomb", none)
-    slow = coulomb + used.get("excess", none)
-    fades = "excess" in used or "gear_rest" in used
-    fading = np.maximum(used.get("fading", none), _NO_SPEED) if fades else None
+
+    def size(name: str) -> FloatArray:
+        return np.broadcast_to(used.get(name, none), shape)
+
+    slow = size("coulomb") + used.get("excess", none)
+    fades = not {"excess", *_RESTS}.isdisjoint(used)
     return _Friction(
-        coulomb=np.broadcast_to(coulomb, shape),
-        slow=np.broadcast_to(slow, shape),
-        static=np.broadcast_to(np.maximum(used.get("static", none), slow), shape),
-        gear=np.broadcast_to(used.get("gear", none), shape),
-        gear_rest=np.broadcast_to(used.get("gear_rest", none), shape),
-        fading=None if fading is None else np.broadcast_to(fading, shape),
+        coulomb=size("coulomb"),
+        slow=slow,
+        static=np.maximum(size("static"), slow),
+        gear=size("gear"),
+        gear_rest=size("gear_rest"),
+        motor=(size("gear_motor"), size("gear_motor_rest")) if "gear_motor" in values else None,
+        square=(size("square"), size("square_motor")) if "square" in values else None,
+        fading=np.maximum(size("fading"), _NO_SPEED) if fades else None,
+        exponent=float(np.max(values.get("exponent", 1.0))),
     )
 
 
-def simulated(pieces: Pieces, values: Values, speeds: FloatArray) -> FloatArray:
+def simulated(  # noqa: PLR0915 - in one piece for speed
+    pieces: Pieces, values: Values, speeds: FloatArray, begins: FloatArray | None = None
+) -> FloatArray:
     """Simulate every piece with every variant; return the encoder's unrounded positions [rad].
 
-    Each piece begins at zero, with the backlash taken up in the direction of its speed.
+    Each piece begins with the backlash taken up in the direction of its speed.
 
     Args:
         pieces: The recorded motion.
         values: Inertia, damping, friction, delay and effects.
         speeds: Initial speed of each piece in each variant [rad/s], shape (v, s).
+        begins: Initial position of each [rad]: the weight is then that at the simulated position,
+            as long pieces need it, and friction that of the middle of each step. None: zero, and
+            the weight is that at the measured one, which no wrong value can lead astray.
 
     Returns:
         Shape (v, s, n).
     """
     used = {name: value for name, value in values.items() if np.any(value)}
     none = np.zeros((speeds.shape[0], 1))
-    lengths, torques, loads = _torques(pieces, used, used.get("delay", none))
-    friction = _friction(used, speeds.shape)
+    swings = begins is not None
+    lengths, motor, outside, weight = _torques(pieces, used, used.get("delay", none), swings)
+    friction = _friction(used, values, speeds.shape)
     decay = used.get("damping", none) / values["inertia"]
     response = held_response(decay[:, :, None, None], lengths)
     # Time first: a step reads whole rows of memory.
-    phi, psi, kept, held, lengths = (
+    phi, psi, kept, motor, lengths = (
         np.ascontiguousarray(np.moveaxis(each, (2, 3), (0, 1)))
-        for each in (*response, torques, lengths)
+        for each in (*response, motor, lengths)
     )
+    outside, weight = (np.moveaxis(each, (2, 3), (0, 1)) for each in (outside, weight))
+    held = motor - outside
+    geared = not {"gear", "gear_motor", "square", "square_motor", *_RESTS}.isdisjoint(used)
     decay, inertia = (np.broadcast_to(each, speeds.shape) for each in (decay, values["inertia"]))
     half = np.broadcast_to(0.5 * used.get("backlash", none), speeds.shape)
     loose = "backlash" in used
-    x, v = np.zeros(speeds.shape), speeds.copy()
+    x, v = np.zeros(speeds.shape) if begins is None else begins.copy(), speeds.copy()
     shown = x - np.sign(v) * half
     out = np.empty((pieces.sampled.shape[1], *speeds.shape))
     out[0] = shown
+    last, pull, under = np.zeros(speeds.shape), none, None
     for k in range(held.shape[0]):
         for j in range(held.shape[1]):
-            u, by_speed = held[k, j], phi[k, j]
-            load = 0.0 if loads is None else loads[k, j]
+            u, by_speed, pace = held[k, j], phi[k, j], v
+            if swings:
+                ahead = 0.5 * lengths[k, j]
+                pull = _wave(used, "sine", "cosine", x + ahead * v)
+                u, pace = u - pull, v + ahead * last
+                pace = np.where(pace * v > 0.0, pace, 0.0)
+            if geared:
+                under = friction.under(motor[k, j], -(pull if swings else weight[k, 0]))
             sign = np.sign(v)
             moving = bool(sign.all())
             if not moving:
-                free = np.abs(u) > friction.loaded(friction.static, load)
+                free = np.abs(u) > friction.loaded(friction.static, under)
                 sign = np.where(sign == 0.0, np.where(free, np.sign(u), 0.0), sign)
-            push = u - sign * friction.moving(v, load)
+            push = u - sign * friction.moving(pace, under)
             if "uneven" in used:
-                push -= used["uneven"] * np.abs(v)
+                push -= used["uneven"] * np.abs(pace)
             if "drag" in used:
-                push -= used["drag"] * v * np.abs(v)
+                push -= used["drag"] * pace * np.abs(pace)
             if not moving:
                 push[sign == 0.0] = 0.0
             push /= inertia
             end = v * kept[k, j] + push * by_speed
             moved = v * by_speed + push * psi[k, j]
             turned = (end * sign < 0.0).nonzero()
+            if swings:
+                np.divide(end - v, lengths[k, j], out=last, where=lengths[k, j] > 0.0)
             if turned[0].size:
+                last[turned] = 0.0
                 slow, static = (
-                    friction.loaded(each, load)[turned] for each in (friction.slow, friction.static)
+                    friction.loaded(each, under)[turned]
+                    for each in (friction.slow, friction.static)
                 )
                 rest, moved[turned], end[turned] = _through_rest(
                     v[turned],
@@ -220,30 +277,42 @@ def simulated(pieces: Pieces, values: Values, speeds: FloatArray) -> FloatArray:
 
 
 def _torques(
-    pieces: Pieces, used: Values, delay: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-    """Return lengths [s] and torques as ``_schedule``, and the gear's load, time first."""
+    pieces: Pieces, used: Values, delay: FloatArray, swings: bool
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return lengths [s] and the motor's torques as ``_schedule``; what opposes them, the weight.
+
+    Args:
+        pieces: The recorded motion.
+        used: Values that are not zero.
+        delay: [s].
+        swings: The weight is that at the simulated position.
+    """
     lengths, torques = _schedule(pieces, delay)
+    if "gain" in used:
+        torques = torques * used["gain"][:, :, None, None]
     if "dead_band" in used:
         missing = np.maximum(used["dead_band"], 0.0)[:, :, None, None]
         torques = torques - np.clip(torques, -missing, missing)
     angle = 0.5 * (pieces.position[:, 1:] + pieces.position[:, :-1])
-    weight = _wave(used, "sine", "cosine", angle)
-    loads = None
-    if "gear" in used or "gear_rest" in used:
-        loads = np.ascontiguousarray(np.moveaxis(np.abs(torques + weight), (2, 3), (0, 1)))
+    weight: FloatArray = np.zeros((1, 1, 1))
+    if not swings:
+        weight = _wave({n: v[:, :, None] for n, v in used.items()}, "sine", "cosine", angle)
+    outside = weight
     if "periods" in used:
         turned = used["periods"][:, :, None] * (angle - np.max(used.get("center", 0.0)))
-        weight = weight + _wave(used, "cogging_sine", "cogging_cosine", turned)
-    return lengths, torques - weight, loads
+        sizes = {name: value[:, :, None] for name, value in used.items()}
+        outside = weight + _wave(sizes, "cogging_sine", "cogging_cosine", turned)
+    shape = (*lengths.shape[:3], 1)
+    every = (np.broadcast_to(each[..., None], shape) for each in (outside, weight))
+    return lengths, torques, *every
 
 
 def _wave(used: Values, sine: str, cosine: str, angle: FloatArray) -> FloatArray:
-    """Return a torque at each angle, (v, s, n - 1, 1), by the sizes of its sine and cosine."""
-    found: FloatArray = np.zeros((1, 1, 1, 1))
+    """Return a torque at each angle, by the sizes of its sine and cosine [N·m]."""
+    found: FloatArray = np.zeros(angle.shape)
     for name, wave in ((sine, np.sin), (cosine, np.cos)):
         if name in used:
-            found = found + (used[name][:, :, None] * wave(angle))[..., None]
+            found = found + used[name] * wave(angle)
     return found
 
 

@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from haptic_wall.controller.experiments.identify.motion_model import Pieces, simulated
-from haptic_wall.controller.experiments.identify.separable import Linear, fit_pieces
+from haptic_wall.controller.experiments.identify.separable import (
+    Linear,
+    fit_own,
+    fit_pieces,
+)
 from haptic_wall.controller.experiments.identify.standard_errors import CORRELATED
 from haptic_wall.controller.theory.checks import FloatArray
 
 _RUN = 8
 """A run of this many equal samples counts in full; a longer one counts no more"""
 _ROUNDS, _FEW_ROUNDS = 40, 8
-_ENOUGH, _ENOUGH_LOADED, _NEARLY = 1e-7, 1e-4, 1e-3
+_ENOUGH, _ENOUGH_LOADED, _NEARLY, _ENOUGH_SWUNG = 1e-7, 1e-4, 1e-3, 1e-6
 """Relative improvement of the squares below which the iteration ends"""
+_POSITION, _SPEED = 1e-5, 1e-5
+"""Steps of a piece's own values for derivatives [rad], [rad/s]"""
 _PER_INERTIA = 1e-4
 """Step of a torque's value for its derivative, over the inertia: small compared with the values,
 large compared with rounding"""
@@ -50,8 +57,19 @@ NO_PRIOR = Prior(0.0, np.inf)
 """No prior knowledge"""
 
 
+class Sizes(NamedTuple):
+    """Limits of each fitted value, and its step for derivatives, shape (p,)."""
+
+    low: FloatArray
+    high: FloatArray
+    step: FloatArray
+
+
 class OutputError:
-    """Computes residuals, and derivatives by the shared values and each piece's initial speed.
+    """Computes residuals, and derivatives by the shared values and each piece's own ones.
+
+    A piece's own values are its initial position and speed. The position only shifts a piece, and
+    is eliminated by its mean, except where the piece swings in a weight that is simulated too.
 
     Args:
         pieces: The recorded motion.
@@ -59,10 +77,13 @@ class OutputError:
         names: Of those that are fitted; the others stay.
         priors: Priors of values, by name.
         noise: Residual of a fit that leaves nothing but rounding [rad]: the weight of the priors.
+        sizes: Limits and steps of the fitted values, of pieces that swing; None: they do not, and
+            limits and steps follow from the inertia.
 
     Attributes:
         begin: Initial values of those that are fitted.
         low: The least of each.
+        high: The largest of each.
         precision: Weight of the prior of each [rad² per unit²]; 0: none.
         mean: Of the prior of each.
     """
@@ -74,18 +95,17 @@ class OutputError:
         names: Sequence[str],
         priors: Mapping[str, Prior] | None = None,
         noise: float = 0.0,
+        sizes: Sizes | None = None,
     ) -> None:
         self.pieces = pieces
+        self._swings = sizes is not None
         self.names = tuple(names)
         self._loaded = any(name in names for name in ("gear", "excess", "sine"))
         self._values = dict(values)
-        inertia = values["inertia"]
-        low = {**_LOW, "inertia": 0.05 * inertia}
-        self.low = np.array([low.get(name, -np.inf) for name in names])
-        self.begin = np.maximum([values[name] for name in names], self.low)
-        steps = {**_STEPS, "inertia": 0.1 * _PER_INERTIA * inertia}
-        usual = _PER_INERTIA * inertia
-        self._steps = np.array([*(steps.get(name, usual) for name in names), 1e-5])
+        self.low, self.high, steps = sizes or _sizes(values["inertia"], names)
+        self.begin = np.clip([values[name] for name in names], self.low, self.high)
+        own = (_POSITION, _SPEED) if self._swings else (_SPEED,)
+        self._steps = np.array([*steps, *own])
         known = priors or {}
         each = [known.get(name, NO_PRIOR) for name in names]
         self.mean = np.array([prior.mean for prior in each])
@@ -93,53 +113,74 @@ class OutputError:
         self._weights = weights_of(pieces)
         self._means = self._weights / self._weights.sum(axis=1, keepdims=True)
 
-    def fitted(self, speeds: FloatArray, *, thorough: bool = True) -> tuple[FloatArray, FloatArray]:
-        """Return values and initial speeds with the least weighted squares.
+    def fitted(
+        self, own: FloatArray, *, thorough: bool = True, rounds: int | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return shared and own values with the least weighted squares.
 
         Args:
-            speeds: Initial guess of each piece's initial speed [rad/s], shape (s,).
+            own: Initial guess of each piece's speed [rad/s], shape (1, s); of pieces that swing,
+                of position [rad] and speed, shape (2, s).
             thorough: Iterate to convergence; else until an iteration brings little.
+            rounds: Largest number of iterations; None: by ``thorough``.
         """
-        rounds, enough = (_ROUNDS, _ENOUGH) if thorough else (_FEW_ROUNDS, _NEARLY)
+        usual, enough = (_ROUNDS, _ENOUGH) if thorough else (_FEW_ROUNDS, _NEARLY)
         if self._loaded:
             enough = max(enough, _ENOUGH_LOADED)
-        values, own = fit_pieces(
-            lambda values, own: self.linear(values, own[0]),
+        return fit_pieces(
+            self.linear,
             self.begin,
-            speeds[None],
-            bounds=(self.low, np.full(self.low.shape, np.inf)),
+            own,
+            bounds=(self.low, self.high),
             mean=self.mean,
-            rounds=rounds,
-            enough=enough,
+            rounds=rounds or usual,
+            enough=_ENOUGH_SWUNG if self._swings else enough,
         )
-        return values, own[0]
 
-    def linear(self, values: FloatArray, speeds: FloatArray) -> Linear:
-        """Return residuals and derivatives, from variants with one value increased each."""
-        count = values.size
-        variants = np.tile(values, (count + 2, 1))
-        variants[1 : count + 1] += np.diag(self._steps[:-1])
-        starts = np.tile(speeds, (count + 2, 1))
-        starts[-1] += self._steps[-1]
-        shown = self.left(variants, starts)
-        slopes = (shown[1:] - shown[0]) / self._steps[:, None, None]
-        return Linear(shown[0], slopes[:-1], slopes[-1:], self._weights, self.precision)
+    def linear(self, values: FloatArray, own: FloatArray) -> Linear:
+        """Return residuals and derivatives, from variants with one value changed each."""
+        count, each = values.size, own.shape[0]
+        steps = self._steps.copy()
+        steps[:count] *= np.where(values + steps[:count] > self.high, -1.0, 1.0)
+        variants = np.tile(values, (count + each + 1, 1))
+        variants[1 : count + 1] += np.diag(steps[:count])
+        owned = np.tile(own[:, None], (1, count + each + 1, 1))
+        for n in range(each):
+            owned[n, count + 1 + n] += steps[count + n]
+        shown = self.left(variants, owned)
+        slopes = (shown[1:] - shown[0]) / steps[:, None, None]
+        return Linear(shown[0], slopes[:count], slopes[count:], self._weights, self.precision)
 
-    def costs(self, name: str, tried: FloatArray, speeds: FloatArray) -> FloatArray:
+    def own(self, own: FloatArray, rounds: int) -> FloatArray:
+        """Return the own values with the least squares, at the initial shared ones."""
+
+        def linear(own: FloatArray) -> Linear:
+            found = self.linear(self.begin, own)
+            return replace(found, shared=found.shared[:0], precision=found.precision[:0])
+
+        return fit_own(linear, own, rounds)
+
+    def costs(self, name: str, tried: FloatArray, own: FloatArray) -> FloatArray:
         """Return the weighted squares for each value of one that is not fitted, shape (v,)."""
         variants = np.tile(self.begin, (tried.size, 1))
-        starts = np.tile(speeds, (tried.size, 1))
-        shown = self.left(variants, starts, {name: tried[:, None]})
+        owned = np.tile(own[:, None], (1, tried.size, 1))
+        shown = self.left(variants, owned, {name: tried[:, None]})
         squares: FloatArray = np.sum(self._weights * shown**2, axis=(1, 2))
         return squares
 
     def left(
         self,
         variants: FloatArray,
-        starts: FloatArray,
+        own: FloatArray,
         other: Mapping[str, FloatArray] | None = None,
     ) -> FloatArray:
-        """Return fitted minus measured for each variant of the values, shape (v, s, n)."""
+        """Return fitted minus measured for each variant of the values, shape (v, s, n).
+
+        Args:
+            variants: Of the fitted values, shape (v, p).
+            own: Of the own values, shape (q, v, s).
+            other: Of values that are not fitted, by name.
+        """
         columns: dict[str, FloatArray] = {
             name: np.full((variants.shape[0], 1), value) for name, value in self._values.items()
         }
@@ -147,10 +188,24 @@ class OutputError:
             {name: variants[:, n : n + 1] for n, name in enumerate(self.names)}, **(other or {})
         )
         with np.errstate(over="ignore", invalid="ignore"):  # a step too far is not taken
-            shown = simulated(self.pieces, columns, starts)
+            shown = simulated(self.pieces, columns, own[-1], own[0] if self._swings else None)
         shown -= self.pieces.position
+        if self._swings:
+            return shown
         shown -= np.sum(shown * self._means, axis=2, keepdims=True)
         return shown
+
+
+def _sizes(inertia: float, names: Sequence[str]) -> Sizes:
+    """Return limits and steps of values of a servo with this inertia."""
+    low = {**_LOW, "inertia": 0.05 * inertia}
+    usual = _PER_INERTIA * inertia
+    steps = {**_STEPS, "inertia": 0.1 * usual}
+    return Sizes(
+        np.array([low.get(name, -np.inf) for name in names]),
+        np.full(len(names), np.inf),
+        np.array([steps.get(name, usual) for name in names]),
+    )
 
 
 def weights_of(pieces: Pieces) -> FloatArray:

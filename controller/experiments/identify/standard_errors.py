@@ -8,23 +8,26 @@ from haptic_wall.controller.experiments.identify.separable import Linear
 from haptic_wall.controller.theory.checks import FloatArray
 
 _CORRELATED_S = 0.05
-"""Assumed correlation time of errors [s]"""
+"""Default of ``correlated_s``"""
 CORRELATED = 9.0
 """Variance of correlated errors over that of independent ones, by which a prior is weighed"""
 _FEW = 1.25
 """Correction of standard errors from some twenty pieces, few of which dominate"""
 
 
-def standard_covariance(linear: Linear, period: float) -> FloatArray:
+def standard_covariance(
+    linear: Linear, period: float, correlated_s: float = _CORRELATED_S
+) -> FloatArray:
     """Return the covariance of the shared values, robust to correlated errors.
 
     Of three estimates each variance is the largest: independent errors; errors correlated
-    over ``_CORRELATED_S`` (Bartlett's weights); errors correlated within a whole piece. The
+    over ``correlated_s`` (Bartlett's weights); errors correlated within a whole piece. The
     correlation is that of the first.
 
     Args:
         linear: About the fitted values.
         period: Period from sample to sample [s].
+        correlated_s: Assumed correlation time of errors [s].
 
     Source: W. K. Newey, K. D. West, Econometrica 55(3), 1987; K.-Y. Liang, S. L. Zeger,
     Biometrika 73(1), 1986.
@@ -44,7 +47,7 @@ def standard_covariance(linear: Linear, period: float) -> FloatArray:
     independent = level * inverse
     prior = inverse @ (CORRELATED * level * known) @ inverse
     clustered = inverse @ (sums @ sums.T) @ inverse * groups / max(1, groups - count) + prior
-    lags = round(_CORRELATED_S / period)
+    lags = round(correlated_s / period)
     meat = _products(scores, scores)
     for lag in range(1, lags + 1):
         cross = _products(scores[:, :, lag:], scores[:, :, :-lag])

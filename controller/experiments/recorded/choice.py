@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_wall.controller.experiments.identify.motion_model import Pieces, taken
 from haptic_wall.controller.experiments.recorded.friction import MODELS
 from haptic_wall.controller.experiments.recorded.record import Stretch, pieces_of
-from haptic_wall.controller.experiments.recorded.shooting import Shot, beginnings, fit, moved
-from haptic_wall.controller.experiments.recorded.swing import Pieces
+from haptic_wall.controller.experiments.recorded.shooting import (
+    Shot,
+    beginnings,
+    fit,
+    model_of,
+)
 from haptic_wall.controller.theory.checks import FloatArray
 
 PIECE_S = 1.0
@@ -59,7 +64,7 @@ def judged(
         The models, one of them chosen, and the parameters of that one.
     """
     pieces, _ = pieces_of(stretches, PIECE_S, PIECE_S)
-    count = len(pieces.time)
+    count = len(pieces.sampled)
     folds = np.arange(count) * min(_FOLDS, count) // count
     found: list[tuple[Judged, dict[str, float]]] = []
     best = 0
@@ -112,20 +117,18 @@ def predicted(pieces: Pieces, names: tuple[str, ...], values: FloatArray) -> Flo
         names: Names of the parameters.
         values: Values of the parameters, per inertia; shape (names,).
     """
-    near = pieces.time - pieces.time[:, :1] <= BEGINNING_S
+    near = pieces.held & (pieces.sampled - pieces.sampled[:, :1] <= BEGINNING_S)
     rows = max(8, int(near.sum(axis=1).max()))
-    first = Pieces(
-        pieces.time[:, :rows],
-        pieces.position[:, :rows],
-        (pieces.held & near)[:, :rows],
-        pieces.driven,
-        pieces.torque_time,
-        pieces.torque,
+    first = replace(
+        pieces,
+        sampled=pieces.sampled[:, :rows],
+        position=pieces.position[:, :rows],
+        held=near[:, :rows],
     )
-    start = dict(zip(names, values.tolist(), strict=True))
-    shot = fit(first, start, beginnings(first, 0.05), fixed=True, rounds=10)
-    found: FloatArray = moved(pieces, names, values[None], shot.begin[None], shot.speed[None])[0]
-    return found
+    terms = dict(zip(names, values.tolist(), strict=True))
+    own = model_of(first, terms).own(beginnings(first), rounds=10)
+    model = model_of(pieces, terms)
+    return pieces.position + model.left(model.begin[None], own[:, None])[0]
 
 
 def error_of(pieces: Pieces, at: FloatArray) -> float:
@@ -138,10 +141,9 @@ def _cross(pieces: Pieces, folds: NDArray[np.intp], shot: Shot) -> float:
     """Return the root mean square error of predicting each fold from the others [rad]."""
     squares = 0.0
     for fold in np.unique(folds):
-        rest, out = (np.flatnonzero(chosen) for chosen in (folds != fold, folds == fold))
-        begun = shot.begin[rest], shot.speed[rest]
-        fitted = fit(pieces.taken(rest), shot.terms, begun, rounds=6)
-        test = pieces.taken(out)
+        rest, out = folds != fold, folds == fold
+        fitted = fit(taken(pieces, rest), shot.terms, shot.own[:, rest], rounds=6)
+        test = taken(pieces, out)
         ahead = predicted(test, fitted.names, fitted.values)
         squares += error_of(test, ahead) ** 2 * np.count_nonzero(test.held)
     return math.sqrt(squares / np.count_nonzero(pieces.held))

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptic_wall.controller.experiments.estimated import Estimated
+from haptic_wall.controller.experiments.identify.standard_errors import standard_covariance
 from haptic_wall.controller.experiments.recorded.choice import Judged, judged
-from haptic_wall.controller.experiments.recorded.errors import covariance, stderr_of
 from haptic_wall.controller.experiments.recorded.friction import (
     DRIVEN,
     FREE,
@@ -43,15 +43,16 @@ counts all that turns. Source: docs/evidence/recordings.md"""
 FEW = 4
 """With fewer stretches than this the record does not show that spread itself"""
 _SHORT_S = 0.5
+_CORRELATED_S = 0.25
+"""Correlation time of the errors of a swing [s]: what a friction model lacks lasts for a part of it
+"""
 _WEIGHED = 0.95
 """Largest fraction of the squares that a load must leave to be believed"""
 _EXPLAINED = 1.2
 """Multiple of the rounding's residual up to which no richer friction is looked for"""
 _MUCH_LEFT = 4.0
 """Multiple of the rounding's residual from which something else moves the shaft"""
-_UNSCALED = frozenset(
-    {"delay", "load", "load_stribeck", "load_motor", "load_motor_stribeck", "stribeck_speed"}
-)
+_UNSCALED = frozenset({"delay", "gear", "gear_rest", "gear_motor", "gear_motor_rest", "fading"})
 """Parameters that are the same per inertia"""
 
 
@@ -122,12 +123,13 @@ def identify_record(record: Record, pendulum: Pendulum | None = None) -> Recorde
     first = _first_fit(record, weighed=pendulum is not None or not driven)
     explained = first.rms <= _explained(record)
     models, best = judged(record.stretches, first, ("M1",) if explained else FREE, DRIVEN * driven)
-    whole, of = pieces_of(record.stretches)
+    whole, _ = pieces_of(record.stretches)
     shot = first
     name = next(each.name for each in models if each.chosen)
     if name != "M1":
         shot = fit_anywhere(whole, best, rounds=15)
-    spread = covariance(shot, of)
+    interval = float(np.median(np.diff(whole.motion.sampled)))
+    spread = standard_covariance(shot.linear, interval, _CORRELATED_S)
     return _told(record, pendulum, shot, spread, name, models, notes)
 
 
@@ -140,8 +142,8 @@ def _first_fit(record: Record, *, weighed: bool) -> Shot:
     def fitted(weight: bool) -> Shot:
         near = fit(short, start_of(record.stretches, weight=weight), rounds=15)
         at = None
-        if len(whole.time) == firsts.size:
-            at = near.begin[firsts], near.speed[firsts]
+        if len(whole.sampled) == firsts.size:
+            at = near.own[:, firsts]
         return fit_anywhere(whole, near.terms, at, rounds=20, enough=_explained(record))
 
     with_weight = fitted(True)
@@ -208,7 +210,7 @@ class _Scale:
             return total
         if name == "inertia":
             return total - (0.0 if self.pendulum is None else self.pendulum.inertia(arm))
-        if name in ("load_quadratic", "load_motor_quadratic"):
+        if name in ("square", "square_motor"):
             return terms[name] / total
         return terms.get(name, math.nan) * total
 
@@ -237,7 +239,7 @@ class _Scale:
             sides[1][at] -= small
             up, down = (self.value(name, side, arm) for side in sides)
             gradient[at] = (up - down) / (2.0 * small)
-        error = stderr_of(spread, gradient)
+        error = math.sqrt(max(float(gradient @ spread @ gradient), 0.0))
         of_arm = self.value(name, shot.values, arm + ARM_SHARE_STDERR) - value
         size = self.value("inertia_total", shot.values, arm) if name == "inertia" else value
         return Estimated(value, math.sqrt(error**2 + of_arm**2 + (more * size) ** 2))
@@ -254,7 +256,7 @@ def _told(
 ) -> Recorded:
     driven = any(stretch.driven for stretch in record.stretches)
     scale = _Scale(record, pendulum, shot.names, driven)
-    few = len(record.stretches) < FEW and not (driven and len(shot.pieces.time) >= FEW)
+    few = len(record.stretches) < FEW and not (driven and len(shot.pieces.sampled) >= FEW)
 
     def found(quantity: str) -> Estimated | None:
         more = SPREAD.get(quantity.removesuffix("_total"), 0.0) if few else 0.0

@@ -1,7 +1,8 @@
 """Friction models M1 to M6: the friction of a geared servo that moves, as a torque.
 
 They add to Coulomb and viscous friction, one after another, friction that fades with speed
-(Stribeck), and friction that grows with the load of the gear.
+(Stribeck), and friction that grows with the load of the gear: effects of
+``identify.motion_model``, by the same names.
 
 Source: M. Duclusaud, G. Passault, V. Padois, O. Ly, "Extended Friction Models for the Physics
 Simulation of Servo Actuators", arXiv:2410.08650, and its code, Rhoban bam (``bam/model.py``).
@@ -13,8 +14,6 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-
-from haptic_wall.controller.theory.checks import FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,17 +34,17 @@ class Term:
 
 COULOMB = Term("coulomb", "N·m", 1.0, 0.2, 1e4)
 VISCOUS = Term("damping", "N·m·s/rad", 1.0, 0.1, 200.0)
-STRIBECK = Term("stribeck", "N·m", 0.3, 0.2, 1e4)
-SPEED = Term("stribeck_speed", "rad/s", 0.5, 0.1, 10.0, 0.02)
-LOAD = Term("load", "", 0.03, 0.02, 0.9)
-LOAD_STRIBECK = Term("load_stribeck", "", 0.03, 0.02, 0.9)
-LOAD_MOTOR = Term("load_motor", "", 0.03, 0.02, 0.9)
-LOAD_MOTOR_STRIBECK = Term("load_motor_stribeck", "", 0.03, 0.02, 0.9)
-LOAD_QUADRATIC = Term("load_quadratic", "1/(N·m)", 0.01, 1e-3)
-LOAD_MOTOR_QUADRATIC = Term("load_motor_quadratic", "1/(N·m)", 0.01, 1e-3)
+STRIBECK = Term("excess", "N·m", 0.3, 0.2, 1e4)
+SPEED = Term("fading", "rad/s", 0.5, 0.1, 10.0, 0.02)
+LOAD = Term("gear", "", 0.03, 0.02, 0.9)
+LOAD_STRIBECK = Term("gear_rest", "", 0.03, 0.02, 0.9)
+LOAD_MOTOR = Term("gear_motor", "", 0.03, 0.02, 0.9)
+LOAD_MOTOR_STRIBECK = Term("gear_motor_rest", "", 0.03, 0.02, 0.9)
+LOAD_QUADRATIC = Term("square", "1/(N·m)", 0.01, 1e-3)
+LOAD_MOTOR_QUADRATIC = Term("square_motor", "1/(N·m)", 0.01, 1e-3)
 LONGEST_DELAY_S = 0.1
 _OTHERS = (
-    Term("quadratic", "N·m·s²/rad²", 0.02, 0.05, 1e3),
+    Term("drag", "N·m·s²/rad²", 0.02, 0.05, 1e3),
     Term("sine", "N·m", 1.0, 1.0, least=-np.inf, spread=0.02),
     Term("cosine", "N·m", 1.0, 1.0, least=-np.inf, spread=0.3),
     Term("gain", "", 1.0, 1.0, least=-np.inf, spread=0.05),
@@ -77,45 +76,5 @@ FREE = ("M1", "M2", "M3", "M4")
 """Models that a free swing can tell apart: without motor torque M5 and M6 are M4"""
 DRIVEN = ("M5", "M6")
 """Models that differ from M4 only where a motor is on"""
-STRIBECK_SHAPE = 2.0
-"""Exponent of the fading (Gaussian)"""
-
-
-def dry_friction(
-    terms: dict[str, FloatArray], external: FloatArray, motor: FloatArray, speed: FloatArray
-) -> FloatArray:
-    """Return the friction that does not grow with speed [N·m], at least 0.
-
-    Args:
-        terms: Parameters by name; a missing one is 0. All arrays broadcast.
-        external: Torque of the load on the shaft [N·m].
-        motor: Torque of the motor on the shaft [N·m].
-        speed: [rad/s]
-
-    Source: bam, ``Model.compute_frictions``.
-    """
-    friction = terms["coulomb"]
-    directed = "load_motor" in terms
-    if "load" in terms:
-        if directed:
-            friction = friction + np.abs(external * terms["load"] - motor * terms["load_motor"])
-        else:
-            friction = friction + terms["load"] * np.abs(external - motor)
-    if "stribeck" not in terms:
-        return friction
-    rest = terms["stribeck"]
-    if directed:
-        rest = rest + np.abs(
-            external * terms["load_stribeck"] - motor * terms["load_motor_stribeck"]
-        )
-    elif "load_stribeck" in terms:
-        rest = rest + terms["load_stribeck"] * np.abs(external - motor)
-    if "load_quadratic" in terms:
-        motor_leads = np.abs(motor) > np.abs(external)
-        square = np.where(
-            motor_leads,
-            terms["load_quadratic"] * external**2,
-            terms["load_motor_quadratic"] * motor**2,
-        )
-        rest = rest + square * (np.sign(external) != np.sign(motor))
-    return friction + rest * np.exp(-(np.abs(speed / terms["stribeck_speed"]) ** STRIBECK_SHAPE))
+GAUSSIAN = 2.0
+"""Exponent of the fading in these models"""

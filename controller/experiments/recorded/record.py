@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -10,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.detection import position_step
-from haptic_wall.controller.experiments.recorded.swing import Pieces
+from haptic_wall.controller.experiments.identify.motion_model import Motion, Pieces
+from haptic_wall.controller.experiments.identify.motion_model import pieces_of as cut_at
+from haptic_wall.controller.experiments.recorded.friction import LONGEST_DELAY_S
 from haptic_wall.controller.logs.csv_recording import columns_in_time
 from haptic_wall.controller.logs.csv_table import TORQUE
 from haptic_wall.controller.logs.recording import GAP, MOST_TOLD, seconds
@@ -35,6 +38,10 @@ _LEAST_MOVED = 0.01
 _LEAST_ROWS = 30
 _REST_S = 0.15
 """Rest that is kept at the end of a free swing [s]"""
+_FEWEST = 8
+"""Least number of steps of a piece"""
+_STEP_S, _BEFORE_S = 0.0085, 1e-6
+"""Longest step of the simulation [s]; from the end of a stretch until its torque ceases [s]"""
 DRIVEN_S, FREE_S = 2.0, 12.0
 """Longest piece that is moved in one go [s]"""
 MOST_PIECES = 80
@@ -202,33 +209,41 @@ def pieces_of(
     Returns:
         The pieces, and the stretch of each.
     """
-    cut: list[tuple[int, FloatArray, FloatArray]] = []
+    parts = []
+    cuts: list[tuple[int, int]] = []
+    of: list[int] = []
+    begin, end = 0, -math.inf
     for at, stretch in enumerate(stretches):
-        every = max(1, round(_ROW_S / float(np.median(np.diff(stretch.time)))))
-        time, position = stretch.time[::every], stretch.position[::every]
+        time, position, sent, torque = _thinned(stretch)
+        if time[0] <= end:  # of another record
+            later = end - time[0] + 1.0
+            time, sent = time + later, sent + later
+        ceases = max(float(time[0]) - LONGEST_DELAY_S, end + _BEFORE_S)
+        parts.append((time, position, np.append(ceases, sent), np.append(0.0, torque)))
         longest = longest_driven_s if stretch.driven else longest_free_s
         count = max(1, round(float(time[-1] - time[0]) / longest))
         edges = np.searchsorted(time, np.linspace(time[0], time[-1], count + 1)[1:-1])
-        bounds = pairwise([0, *edges.tolist(), time.size - 1])
-        cut += [(at, time[a : b + 1], position[a : b + 1]) for a, b in bounds if b - a >= 8]
-    if len(cut) > MOST_PIECES:
-        chosen = np.linspace(0, len(cut) - 1, MOST_PIECES).round().astype(int)
-        cut = [cut[each] for each in chosen]
-    rows = max(time.size for _, time, _ in cut)
-    times, positions = np.empty((2, len(cut), rows))
-    held = np.zeros((len(cut), rows), dtype=bool)
-    for place, (_, time, position) in enumerate(cut):
-        missing = rows - time.size
-        step = float(np.median(np.diff(time)))
-        times[place] = np.concatenate([time, time[-1] + step * np.arange(1, missing + 1)])
-        positions[place] = np.concatenate([position, np.full(missing, position[-1])])
-        held[place, : time.size] = True
-    of = np.array([at for at, _, _ in cut])
-    return Pieces(
-        times,
-        positions,
-        held,
-        np.array([stretches[at].driven for at in of]),
-        tuple(stretches[at].time for at in of),
-        tuple(stretches[at].torque for at in of),
-    ), of
+        for a, b in pairwise([0, *edges.tolist(), time.size - 1]):
+            if b - a >= _FEWEST:
+                cuts.append((begin + a, begin + b + 1))
+                of.append(at)
+        begin, end = begin + time.size, float(time[-1])
+    motion = Motion(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+    chosen = range(len(cuts))
+    if len(cuts) > MOST_PIECES:
+        chosen = np.linspace(0, len(cuts) - 1, MOST_PIECES).round().astype(int).tolist()
+    return cut_at(motion, [cuts[each] for each in chosen]), np.array([of[each] for each in chosen])
+
+
+def _thinned(stretch: Stretch) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return the fields of a ``Motion``: no row, and no torque, lasts longer than a step may.
+
+    The torque is the mean from one kept row to the next.
+    """
+    every = max(1, round(_ROW_S / float(np.median(np.diff(stretch.time)))))
+    time, position = stretch.time[::every], stretch.position[::every]
+    steps = max(1, math.ceil(float(np.median(np.diff(time))) / _STEP_S))
+    sent = np.interp(np.arange(steps * (time.size - 1) + 1) / steps, np.arange(time.size), time)
+    work = np.concatenate([[0.0], np.cumsum(stretch.torque[:-1] * np.diff(stretch.time))])
+    torque = np.diff(np.interp(sent, stretch.time, work)) / np.diff(sent)
+    return time, position, sent, np.append(torque, torque[-1])

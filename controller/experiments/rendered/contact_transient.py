@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.experiments.holding import Hold
-from haptic_wall.controller.experiments.steps.step_fit import StepFit, shapes
-from haptic_wall.controller.experiments.steps.torque_steps import good
+from haptic_wall.controller.experiments.identify.fitting import Fit
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
+from haptic_wall.controller.theory.response import held_response
+from haptic_wall.hw.servo import Outcome
 
 START, REACH = 0.3, 0.5
 """Distance from the wall at the start, and at which a returned shaft is caught [rad]."""
@@ -104,7 +105,7 @@ def plan_approach(
 
 
 def approach_phases(
-    approach: Approach, hold: Hold, fit: StepFit, direction: float, lag: float, seed: int
+    approach: Approach, hold: Hold, fit: Fit, direction: float, lag: float, seed: int
 ) -> list[Phase]:
     """Return the program: back to the start, accelerate, into the wall; repeatedly.
 
@@ -123,10 +124,9 @@ def approach_phases(
             wanted = speed * random.uniform(0.95, 1.05)
             coasting = wanted * (_COAST_S + lag)
             pushed = START - approach.coasting if coasting > approach.coasting else START - coasting
-            squared = wanted**2 + 2.0 * fit.friction * coasting
-            torque = (squared / (2.0 * pushed) + fit.friction + fit.decay * wanted / 2.0) / (
-                fit.acceleration
-            )
+            squared = wanted**2 + 2.0 * fit.coulomb / fit.inertia * coasting
+            torque = fit.inertia * squared / (2.0 * pushed) + fit.coulomb
+            torque += fit.damping * wanted / 2.0
             back = -direction * START
             phases += [
                 hold.phase(3.0, back, still_s=0.1),
@@ -146,7 +146,7 @@ def approach_phases(
 def contacts(
     rows: NDArray[np.void],
     phases: Sequence[Phase],
-    fit: StepFit,
+    fit: Fit,
     direction: float,
     lag: float,
 ) -> list[Contact]:
@@ -160,7 +160,7 @@ def contacts(
         lag: Total delay [s].
     """
     origin = float(rows["position"][0])
-    rows = good(rows)
+    rows = rows[rows["outcome"] == Outcome.OK]
     found = []
     number: IntArray = rows["phase"]
     for place, phase in enumerate(phases):
@@ -173,7 +173,7 @@ def contacts(
 
 
 def _contact(
-    rows: NDArray[np.void], origin: float, fit: StepFit, direction: float, lag: float
+    rows: NDArray[np.void], origin: float, fit: Fit, direction: float, lag: float
 ) -> Contact | None:
     x = direction * (rows["position"] - origin)
     inside = np.flatnonzero(x > 0.0)
@@ -211,27 +211,28 @@ def _contact(
 
 
 def _coasting(
-    time: FloatArray, position: FloatArray, fit: StepFit, direction: float
+    time: FloatArray, position: FloatArray, fit: Fit, direction: float
 ) -> tuple[float, float]:
     """Return the speed at the wall [rad/s] and the time of contact [s] of a coasting shaft."""
     at = float(time[-1])
     start, speed = _line(time - at, position, fit, direction)
-    braking = -direction * fit.friction - fit.decay * speed
+    braking = -(direction * fit.coulomb + fit.damping * speed) / fit.inertia
     ahead = -start / speed if speed else 0.0
     ahead -= 0.5 * braking * ahead**2 / speed if speed else 0.0
     return speed + braking * ahead, at + ahead
 
 
-def _speed_at(time: FloatArray, position: FloatArray, fit: StepFit, direction: float) -> float:
+def _speed_at(time: FloatArray, position: FloatArray, fit: Fit, direction: float) -> float:
     """Return the speed at the first of the samples [rad/s]."""
     return _line(time - time[0], position, fit, direction)[1]
 
 
 def _line(
-    time: FloatArray, position: FloatArray, fit: StepFit, direction: float
+    time: FloatArray, position: FloatArray, fit: Fit, direction: float
 ) -> tuple[float, float]:
     """Return position and velocity at time 0 of a shaft that only friction decelerates."""
-    once, twice = shapes(fit.decay, time)
+    once, twice, _ = held_response(np.full(time.shape, fit.damping / fit.inertia), time)
     columns = np.stack([np.ones_like(once), once], axis=1)
-    values = np.linalg.lstsq(columns, position + direction * fit.friction * twice, rcond=None)[0]
+    braked = direction * fit.coulomb / fit.inertia * twice
+    values = np.linalg.lstsq(columns, position + braked, rcond=None)[0]
     return float(values[0]), float(values[1])

@@ -1,6 +1,6 @@
 """Compares the rendered wall with the commanded one: stiffness, drag, and contacts.
 
-A spring is pushed, the free shaft is moved, the wall is hit. The program knows commanded torques
+The servo is identified, a spring is pushed, the wall is hit. The program knows commanded torques
 only; the fraction of a torque that acts shows only with a known inertia. The believed inertia is
 therefore the reference for results in true units.
 """
@@ -15,7 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from haptic_wall.controller.experiments.holding import torque_limit_of, without_hand
+from haptic_wall.controller.experiments.delay import measure
+from haptic_wall.controller.experiments.holding import hold_of, torque_limit_of, without_hand
+from haptic_wall.controller.experiments.identify.identification import (
+    REACH as IDENTIFIED_REACH,
+)
+from haptic_wall.controller.experiments.identify.identification import begun, bounds_of
 from haptic_wall.controller.experiments.rendered.contact_transient import (
     FASTEST,
     REACH,
@@ -24,7 +29,6 @@ from haptic_wall.controller.experiments.rendered.contact_transient import (
     contacts,
     plan_approach,
 )
-from haptic_wall.controller.experiments.rendered.drag import Drag, drag, drag_phases
 from haptic_wall.controller.experiments.rendered.rows import (
     Comparison,
     contact_rows,
@@ -37,15 +41,12 @@ from haptic_wall.controller.experiments.rendered.static_stiffness import (
     push_phases,
     static_stiffness,
 )
-from haptic_wall.controller.experiments.steps.shaken import plan_shaking, shake
-from haptic_wall.controller.experiments.steps.step_fit import from_command
 from haptic_wall.controller.experiments.testbed import Testbed
 from haptic_wall.controller.guard.guard import Situation, decide
 from haptic_wall.controller.guard.types import Decision, Request
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory.one_sided import restitution
 
-BURSTS = 8
 SECONDS = 110
 """Approximate duration of all measurements [s]"""
 
@@ -63,22 +64,18 @@ class Rendering:
     """Name of the limit that bound the stiffness; None: no limit did"""
     rows: tuple[Comparison, ...]
     static: StaticStiffness | None
-    drag: Drag | None
     contacts: tuple[Contact, ...]
     predicted: tuple[Contact, ...]
     """The same contacts of a simulated servo with the believed values"""
     notes: tuple[str, ...]
 
 
-def announcement(config: Config, speed: float) -> str:
-    """Announce the motions and their size, for a person.
-
-    Args:
-        config: The servo.
-        speed: Speed of the fastest part [rad/s].
-    """
+def announcement(config: Config) -> str:
+    """Announce the motions and their size, for a person."""
+    reach = max(REACH, IDENTIFIED_REACH)
+    speed = max(FASTEST, bounds_of(config, IDENTIFIED_REACH).speed)
     return (
-        f"the shaft will move within ±{REACH:g} rad of its position, at up to {speed:.2g} rad/s,"
+        f"the shaft will move within ±{reach:g} rad of its position, at up to {speed:.2g} rad/s,"
         f" and strike the wall; this takes about {SECONDS} s"
         + ("; keep clear of it" if config.servo.kind == "hardware" else "")
     )
@@ -100,37 +97,35 @@ def measure_rendering(
         tell: Called with messages for a person.
 
     Raises:
-        UserError: The torque limit is unknown, or too small against friction.
-        ExperimentFailedError: The servo did not respond, or not as expected.
+        UserError: The torque limit is unknown.
+        UnidentifiableError: The servo did not respond, or not as a rigid one.
         ExperimentInterruptedError: A person has ended it.
         ExperimentTrippedError: A trip has ended it.
         ServoError: The servo could not be started.
     """
     config = without_hand(config)
     limit, steps = torque_limit_of(config), config.delay.steps
-    shaking = plan_shaking(config, limit, steps, BURSTS, seed)
-    tell(announcement(config, max(shaking.plan.speed, FASTEST)))
+    hold = hold_of(config, limit, steps)
+    tell(announcement(config))
+    tell("1 of 3: motions of the free shaft, for torque gain, friction, delay and backlash")
+    bounds = bounds_of(config, IDENTIFIED_REACH)
+    bench, rough = begun(config, folder, bounds, tell)
+    moved = measure(bench, "rendered-motions", rough, bounds, steps)
+    fit, lag = moved.fit, moved.total.value
+    age = float(np.percentile(moved.ages, config.guard.delay_percentile))
     bed = Testbed(config, folder, tell)
-    tell("1 of 4: torque steps, for torque gain, delay and lost motion")
-    shaken = shake(bed, "rendered-steps", shaking)
-    fit = shaken.fit
-    lag = from_command(fit, config.period_s).lag
-    age = float(np.percentile(shaken.ages, config.guard.delay_percentile))
     wall = _decision(config, config.wall.side, limit, age)
     belief = config.belief()
-    friction = max(belief.coulomb.value / belief.torque_gain.value, fit.friction / fit.acceleration)
-    step = shaking.hold.position_step
+    friction = max(belief.coulomb.value / belief.torque_gain.value, fit.coulomb)
     direction = -1.0 if config.wall.side == "below" else 1.0
 
     static = None
-    push = plan_push(wall.stiffness, wall.damping, friction, limit, step)
+    push = plan_push(wall.stiffness, wall.damping, friction, limit, bounds.step)
     if push is not None:
-        tell("2 of 4: a slow push on the spring, to both sides")
-        phases = push_phases(push, shaking.hold, direction)
-        static = static_stiffness(bed.play("rendered-static", phases).rows, phases, push, step)
-    tell("3 of 4: motion of the free shaft at several speeds")
-    phases = drag_phases(shaking.hold, config.planned_speed)
-    moved = drag(bed.play("rendered-drag", phases).rows, phases, fit)
+        tell("2 of 3: a slow push on the spring, to both sides")
+        phases = push_phases(push, hold, direction)
+        rows = bed.play("rendered-static", phases).rows
+        static = static_stiffness(rows, phases, push, bounds.step)
 
     one_sided = wall
     if config.wall.side == "both":
@@ -138,7 +133,7 @@ def measure_rendering(
     approach = plan_approach(
         one_sided.stiffness,
         one_sided.damping,
-        1.0 / fit.acceleration,
+        fit.inertia,
         limit,
         config.planned_speed,
         lag,
@@ -147,14 +142,14 @@ def measure_rendering(
     worst = math.nan
     predicted: list[Contact] = []
     if approach is not None:
-        tell("4 of 4: contacts with the wall, measured and simulated")
-        phases = approach_phases(approach, shaking.hold, fit, direction, lag, seed)
+        tell("3 of 3: contacts with the wall, measured and simulated")
+        phases = approach_phases(approach, hold, fit, direction, lag, seed)
         played = bed.play("rendered-contacts", phases)
         struck = contacts(played.rows, phases, fit, direction, lag)
         worst = float(
             restitution(
-                1.0 / fit.acceleration,
-                max(fit.decay / fit.acceleration, 0.0),
+                fit.inertia,
+                max(fit.damping, 0.0),
                 approach.stiffness,
                 approach.damping,
                 config.period_s,
@@ -162,12 +157,12 @@ def measure_rendering(
                 velocity_samples=config.wall.velocity_samples,
             )
         )
-        twin = Testbed(_believed(config, float(np.median(shaken.ages))), folder)
+        twin = Testbed(_believed(config, float(np.median(moved.ages))), folder)
         played = twin.play("rendered-contacts-predicted", phases)
         predicted = contacts(played.rows, phases, fit, direction, lag)
-    rows = (
-        *stiffness_rows(config, wall.stiffness, push, static, shaken),
-        *free_rows(config, shaken, moved),
+    compared = (
+        *stiffness_rows(config, wall.stiffness, push, static, fit),
+        *free_rows(config, moved),
         *contact_rows(approach, struck, predicted, worst),
     )
     return Rendering(
@@ -175,12 +170,11 @@ def measure_rendering(
         wall.damping,
         config.request(),
         wall.binding,
-        rows,
+        compared,
         static,
-        moved,
         tuple(struck),
         tuple(predicted),
-        tuple(filter(None, [shaken.note])),
+        tuple(filter(None, [moved.note])),
     )
 
 

@@ -9,14 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from haptic_wall.controller.experiments.delay import Moved
+from haptic_wall.controller.experiments.identify.fitting import Fit
 from haptic_wall.controller.experiments.rendered.contact_transient import Approach, Contact
-from haptic_wall.controller.experiments.rendered.drag import Drag
 from haptic_wall.controller.experiments.rendered.static_stiffness import Push, StaticStiffness
-from haptic_wall.controller.experiments.steps.shaken import Shaken
-from haptic_wall.controller.experiments.steps.step_fit import from_command, lost_motion
 from haptic_wall.controller.settings.config import Config
-
-_NOT_MOVED = "the shaft did not follow at two speeds in both directions"
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +46,7 @@ def stiffness_rows(
     stiffness: float,
     push: Push | None,
     static: StaticStiffness | None,
-    shaken: Shaken,
+    fit: Fit,
 ) -> list[Comparison]:
     """Return lines for the stiffness in commanded and in true torque, torque gain and backlash.
 
@@ -58,12 +55,12 @@ def stiffness_rows(
         stiffness: Commanded [N·m/rad].
         push: Plan of the static measurement; None: it was not possible.
         static: Result of the static measurement; None: there is none.
-        shaken: The torque steps.
+        fit: Fit of the free shaft's motions.
     """
-    fit, inertia = shaken.fit, config.belief().inertia
-    gain = fit.acceleration * inertia.value
-    gain_error = fit.acceleration_stderr * inertia.value
-    bounds = f"{fit.acceleration * inertia.low:.3g} to {fit.acceleration * inertia.high:.3g}"
+    inertia = config.belief().inertia
+    gain = inertia.value / fit.inertia
+    gain_error = gain * fit.stderr[0] / fit.inertia
+    bounds = f"{inertia.low / fit.inertia:.3g} to {inertia.high / fit.inertia:.3g}"
     by_inertia = f"with the believed inertia; {bounds} within its bounds"
     rows = []
     if static is None:
@@ -96,41 +93,28 @@ def stiffness_rows(
         )
     believed = config.belief().torque_gain.value
     rows.append(Comparison("torque gain", "1", believed, gain, gain_error, by_inertia))
-    lost = lost_motion(fit)
-    cause = "at each turn: backlash"
-    if fit.steps[0].mode is not None:
-        cause += ", and the twist of the transmission"
-    rows.append(Comparison("lost motion", "rad", 0.0, lost and lost[0], lost and lost[1], cause))
+    error = fit.stderr[4] if fit.backlash else None
+    note = "between shaft and encoder" if fit.backlash else "not visible"
+    rows.append(Comparison("backlash", "rad", 0.0, fit.backlash, error, note))
     return rows
 
 
-def free_rows(config: Config, shaken: Shaken, moved: Drag | None) -> list[Comparison]:
+def free_rows(config: Config, moved: Moved) -> list[Comparison]:
     """Return lines for the delay and the free shaft's friction, compared to the belief."""
-    belief = config.belief()
+    belief, fit = config.belief(), moved.fit
     gain = belief.torque_gain.value
-    delay = from_command(shaken.fit, config.period_s)
-    expected = (
-        config.delay.steps * config.period_s
-        + belief.delay.value
-        + float(np.mean([step.age for step in delay.steps]))
-    )
+    expected = moved.wait + belief.delay.value
+    note = "in commanded torque; expected: model."
     return [
-        Comparison("delay", "s", expected, delay.lag, delay.stderr, "from sample to motion"),
         Comparison(
-            "drag, Coulomb",
-            "N·m",
-            belief.coulomb.value / gain,
-            moved.coulomb if moved else None,
-            moved.coulomb_stderr if moved else None,
-            "in commanded torque; expected: model.coulomb" if moved else _NOT_MOVED,
+            "delay", "s", expected, moved.total.value, moved.total.stderr, "from sample to motion"
         ),
-        Comparison(
-            "drag, viscous",
-            "N·m·s/rad",
-            belief.damping.value / gain,
-            moved.viscous if moved else None,
-            moved.viscous_stderr if moved else None,
-            "in commanded torque; expected: model.damping" if moved else _NOT_MOVED,
+        *(
+            Comparison(f"drag, {word}", unit, believed / gain, found, error, f"{note}{name}")
+            for word, unit, name, believed, found, error in (
+                ("Coulomb", "N·m", "coulomb", belief.coulomb.value, fit.coulomb, fit.stderr[2]),
+                ("viscous", "N·m·s/rad", "damping", belief.damping.value, *fit.weaker),
+            )
         ),
     ]
 

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.experiments.holding import Hold
-from haptic_wall.controller.experiments.steps.torque_steps import good
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
+from haptic_wall.hw.servo import Outcome
 
 FARTHEST = 0.3
 """Largest displacement of the spring [rad]."""
@@ -118,7 +118,7 @@ def static_stiffness(
     Returns:
         None where the displacement was below the encoder's resolution.
     """
-    rows = good(rows)
+    rows = rows[rows["outcome"] == Outcome.OK]
     number: IntArray = rows["phase"]
     beside: FloatArray = np.array([phase.torque for phase in phases])[number]
     parts = [_leg(i, beside, rows, push) for i in _legs(beside, push)]

@@ -124,7 +124,7 @@ def agrees(report: Report) -> Iterator[str]:
 def _delay(found: Mapping[str, Any]) -> Iterator[str]:
     device = found["device"]
     one, other = device["identify"], device["delay"]
-    said = f"The lag is {_pm_ms(one)} by the motions of identify, {_pm_ms(other)} by torque steps:"
+    said = f"The lag is {_pm_ms(one)} by identify, {_pm_ms(other)} by further runs:"
     if device["agree"]:
         yield f"{said} the two agree within two standard errors."
     else:

@@ -55,7 +55,6 @@ def commission(folder: Path, *sets: str) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(steps, "short_sweep", lambda _config: SWEPT)
         patch.setattr(steps, "sweep", partial(sweep, workers=1))
-        patch.setattr(steps, "BURSTS", 3)
         assert call("commission", *SIMULATED, *sets, "--out", folder) == 0
 
 
