@@ -78,7 +78,7 @@ def command(
     those of a CSV. Without options the wall of a CSV is estimated from torque and position.
     """
     from haptic_wall.controller.logs.detected import NO_WALL, detect_all
-    from haptic_wall.controller.logs.reader import is_log
+    from haptic_wall.controller.logs.file import is_log
     from haptic_wall.controller.logs.recordings import MOST_LAG_S, read_recordings
     from haptic_wall.controller.logs.replayed import replayed
 

@@ -31,7 +31,7 @@ from haptic_wall.controller.cli.places import force_option, new_stem, take_file
 from haptic_wall.controller.cli.text import report_text
 from haptic_wall.controller.cli.working import is_shown, working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.logs.reader import SUFFIX
+from haptic_wall.controller.logs.file import SUFFIX
 from haptic_wall.controller.runtime.telemetry import ROW, Telemetry, Word
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import file_of, load_config
@@ -371,10 +371,9 @@ def _draw(log: Path, plot: Path, stop_reason: str, *, force: bool) -> str:
         # The drawing can be interrupted.
         with interrupting(STOPPING):
             from haptic_wall.controller.logs.reader import LogReader
-            from haptic_wall.controller.logs.rows import LogRows
             from haptic_wall.controller.report.run import plot_log
 
-            draw = partial(plot_log, LogRows.of(LogReader(log)), stop_reason=stop_reason)
+            draw = partial(plot_log, LogReader.open(log), stop_reason=stop_reason)
             drawn("--plot", plot, draw, force=force)
     except (OSError, UserError) as error:
         return f"no picture: {error}"

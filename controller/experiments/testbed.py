@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 from haptic_wall import __version__
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.laws.program import Phase
-from haptic_wall.controller.logs.file import SUFFIX, read_log
+from haptic_wall.controller.logs.file import SUFFIX
+from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.processes.plan import Ended, LogState, Plan
 from haptic_wall.controller.processes.run import run
 from haptic_wall.controller.processes.run_report import explained
 from haptic_wall.controller.runtime.lateness.machine_setup import START
 from haptic_wall.controller.runtime.safety import AFTER_STALL, End, StopReason, Trip
-from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
+from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP, ROW
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.file_kinds import LOG, may_be_replaced
 from haptic_wall.controller.system.new_folders import make
@@ -260,9 +261,7 @@ class Testbed:
 
 def recorded(log: Path) -> NDArray[np.void]:
     """Return the rows of a log without the warm-up, shape (n,); none without a log."""
-    rows = read_log(log)[1] if log.exists() else np.empty(0, np.dtype([]))
-    if rows.size == 0:
-        return rows
+    rows = LogReader.open(log).rows() if log.exists() else np.empty(0, ROW)
     on: NDArray[np.void] = rows[(rows["flags"] & FLAG_WARM_UP) == 0]
     return on
 

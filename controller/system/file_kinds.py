@@ -25,7 +25,7 @@ class Kind:
 
 LOG = Kind(
     "a log of haptic-wall",
-    re.compile(rb'\x93NUMPY\x01\x00.{0,600}\{"format": "haptic-wall log"', re.DOTALL),
+    re.compile(rb"SQLite format 3\x00.{52}hwlg", re.DOTALL),
 )
 SOFTWARE = "haptic-wall"
 """The ``Software`` tag of every picture"""

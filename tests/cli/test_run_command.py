@@ -17,7 +17,8 @@ from click.core import Context
 
 from haptic_wall.controller.cli import run as run_command
 from haptic_wall.controller.cli.brief import brief_text
-from haptic_wall.controller.logs.file import LogWriter, read_log
+from haptic_wall.controller.logs.reader import LogReader
+from haptic_wall.controller.logs.writer import LogWriter
 from haptic_wall.controller.processes import inline
 from haptic_wall.controller.processes.plan import LogState
 from haptic_wall.controller.processes.recorder import Recorder, begun_log
@@ -117,7 +118,7 @@ def test_a_log_that_another_run_is_writing_is_not_taken_from_it(cli: Cli, folder
         rows = np.zeros(3, ROW)
         rows["seq"] = rows["deadline_ns"] = range(3)
         writer.append(rows)
-    assert len(read_log(log)[1]) == 3
+    assert len(LogReader.open(log).rows()) == 3
     assert cli("run", *BRIEF, "--log", log)[0] == 0
 
 

@@ -18,14 +18,11 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from haptic_wall import __version__
 from haptic_wall.controller.errors import LogFormatError
 from haptic_wall.controller.logs.csv_export import write_csv
-from haptic_wall.controller.logs.pieces import End, Event
-from haptic_wall.controller.logs.reader import SUFFIX, LogReader
-from haptic_wall.controller.logs.rows import LogRows
+from haptic_wall.controller.logs.file import SUFFIX
+from haptic_wall.controller.logs.reader import LogReader
 
 FILE = "acceptance.zip"
 _TEXTS = (".json", ".yaml", ".csv", ".html", ".txt")
@@ -137,21 +134,14 @@ def _add(bundle: zipfile.ZipFile, name: str, content: str | bytes) -> None:
 
 def _add_log(bundle: zipfile.ZipFile, name: str, log: Path, scrubber: Scrubber) -> str:
     try:
-        reader = LogReader(log)
-        texts: list[Any] = [dict(reader.metadata)]
-        for piece in reader.pieces():
-            if isinstance(piece, End):
-                texts.append(piece.ended)
-            elif isinstance(piece, Event):
-                texts.append(piece.change)
-            elif not isinstance(piece, np.ndarray):
-                texts.append("damaged")
-        if "damaged" not in texts and scrubber.is_clean(json.dumps(texts, ensure_ascii=False)):
+        read = LogReader.open(log)
+        texts = [read.metadata, read.end, read.changes]
+        if scrubber.is_clean(json.dumps(texts, ensure_ascii=False)):
             _add(bundle, name, log.read_bytes())
             return name
         with tempfile.TemporaryDirectory() as folder:
             table = Path(folder) / "rows.csv"
-            write_csv(table, LogRows.of(reader))
+            write_csv(table, read)
             content = table.read_bytes()
     except (LogFormatError, OSError):
         name, content = f"{name}.txt", b"this log could not be read\n"

@@ -14,7 +14,7 @@ from haptic_wall.controller.errors import LogFormatError
 from haptic_wall.controller.experiments.holding import torque_limit_of, without_hand
 from haptic_wall.controller.experiments.testbed import Testbed, recorded
 from haptic_wall.controller.laws.program import Phase
-from haptic_wall.controller.logs.reader import SUFFIX
+from haptic_wall.controller.logs.file import SUFFIX
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.servo import Outcome
 
@@ -77,7 +77,7 @@ def _rows(folder: Path) -> Iterator[NDArray[np.void]]:
             rows = recorded(log)
         except (LogFormatError, OSError):
             continue
-        if rows.size and "measured_torque" in (rows.dtype.names or ()):
+        if rows.size:
             yield rows
 
 

@@ -22,8 +22,6 @@ from haptic_wall.controller.experiments.testbed import (
 from haptic_wall.controller.experiments.zwidth.impedance import Impedance, commanded, from_log
 from haptic_wall.controller.experiments.zwidth.plane import Width
 from haptic_wall.controller.logs.reader import LogReader
-from haptic_wall.controller.logs.rows import LogRows
-from haptic_wall.controller.logs.walls import changes_in
 from haptic_wall.controller.processes.plan import Plan
 from haptic_wall.controller.processes.run import run
 from haptic_wall.controller.processes.run_report import explained
@@ -142,8 +140,7 @@ def impedance_of(config: Config, log: Path | None, folder: Path | None, tell: Te
         except ExperimentTrippedError as error:
             reason = f"the run was ended by {error.stop_reason}: {error}"
     if log is not None:
-        reader = LogReader(log)
-        return from_log(LogRows.of(reader), changes_in(reader.pieces()))
+        return from_log(LogReader.open(log))
     question = GuardQuestion.of(config, None)
     decision = question.decide(config.wall.stiffness, config.wall.damping)
     delay = question.inserted + question.age + question.situation.belief.delay.value
