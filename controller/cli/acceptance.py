@@ -23,8 +23,8 @@ from haptic_wall.controller.cli.places import take_folder
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.system.file_kinds import BUNDLE, PICTURE, RESULT, RESULT_MARK
-from haptic_wall.controller.system.whole_file import whole
+from haptic_wall.controller.system.files import whole
+from haptic_wall.controller.system.json_text import RESULT_MARK
 from haptic_wall.hw.errors import Problem
 
 if TYPE_CHECKING:
@@ -89,8 +89,7 @@ def command(
             wanted="the folder for predictions, measurements and the bundle",
             advice="give for example --out acceptance",
         )
-    kinds = {_JSON: RESULT, _PNG: PICTURE}
-    take_folder("--out", asked.out, kinds, force=False, has_force=False)
+    take_folder("--out", asked.out, (), force=False)
     _refuse_foreign(asked.out)
     sys.exit(_accepted(asked, asked.out, hung, seconds, fresh))
 
@@ -218,12 +217,12 @@ def _written(
     }
     clean: dict[str, Any] = scrubber.values(json.loads(as_json(report)))
     draw = partial(plot_acceptance, clean["rows"], clean["name"])
-    drawn = drawn_or_noted("--out", out / _PNG, draw, force=False)
+    drawn = drawn_or_noted("--out", out / _PNG, draw)
     picture = None if drawn is None else drawn.read_bytes()
     text = page(clean, picture)
     with replaced(out / _PAGE) as stream:
         stream.write(text)
-    with whole(out / _JSON, RESULT, force=False) as part:
+    with whole(out / _JSON) as part:
         part.write_text(as_json(clean) + "\n", encoding="utf-8")
     packed = out / bundle.FILE
     own: dict[str, str | bytes] = {
@@ -233,7 +232,7 @@ def _written(
         predictions.FILE: (out / predictions.FILE).read_text(encoding="utf-8"),
     }
     folders = {"measured": out / "measured", "emulated": out / "emulated"}
-    with whole(packed, BUNDLE, force=True) as part:
+    with whole(packed) as part:
         bundle.pack(part, folders, own, scrubber)
     return clean | {"bundle": str(packed), "report": str(out / _PAGE)}
 

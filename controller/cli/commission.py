@@ -17,9 +17,8 @@ from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.settings.load import Loaded
-from haptic_wall.controller.system.file_kinds import PICTURE
+from haptic_wall.controller.system.files import whole
 from haptic_wall.controller.system.signals import on_signals
-from haptic_wall.controller.system.whole_file import whole
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.commission.outcome import Step
@@ -124,7 +123,7 @@ def _store(
 
     refuse_same_file({"CONFIG": asked.file, f"--out (its {CONFIG})": out / CONFIG})
     if not only_look:
-        take_folder("--out", out, {}, force=False)  # the store knows what may be replaced
+        take_folder("--out", out, (), force=False)  # the store knows what may be replaced
     settings = settings_of(asked.config, reach)
     return CommissionStore(out, settings, asked.name, as_json, fresh, only_look)
 
@@ -179,7 +178,7 @@ def _written(ended: Ended, name: str, store: CommissionStore) -> dict[str, Any]:
     picture = folder / ALLOWED
     allowed: Path | None = picture
     try:
-        with whole(without_link(picture), PICTURE, force=True) as part:
+        with whole(without_link(picture)) as part:
             draw_allowed(GuardQuestion.of(ended.config, data["delay"]), data, part)
     except Exception as error:  # noqa: BLE001 - whatever may be wrong with what draws
         say(f"the picture of the verdict could not be drawn ({error}); the report lacks it")

@@ -34,8 +34,8 @@ from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import Loaded, file_of, load_config
 from haptic_wall.controller.settings.servo import Servo
-from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, RESULT_MARK
-from haptic_wall.controller.system.whole_file import whole
+from haptic_wall.controller.system.files import whole
+from haptic_wall.controller.system.json_text import RESULT_MARK
 from haptic_wall.hw.errors import Problem
 
 Found = TypeVar("Found")
@@ -191,7 +191,7 @@ def carry_out(
         EndedEarlyError: A person or a trip ended the experiment.
     """
     folder = asked.out
-    files = {f"{what}.json": RESULT, f"{what}.png": PICTURE}
+    files = (f"{what}.json", f"{what}.png")
     if folder is None:
         folder = new_stem("--out", what)
     else:
@@ -204,9 +204,9 @@ def carry_out(
     with writing("--out", folder):
         folder.mkdir(parents=True, exist_ok=True)
     plot = partial(draw, found, asked.name)
-    seen = drawn_or_noted("--out", picture, plot, force=asked.force)
+    seen = drawn_or_noted("--out", picture, plot)
     paths = [result, *([seen] if seen else [])]
-    with writing("--out", folder), whole(result, RESULT, force=asked.force) as part:
+    with writing("--out", folder), whole(result) as part:
         part.write_text(as_json({**held, "files": paths}) + "\n", encoding="utf-8")
     asked.answer({**held, "files": paths}, lambda: text(found, paths))
 

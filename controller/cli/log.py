@@ -22,13 +22,10 @@ from haptic_wall.controller.cli.places import force_option, take_file
 from haptic_wall.controller.cli.stretch import stretch_between
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.logs.columns import COLUMNS
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.summary import summarised
-from haptic_wall.controller.system.file_kinds import PICTURE, table
-from haptic_wall.controller.system.whole_file import whole
+from haptic_wall.controller.system.files import whole
 
-_TABLE = table(",".join([*COLUMNS][:5]))
 _READ_BYTES_S, _WRITTEN_ROWS_S = 5e7, 1.2e5
 """Read bytes, and written rows, per second"""
 
@@ -57,10 +54,10 @@ def command(
     """
     refuse_same_file({"LOG": log, "--csv": csv_path, "--plot": plot})
     if csv_path is not None:
-        take_file("--csv", csv_path, _TABLE, force=force)
+        take_file("--csv", csv_path, force=force)
     if plot is not None:
         refuse_other_pictures("--plot", plot)
-        take_file("--plot", plot, PICTURE, force=force)
+        take_file("--plot", plot, force=force)
     with (
         reading("LOG", log, "a log of run"),
         working("reading the log", log.stat().st_size / _READ_BYTES_S),
@@ -74,7 +71,7 @@ def command(
         from haptic_wall.controller.logs.csv_export import write_csv
 
         exporting = working(f"writing {csv_path.name}", summary.rows / _WRITTEN_ROWS_S)
-        with exporting, writing("--csv", csv_path), whole(csv_path, _TABLE, force=force) as part:
+        with exporting, writing("--csv", csv_path), whole(csv_path) as part:
             write_csv(part, read)
     if plot is not None:
         from haptic_wall.controller.report.run import plot_log
@@ -82,7 +79,7 @@ def command(
         def draw(path: Path) -> None:
             plot_log(read, path, report["stop_reason"])
 
-        drawn("--plot", plot, draw, force=force)
+        drawn("--plot", plot, draw)
     facts = {"program": read.metadata.get("program"), "name": read.metadata.get("name")}
     full = {**facts, **report, "config": config_line(read.metadata.get("config"))}
     if as_json_wanted:

@@ -17,10 +17,9 @@ from haptic_wall.controller.cli.map_files import FILES, json_parts, report_of, w
 from haptic_wall.controller.cli.map_plan import LARGE, check_room, planned
 from haptic_wall.controller.cli.numbers import numbers, periods, whole_periods
 from haptic_wall.controller.cli.options import answer, answer_in_parts, say
-from haptic_wall.controller.cli.places import new_folder, take_folder
+from haptic_wall.controller.cli.places import new_stem, take_folder
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.system.file_kinds import RESULT
 from haptic_wall.controller.system.signals import interrupting
 
 if TYPE_CHECKING:
@@ -34,7 +33,6 @@ _KICKS = (0.003, 0.01, 0.03, 0.1, 0.3)
 _KICK = 0.01
 """Of a servo without friction, encoder and backlash, to which the kick does not matter [rad]."""
 _DAMPINGS = 12
-_KINDS = {**FILES, "map.rows": RESULT}
 
 
 @click.command()
@@ -101,10 +99,10 @@ def command(
     if asked.out is None:
         if resume:
             raise UserError("found without --out", field="--resume", advice="add --out DIR")
-        folder = new_folder("--out", "map")
+        folder = new_stem("--out", "map")
     else:
         folder = asked.out
-        take_folder("--out", folder, _KINDS, force=asked.force)
+        take_folder("--out", folder, () if resume else FILES, force=asked.force)
     wanted = MapQuestion(setting, chosen_dampings, chosen_steps, chosen_kicks)
     say(f"{asked.name}: {wanted.points} points")
     with interrupting(), MapStore(folder, wanted, resume=resume, force=asked.force) as store:
@@ -113,7 +111,7 @@ def command(
         text = "interrupted before anything was computed: nothing is written"
         raise EndedEarlyError(text, INTERRUPTED)
     report = report_of(found, asked.name)
-    files = write_map(found, report, folder, force=asked.force)
+    files = write_map(found, report, folder)
     if not interrupted:
         store.remove()
     if asked.json:

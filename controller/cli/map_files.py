@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from haptic_wall.controller.cli.drawing import drawn_or_noted
 from haptic_wall.controller.cli.options import as_json, writing
-from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, RESULT_MARK, table
-from haptic_wall.controller.system.whole_file import whole
+from haptic_wall.controller.system.files import whole
+from haptic_wall.controller.system.json_text import RESULT_MARK
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.maps.maps import CriticalMap
@@ -34,7 +34,7 @@ _NOT_MAPPED = (
     *("position", "hand", "hand_origin", "hand_direction"),
 )
 """Truths of a servo that a report does not name"""
-FILES = {"map.csv": table(",".join(_COLUMNS[:5])), "map.json": RESULT, "map.png": PICTURE}
+FILES = ("map.csv", "map.json", "map.png")
 _NO_POINTS = '\n  "points": []'
 """The report's text without its points; a JSON text has no such line break in a string"""
 _POINT = ",\n".join(f'      "{name}": {{}}' for name in _COLUMNS)
@@ -86,16 +86,13 @@ def write_csv(found: CriticalMap, stream: TextIO) -> None:
         writer.writerows(points)
 
 
-def write_map(
-    found: CriticalMap, report: Mapping[str, Any], out: Path, *, force: bool
-) -> list[Path]:
+def write_map(found: CriticalMap, report: Mapping[str, Any], out: Path) -> list[Path]:
     """Write all files of a map, or none; return their paths.
 
     Args:
         found: The map.
         report: From ``report_of``.
         out: The folder.
-        force: Replace any file.
 
     Raises:
         UserError: A file cannot be written.
@@ -113,10 +110,10 @@ def write_map(
 
     *files, picture = (out / name for name in FILES)
     with writing("--out", out), ExitStack() as all_or_none:
-        for file, kind, write in zip(files, FILES.values(), (csv_table, json_text), strict=False):
-            write(all_or_none.enter_context(whole(file, kind, force=force)))
+        for file, write in zip(files, (csv_table, json_text), strict=True):
+            write(all_or_none.enter_context(whole(file)))
     draw = partial(plot_map, found, report["name"])
-    seen = drawn_or_noted("--out", picture, draw, force=force)
+    seen = drawn_or_noted("--out", picture, draw)
     return [*files, *([seen] if seen else [])]
 
 

@@ -24,7 +24,6 @@ from haptic_wall.controller.cli.numbers import numbers, periods, whole_periods
 from haptic_wall.controller.cli.options import say
 from haptic_wall.controller.cli.places import new_stem, take_folder
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, table
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint
@@ -175,7 +174,7 @@ def command(
 
         store.write()
         draw = partial(plot_sweep, points, device, asked.name)
-        drawn_or_noted("--out", folder / PNG, draw, force=asked.force)
+        drawn_or_noted("--out", folder / PNG, draw)
     report = {**store.report(asked.name), "out": folder}
     asked.answer(report, lambda: _text(points, folder))
     if not finished:
@@ -200,10 +199,8 @@ def _folder(asked: Asked, *, fresh: bool) -> Path:
 
     if asked.out is None:
         return new_stem("--out", f"sweep-{Path(asked.name).stem}")
-    kinds = {CSV: table("virtual_damping,delay_steps,"), PNG: PICTURE}
-    if fresh:  # else the store checks it
-        kinds[JSON] = RESULT
-    take_folder("--out", asked.out, kinds, force=asked.force)
+    continues = fresh or (asked.out / JSON).exists()  # then the store judges the folder
+    take_folder("--out", asked.out, () if continues else (CSV, PNG), force=asked.force)
     return asked.out
 
 

@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from haptic_wall import __version__
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.system.new_folders import make
+from haptic_wall.controller.system.files import make_folder
 
 MOST_BYTES = 2**24
 """Largest size of a stored table, report or picture"""
@@ -51,7 +51,7 @@ def made(folder: Path, logs: str) -> None:
         UserError: It cannot be made, or written to.
     """
     try:
-        make(folder / logs)
+        make_folder(folder / logs)
     except OSError as error:
         what = f"the folder cannot be made ({error.strerror})"
         raise refused(folder, what, "name another place") from error

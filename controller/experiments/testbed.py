@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from haptic_wall import __version__
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.laws.program import Phase
-from haptic_wall.controller.logs.file import SUFFIX
+from haptic_wall.controller.logs.file import SUFFIX, refuse_other
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.processes.plan import Ended, LogState, Plan
 from haptic_wall.controller.processes.run import run
@@ -25,8 +25,7 @@ from haptic_wall.controller.runtime.lateness.machine_setup import START
 from haptic_wall.controller.runtime.safety import AFTER_STALL, End, StopReason, Trip
 from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP, ROW
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.system.file_kinds import LOG, may_be_replaced
-from haptic_wall.controller.system.new_folders import make
+from haptic_wall.controller.system.files import make_folder, would_be_lost
 from haptic_wall.controller.theory.checks import IntArray
 from haptic_wall.hw.errors import ExplainedError, Problem, ServoLostError, ServoMissingError
 
@@ -164,7 +163,7 @@ class Testbed:
         self._start_told = ""
         self._witness = witness
         try:
-            make(folder)
+            make_folder(folder)
         except OSError as error:
             raise UserError(
                 f"the folder cannot be made ({error.strerror})",
@@ -212,11 +211,8 @@ class Testbed:
             raw["delay"]["steps"] = delay_steps
             config = Config.model_validate(raw)
         log = self.folder / f"{name}{SUFFIX}"
-        if not may_be_replaced(log, LOG):
-            raise UserError(
-                f"{log}: found a file that is not {LOG.name}, and would be lost",
-                advice="name another folder",
-            )
+        if would_be_lost(log):
+            refuse_other(log)
         metadata = {
             "program": f"haptic-wall {__version__}",
             "name": name,
@@ -230,6 +226,7 @@ class Testbed:
             metadata=metadata,
             witness=log.with_suffix(".witness.csv") if self._witness else None,
             program=tuple(phases),
+            force=True,
         )
         ended = run(plan, self._tell_new)
         if ended.stop_reason == End.INTERRUPTED or ended.asked:

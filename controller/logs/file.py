@@ -12,7 +12,7 @@ from typing import Final
 
 from haptic_wall.controller.errors import LogFormatError
 from haptic_wall.controller.logs.columns import COLUMNS, WHOLE
-from haptic_wall.controller.system.regular_file import opened
+from haptic_wall.controller.system.files import opened
 
 SUFFIX: Final = ".hwlog"
 APPLICATION: Final = 0x6877_6C67

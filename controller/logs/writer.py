@@ -27,6 +27,7 @@ from haptic_wall.controller.logs.file import (
     connected,
     refuse_other,
 )
+from haptic_wall.controller.system.files import would_be_lost
 
 _INSERT = f"INSERT INTO rows VALUES ({', '.join('?' * len(COLUMNS))})"
 
@@ -225,7 +226,11 @@ def _make(path: Path, *, force: bool) -> None:
     """
     if force:
         path.unlink(missing_ok=True)
-    os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+    try:
+        os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+    except FileExistsError:
+        if would_be_lost(path) or not path.is_file():
+            raise
     for end in BESIDE:  # SQLite would take them for those of the new file
         path.with_name(path.name + end).unlink(missing_ok=True)
 

@@ -25,9 +25,8 @@ from haptic_wall.controller.experiments.testbed import (
 )
 from haptic_wall.controller.processes.run_report import exit_status
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.system.file_kinds import PICTURE
+from haptic_wall.controller.system.files import whole
 from haptic_wall.controller.system.signals import interrupting
-from haptic_wall.controller.system.whole_file import whole
 from haptic_wall.hw.errors import ServoError
 
 HARDWARE, WRONG = 4, 1
@@ -164,7 +163,7 @@ def _drawn(outcome: StepOutcome, shown: tuple[Any, ...], bench: StepContext) -> 
     """Draw the picture of a stored step, if possible; return the outcome."""
     picture = bench.picture(outcome.step)
     try:
-        with whole(without_link(picture), PICTURE, force=True) as part:
+        with whole(without_link(picture)) as part:
             bench.plots[outcome.step](*shown, bench.name, part)
         return bench.store.keep(replace(outcome, picture=picture.name))
     except Exception as error:  # noqa: BLE001 - whatever may be wrong with what draws

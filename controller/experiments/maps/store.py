@@ -14,7 +14,7 @@ import numpy as np
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.kept_folder import fingerprint, plainly, refused
 from haptic_wall.controller.experiments.maps.maps import MapQuestion, Task
-from haptic_wall.controller.system.file_kinds import RESULT_MARK
+from haptic_wall.controller.system.json_text import RESULT_MARK
 from haptic_wall.controller.theory.checks import FloatArray
 
 ROWS = "map.rows"
