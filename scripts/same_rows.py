@@ -4,7 +4,7 @@
 
 A restructuring changes no number: not one bit of any row. tests/same_rows.txt holds a line for each
 run: its rows, its stop reason, its exit status, and digests of its rows and of the report's
-figures. The script drives the installed command and reads its answers and the exported rows only,
+figures. The script drives the installed command and reads its answers and the logged rows only,
 so it works whatever the modules are called.
 
 An exact digest holds on machines with the same processor and the same versions of Python, NumPy,
@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import csv
 import gzip
 import hashlib
 import importlib.metadata
@@ -30,6 +29,7 @@ import platform
 import runpy
 import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
 import tempfile
@@ -56,7 +56,7 @@ _PARTS = {
 }
 _LIMITS = ("linear", "exact", "one_sided", "quantisation", "passive")
 Rows = Mapping[str, list[str]]
-"""Columns by name, as the exported file spells their figures"""
+"""Columns by name, with their figures as text"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,18 +120,24 @@ def ran(case: Case) -> Ran:
     """Run one case on the simulated clock; its rows and what it reports."""
     sets = [word for one in ("loop.clock=simulated", *case.sets) for word in ("--set", one)]
     with tempfile.TemporaryDirectory() as folder:
-        log, table = Path(folder, "run.hwlog"), Path(folder, "rows.csv")
+        log = Path(folder, "run.hwlog")
         places = ["--duration", str(case.seconds), "--log", str(log), "--no-plot", "--json"]
         status, told = command("run", case.preset, *sets, *places)
         rows: Rows = {}
         if log.exists():
-            exported, _ = command("log", str(log), "--csv", str(table), "--json")
-            assert exported == 0, told
-            with table.open(newline="", encoding="utf-8") as file:
-                head, *lines = csv.reader(file)
-            rows = dict(zip(head, map(list, zip(*lines, strict=True)), strict=True))
+            with contextlib.closing(sqlite3.connect(log)) as opened:
+                found = opened.execute("SELECT * FROM rows ORDER BY seq")
+                columns = zip(*found.fetchall(), strict=True)
+                rows = {
+                    name: [*map(_figure, column)]
+                    for (name, *_), column in zip(found.description, columns, strict=False)
+                }
     answer = json.loads(told)
     return Ran(rows, answer.get("stop_reason", "-"), status, json.dumps(_figures(answer)))
+
+
+def _figure(value: float | None) -> str:
+    return "" if value is None else repr(value)
 
 
 def _figures(report: Mapping[str, Any]) -> dict[str, Any]:

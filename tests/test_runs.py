@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.cli import main as cli
-from haptic_wall.controller.logs.file import read_log
+from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.processes.hold import EVENT
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP, ROW, Telemetry, Word
@@ -218,7 +218,7 @@ def test_a_run_outlives_a_killed_recorder_and_a_stopped_supervisor_until_sigterm
     assert report["stop_reason"] == "interrupted"
     assert "the recorder was killed by SIGKILL; another one continues the log" in said
     assert any("no row is missing from the log" in text for text in report["warnings"])
-    rows = read_log(tmp_path / "run.hwlog")[1]["seq"]
+    rows = LogReader.open(tmp_path / "run.hwlog").rows()["seq"]
     assert list(rows) == list(range(words[Word.HEAD]))
 
 
@@ -510,7 +510,7 @@ def test_the_wall_is_on_only_while_the_dead_man_is_held(
 
         def last_flags() -> int | None:
             with contextlib.suppress(Exception):  # the last block may be half written
-                return int(read_log(path)[1]["flags"][-1])
+                return int(LogReader.open(path).rows()["flags"][-1])
             return None
 
         off = FLAG_WARM_UP | FLAG_OFF
@@ -529,7 +529,7 @@ def test_the_wall_is_on_only_while_the_dead_man_is_held(
     assert "--hold: the wall is on again" in told
     report = json.loads(out)
     assert (report["wall_came_on"], report["torque_off"]) == (True, True)
-    _, rows = read_log(path)
+    rows = LogReader.open(path).rows()
     is_off = (rows["flags"] & off) != 0
     assert not np.any(rows["torque"][is_off])
     assert np.any(rows["torque"][~is_off]), "it pulls the shaft, and friction keeps it beside"

@@ -20,8 +20,8 @@ from haptic_wall.controller.cli.places import take_folder
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.system.file_kinds import BUNDLE, RESULT, RESULT_MARK
-from haptic_wall.controller.system.whole_file import whole
+from haptic_wall.controller.system.files import whole
+from haptic_wall.controller.system.json_text import RESULT_MARK
 from haptic_wall.hw.errors import Problem
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def command(asked: Asked, only_plan: bool, fresh: bool) -> None:
             wanted="the folder for predictions, measurements and the bundle",
             advice="give for example --out acceptance",
         )
-    take_folder("--out", out, {_JSON: RESULT}, force=False, has_force=False)
+    take_folder("--out", out, (), force=False)
     refuse_foreign(out, predictions.FILE, (_JSON, _PAGE, bundle.FILE, _MEASURED, _EMULATED))
     announced(asked, announcement)
 
@@ -150,10 +150,10 @@ def _packed(
         predictions.FILE: before.decode(),
     }
     for name in (_JSON, _PAGE):
-        with whole(out / name, RESULT, force=True) as part:
+        with whole(out / name) as part:
             part.write_text(own[name], encoding="utf-8")
     folders = {name: out / name for name in (_MEASURED, _EMULATED)}
-    with whole(out / bundle.FILE, BUNDLE, force=True) as part:
+    with whole(out / bundle.FILE) as part:
         bundle.pack(part, folders, own, scrubber)
     return clean | {"bundle": str(out / bundle.FILE), "report": str(out / _PAGE)}
 

@@ -26,7 +26,6 @@ from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.guard.boundary_curve import default_dampings
 from haptic_wall.controller.guard.boundary_report import report
-from haptic_wall.controller.system.file_kinds import PICTURE
 
 
 @click.command()
@@ -117,7 +116,7 @@ def command(
     """  # noqa: D301 - the \b is what click takes for "as it stands"
     if plot is not None:
         refuse_other_pictures("--plot", plot)
-        take_file("--plot", plot, PICTURE, force=force)
+        take_file("--plot", plot, force=force)
     question = of_options(given) if config is None else of_config(config, sets, given)
     if config is None and sets:
         raise UserError("there is no CONFIG", field="--set", advice="give a preset or a file too")
@@ -130,5 +129,5 @@ def command(
     if plot is not None:
         from haptic_wall.controller.report.boundary import plot_boundary
 
-        drawn_or_noted("--plot", plot, partial(plot_boundary, question, found), force=force)
+        drawn_or_noted("--plot", plot, partial(plot_boundary, question, found))
     answer(as_json(found) if as_json_wanted else boundary_text(found))

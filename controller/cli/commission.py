@@ -20,9 +20,9 @@ from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.settings.load import Loaded
-from haptic_wall.controller.system.file_kinds import RESULT, RESULT_MARK
+from haptic_wall.controller.system.files import whole
+from haptic_wall.controller.system.json_text import RESULT_MARK
 from haptic_wall.controller.system.signals import on_signals
-from haptic_wall.controller.system.whole_file import whole
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.commission.plan import Announcement
@@ -80,7 +80,7 @@ def command(asked: Asked, fresh: bool, only_plan: bool, reach: float) -> None:
     from haptic_wall.controller.report.commission.picture import PLOTS
 
     refuse_same_file({"CONFIG": asked.file, f"--out (its {CONFIG})": out / CONFIG})
-    take_folder("--out", out, {}, force=False)  # the sequence knows what may be replaced
+    take_folder("--out", out, (), force=False)  # the sequence knows what may be replaced
     bench = StepContext(config, asked.name, reach, out, as_json, say, fresh, PLOTS)
     left = not is_complete(kept_steps(bench).done)
     if left:
@@ -141,14 +141,12 @@ def written(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
 
     data = report(ended, name, folder)
     question = GuardQuestion.of(ended.config, data["delay"])
-    allowed = drawn_or_noted(
-        "--out", folder / ALLOWED, partial(draw_allowed, question, data), force=True
-    )
+    allowed = drawn_or_noted("--out", folder / ALLOWED, partial(draw_allowed, question, data))
     data["report"] = str(folder / PAGE)
     with ExitStack() as both:
-        html = both.enter_context(whole(folder / PAGE, RESULT, force=True))
+        html = both.enter_context(whole(folder / PAGE))
         html.write_text(page(data, folder, allowed), encoding="utf-8")
-        part = both.enter_context(whole(folder / JSON, RESULT, force=True))
+        part = both.enter_context(whole(folder / JSON))
         part.write_text(as_json({**RESULT_MARK, **data}) + "\n", encoding="utf-8")
     return data
 

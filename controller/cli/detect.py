@@ -22,7 +22,6 @@ from haptic_wall.controller.cli.options import (
 from haptic_wall.controller.cli.places import force_option, take_file
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.system.file_kinds import PICTURE
 
 if TYPE_CHECKING:
     from haptic_wall.controller.logs.detected import Detected, GivenWall
@@ -78,7 +77,7 @@ def command(
     those of a CSV. Without options the wall of a CSV is estimated from torque and position.
     """
     from haptic_wall.controller.logs.detected import NO_WALL, detect_all
-    from haptic_wall.controller.logs.reader import is_log
+    from haptic_wall.controller.logs.file import is_log
     from haptic_wall.controller.logs.recordings import MOST_LAG_S, read_recordings
     from haptic_wall.controller.logs.replayed import replayed
 
@@ -96,7 +95,7 @@ def command(
     refuse_same_file({"LOG": log, "--plot": plot})
     if plot is not None:
         refuse_other_pictures("--plot", plot)
-        take_file("--plot", plot, PICTURE, force=force)
+        take_file("--plot", plot, force=force)
     with reading("LOG", log, "a log of run, or a CSV"):
         of_ours = is_log(log)
         pace = _LOG_BYTES_S if of_ours else _CSV_BYTES_S
@@ -116,7 +115,7 @@ def command(
         from haptic_wall.controller.report.detect import plot_detection
 
         parts, found = zip(*detected.drawn, strict=True)
-        plot = drawn_or_noted("--plot", plot, partial(plot_detection, parts, found), force=force)
+        plot = drawn_or_noted("--plot", plot, partial(plot_detection, parts, found))
     report = _report(detected, plot)
     answer(as_json(report) if as_json_wanted else _text(report))
 

@@ -8,25 +8,23 @@ from pathlib import Path
 from haptic_wall.controller.cli.options import say, writing
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.system.file_kinds import PICTURE
-from haptic_wall.controller.system.whole_file import whole
+from haptic_wall.controller.system.files import whole
 
 
-def drawn(option: str, path: Path, draw: Callable[[Path], None], *, force: bool) -> None:
+def drawn(option: str, path: Path, draw: Callable[[Path], None]) -> None:
     """Draw a picture; it is complete or absent.
 
     Args:
         option: That named the path.
         path: Of the picture.
         draw: Draws to a path.
-        force: Replace any file.
 
     Raises:
         UserError: Whatever kept it from being drawn or written.
     """
     drawing = working("drawing the picture", DRAWING_S)
     try:
-        with drawing, writing(option, path), whole(path, PICTURE, force=force) as part:
+        with drawing, writing(option, path), whole(path) as part:
             draw(part)
     except UserError:
         raise
@@ -37,12 +35,10 @@ def drawn(option: str, path: Path, draw: Callable[[Path], None], *, force: bool)
         ) from error
 
 
-def drawn_or_noted(
-    option: str, path: Path, draw: Callable[[Path], None], *, force: bool
-) -> Path | None:
+def drawn_or_noted(option: str, path: Path, draw: Callable[[Path], None]) -> Path | None:
     """Draw a picture as ``drawn``; return its path, or None after a note."""
     try:
-        drawn(option, path, draw, force=force)
+        drawn(option, path, draw)
     except UserError as error:
         older = f"; {path} is of an earlier result" if path.exists() else ""
         say(f"there is no new picture: {error}{older}")

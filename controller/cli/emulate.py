@@ -21,10 +21,8 @@ from haptic_wall.controller.cli.options import refuse_same_file, say, writing
 from haptic_wall.controller.cli.places import force_option, take_file, take_link
 from haptic_wall.controller.errors import PlatformError, UserError
 from haptic_wall.controller.runtime import realtime
-from haptic_wall.controller.system.file_kinds import RECORD
 from haptic_wall.controller.system.printable import printable
 from haptic_wall.controller.system.signals import on_signals
-from haptic_wall.controller.system.whole_file import Beside
 from haptic_wall.hw.dynamixel.registers import TICK_MODULUS
 from haptic_wall.hw.elastic import BusClock, shared_words
 from haptic_wall.hw.emulated.adapter import BLOCKS, Adapter
@@ -153,16 +151,9 @@ def command(
         if owner is not None and record is not None:
             stack.callback(_leave_nothing, record, orphaned)
         stack.enter_context(on_signals(lambda received, _frame: signals.append(received)))
-        witness = beside = None
-        if record is not None:
-            if not die_with_parent:  # else the parent has claimed it
-                take_file("--record", record, RECORD, force=force)
-            beside = Beside(record, RECORD, force=force)
-            stack.callback(beside.discard)
-            with writing("--record", record):
-                beside.begin()
-                file = beside.part.open("w", encoding="utf-8", newline="\n")
-            witness = stack.enter_context(Witness(file))
+        witness = None
+        if record is not None and not die_with_parent:  # else the parent has looked
+            take_file("--record", record, force=force)
         if link is not None:
             take_link("--link", link, force=force)
         with _as_user_error():
@@ -185,17 +176,20 @@ def command(
         if hand_memory is not None:
             emulated[0].take_hand(SharedHand(hand_memory))
         with _as_user_error("--fault"):
+            mishaps = Faults(faults, seed)
+        if record is not None:
+            with writing("--record", record):
+                file = record.open("w", encoding="utf-8", newline="\n")
+            witness = stack.enter_context(Witness(file))
+        with _as_user_error("--fault"):
             bus = EmulatedBus(
                 emulated,
                 baud=speed,
                 start_ns=start_ns,
                 witness=witness,
                 adapter=Adapter(timer_ms * _MS_NS, block_size, start_ns) if timer_ms else None,
-                faults=Faults(faults, seed),
+                faults=mishaps,
             )
-        if beside is not None and record is not None:
-            with writing("--record", record):
-                beside.place()  # the bus and its record exist
         settings = realtime.apply("best-effort", PRIORITY, os.sched_getaffinity(0))
         realtime.freeze_garbage()
         click.echo(terminal.path)

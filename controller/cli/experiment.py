@@ -35,8 +35,8 @@ from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import Loaded, file_of, load_config
 from haptic_wall.controller.settings.servo import Servo
-from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, RESULT_MARK, Kind, table
-from haptic_wall.controller.system.whole_file import whole
+from haptic_wall.controller.system.files import whole
+from haptic_wall.controller.system.json_text import RESULT_MARK
 from haptic_wall.hw.errors import Problem
 
 Found = TypeVar("Found")
@@ -44,7 +44,6 @@ _FASTER = 20.0
 """The simulated clock than real time"""
 REACH = 0.6
 """Default excursion of an identification, to each side [rad]"""
-_TABLE = table("virtual_damping,delay_steps,")
 _YES = click.option("--yes", is_flag=True, help="Do not ask before a real servo moves.")
 
 
@@ -178,7 +177,7 @@ def carry_out(
     text: Callable[[Found, list[Path]], str],
     *,
     rows: Callable[[Found], Iterable[Mapping[str, Any]]] | None = None,
-    others: Mapping[str, Kind] | None = None,
+    others: Iterable[str] = (),
     work: AbstractContextManager[object] | None = None,
     ended: Callable[[Found], tuple[str, int] | None] = lambda _found: None,
 ) -> None:
@@ -193,7 +192,7 @@ def carry_out(
         draw: Draws the picture, of what was found, with a title, to a path.
         text: Returns the answer for people; its second argument is the files written.
         rows: Returns the rows of a CSV table; None: there is none.
-        others: Further files in the folder, with their kinds.
+        others: Files that keep what an earlier call has found, which this one continues.
         work: Shows that it works; None: that a servo is moved.
         ended: Returns what is kept of a measurement that ended early, up to the words "--out DIR
             continues", and the exit status; None: it is complete.
@@ -202,13 +201,14 @@ def carry_out(
         UserError: The files cannot be written.
         EndedEarlyError: A person or a trip ended the experiment.
     """
-    files = {f"{what}.json": RESULT, f"{what}.png": PICTURE}
     folder = asked.out
+    files = (f"{what}.json", f"{what}.png")
     if folder is None:
         folder = new_stem("--out", what)
     else:
-        tables = {f"{what}.csv": _TABLE} if rows is not None else {}
-        take_folder("--out", folder, {**files, **tables, **(others or {})}, force=asked.force)
+        tables = () if rows is None else (f"{what}.csv",)
+        begun = any((folder / name).is_file() for name in others)  # it is continued
+        take_folder("--out", folder, () if begun else (*files, *tables), force=asked.force)
     asked.may_move()
     with work or moving(asked.config, seconds), endings():
         found = measure(folder)
@@ -219,11 +219,10 @@ def carry_out(
         folder.mkdir(parents=True, exist_ok=True)
         if rows is not None:
             paths.append(folder / f"{what}.csv")
-            part = all_or_none.enter_context(whole(paths[-1], _TABLE, force=asked.force))
-            _write_table(part, rows(found))
-        part = all_or_none.enter_context(whole(result, RESULT, force=asked.force))
+            _write_table(all_or_none.enter_context(whole(paths[-1])), rows(found))
+        part = all_or_none.enter_context(whole(result))
         part.write_text(as_json(held) + "\n", encoding="utf-8")
-    seen = drawn_or_noted("--out", picture, partial(draw, found, asked.name), force=asked.force)
+    seen = drawn_or_noted("--out", picture, partial(draw, found, asked.name))
     paths += [seen] if seen else []
     asked.answer({**held, "files": paths}, lambda: text(found, paths))
     if (early := ended(found)) is not None:

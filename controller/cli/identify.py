@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,17 +21,11 @@ from haptic_wall.controller.cli.options import (
 from haptic_wall.controller.cli.places import new_stem, take_file, take_folder
 from haptic_wall.controller.errors import SeveralError, UserError
 from haptic_wall.controller.settings.load import Loaded
-from haptic_wall.controller.system.file_kinds import PICTURE, Kind
-from haptic_wall.controller.system.whole_file import whole
+from haptic_wall.controller.system.files import whole
 from haptic_wall.hw.errors import Problem
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.identify.identification import Identified
-
-_CONFIG = Kind(
-    "a configuration that haptic-wall identify wrote",
-    re.compile(rb"# [^\n]*haptic-wall identify found on"),
-)
 
 
 @click.command()
@@ -105,13 +98,13 @@ def command(
     failed: Problem | None = None
     if out is not None:
         try:
-            with writing("--out", out), whole(out, _CONFIG, force=asked.force) as part:
+            with writing("--out", out), whole(out) as part:
                 _write(found, loaded, part)
             result["config"] = str(out)
         except UserError as error:  # told when the figures are printed
             failed, result["config"] = error.problem, None
     draw = partial(_draw, found, loaded.name)
-    result["plot"] = drawn_or_noted("--plot", plot_path, draw, force=asked.force)
+    result["plot"] = drawn_or_noted("--plot", plot_path, draw)
     asked.answer(result, lambda: _text(result, found, logs))
     if failed is not None:
         raise SeveralError([failed])
@@ -132,11 +125,11 @@ def _places(asked: Asked, plot: Path | None, logs: Path | None) -> tuple[Path, P
     if plot is not None:
         refuse_other_pictures("--plot", plot)
     refuse_same_file({"CONFIG": asked.file, "--out": out, "--plot": plot})
-    for option, path, kind in (("--out", out, _CONFIG), ("--plot", plot, PICTURE)):
+    for option, path in (("--out", out), ("--plot", plot)):
         if path is not None:
-            take_file(option, path, kind, force=force, make=True)
+            take_file(option, path, force=force, make=True)
     if logs is not None:
-        take_folder("--logs", logs, {}, force=force)
+        take_folder("--logs", logs, (), force=force)
     if plot is not None and logs is not None:
         return plot, logs
     name = f"identify-{Path(asked.loaded.name).stem}"

@@ -18,7 +18,6 @@ from haptic_wall.controller.cli.options import (
 from haptic_wall.controller.cli.places import take_file
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.system.file_kinds import PICTURE
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.recorded.estimate import Pendulum
@@ -46,7 +45,7 @@ def identify_record(
         plot_path: Path of the picture; None: none is drawn.
         pendulum_mass: [kg]; None: nothing known hangs on the shaft.
         pendulum_length: [m]
-        force: Replace even a file that is no picture of this program.
+        force: Replace a file.
         as_json_wanted: Answer as JSON.
         **needless: Options that need a moving servo, as given; refused.
 
@@ -58,7 +57,7 @@ def identify_record(
     refuse_same_file({"--record": record, "--plot": plot_path})
     if plot_path is not None:
         refuse_other_pictures("--plot", plot_path)
-        take_file("--plot", plot_path, PICTURE, force=force, make=True)
+        take_file("--plot", plot_path, force=force, make=True)
     from haptic_wall.controller.experiments.recorded import estimate
     from haptic_wall.controller.experiments.recorded.record import read_record
     from haptic_wall.controller.experiments.recorded.text import report, text
@@ -72,7 +71,7 @@ def identify_record(
         from haptic_wall.controller.report.recorded import plot_recorded
 
         draw = partial(plot_recorded, found, record.name)
-        result["plot"] = drawn_or_noted("--plot", plot_path, draw, force=force)
+        result["plot"] = drawn_or_noted("--plot", plot_path, draw)
     answer(as_json(result) if as_json_wanted else text(found, result["plot"]))
 
 

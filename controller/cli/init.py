@@ -21,11 +21,8 @@ from haptic_wall.controller.settings.load import (
     preset_names,
     preset_text,
 )
-from haptic_wall.controller.system.file_kinds import Kind
-from haptic_wall.controller.system.whole_file import whole
+from haptic_wall.controller.system.files import whole
 
-_NO_FILE = Kind("empty", re.compile(rb"(?!)"))
-"""Kind of an editable configuration, which is never replaced without ``--force``"""
 _HINT = """\
 #
 # Lines such as `# key: value` show further settings and their defaults: remove the first # to set
@@ -72,9 +69,9 @@ def command(file: Path, preset: str, force: bool) -> None:
             wanted="another name",
             advice=f"give for example `haptic-wall init my-{file}.yaml --from {file}`",
         )
-    take_file("FILE", file, _NO_FILE, force=force)
+    take_file("FILE", file, force=force)
     text = commented(preset)
-    with writing("FILE", file), whole(file, _NO_FILE, force=force) as part:
+    with writing("FILE", file), whole(file) as part:
         part.write_text(text, encoding="utf-8")
     if file == Path("/dev/stdout"):
         say(f"the preset {preset}, commented")

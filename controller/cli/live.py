@@ -7,7 +7,7 @@ import signal
 import socket
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -16,10 +16,8 @@ from haptic_wall.controller.cli.options import answer, place_option, reading
 from haptic_wall.controller.cli.stretch import stretch_between
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.live.place import live_at, server_log_of
-from haptic_wall.controller.logs.pieces import End
-from haptic_wall.controller.logs.reader import LogReader
-from haptic_wall.controller.logs.rows import LogRows, TimeSpan
-from haptic_wall.controller.logs.walls import APPLIED, told_in, walls_of
+from haptic_wall.controller.logs.reader import LogReader, TimeSpan
+from haptic_wall.controller.logs.walls import walls_of
 from haptic_wall.controller.system.signals import on_signals
 
 if TYPE_CHECKING:
@@ -61,25 +59,11 @@ def _view(log: Path, stretch: TimeSpan) -> View:
     from haptic_wall.controller.live.view import View
 
     with reading("LOG", log, "a log of run"), working("reading the log"):
-        rows = LogRows.of(LogReader(log), stretch)
-        source = LoggedSource(rows)
-        ended, changes = _told_by(rows)
-    made = [each for each in changes if each["outcome"] == APPLIED and each["row"] is not None]
-    walls = walls_of(rows.metadata, sorted(made, key=lambda each: each["row"]))
-    view = View(walls.configs[0], str(rows.metadata.get("name", log.name)), source, recorded=True)
+        read = LogReader.open(log, stretch)
+        source = LoggedSource(read)
+    walls = walls_of(read.metadata, read.changes)
+    view = View(walls.configs[0], str(read.metadata.get("name", log.name)), source, recorded=True)
     begun = source.since(walls.since)
-    view.recall(
-        ended, changes, [(*at, each) for at, each in zip(begun, walls.configs, strict=False)]
-    )
+    states = [(*at, each) for at, each in zip(begun, walls.configs, strict=False)]
+    view.recall(dict(read.end or {}), list(read.changes), states)
     return view
-
-
-def _told_by(rows: LogRows) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Return the end that the run wrote, or nothing, and the changes of the running wall."""
-    ended: dict[str, Any] = {}
-    changes: list[dict[str, Any]] = []
-    for piece in rows.log.pieces():
-        changes += told_in(piece)
-        if isinstance(piece, End):
-            ended = piece.ended
-    return ended, changes

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from haptic_wall.controller.cli.text import entry
@@ -33,25 +33,25 @@ def _value(section: Mapping[str, Any], name: str) -> str:
     return in_line(str(value), 40) if isinstance(value, str | int | float) else "unknown"
 
 
-def summary_text(summary: Mapping[str, Any], cut: object, log: str) -> str:
+def summary_text(summary: Mapping[str, Any], log: str) -> str:
     """Format the summary as text of some ten lines.
 
     Args:
         summary: The summary, as for ``--json``.
-        cut: Origin of an excerpt, from its metadata; None: it is a run's own log.
-        log: Its name.
+        log: The name of the log.
     """
-    return "\n".join(_lines(summary, cut, log))
+    return "\n".join(_lines(summary, log))
 
 
-def _lines(summary: Mapping[str, Any], cut: object, log: str) -> Iterator[str]:
-    yield f"run         {_called(summary)}"
+def _lines(summary: Mapping[str, Any], log: str) -> Iterator[str]:
+    name, program = (
+        in_line(summary[key]) if isinstance(summary[key], str) else "unknown"
+        for key in ("name", "program")
+    )
+    yield f"run         {name} ({program})"
     yield f"config      {summary['config']}"
-    if cut is not None:
-        yield f"cut         {_cut(cut)}"
     if not summary["rows"]:
         yield "rows        none"
-        yield from _damage(summary["damaged"])
         return
     rate = "unknown" if summary["rate_hz"] is None else f"{summary['rate_hz']:.6g} Hz"
     since = f", from {summary['from_s']:.6g} s on" if summary["from_s"] > 0.0 else ""
@@ -60,9 +60,6 @@ def _lines(summary: Mapping[str, Any], cut: object, log: str) -> Iterator[str]:
         f"lost        {summary['missed_ticks']} missed ticks, {summary['failed_readings']} "
         f"failed readings, {summary['unrecorded_rows']} rows not recorded"
     )
-    yield from _damage(summary["damaged"])
-    yield from _misplaced(summary["misplaced_rows"])
-    yield from _joined(summary["parts"], log)
     yield from _what_happened(summary)
     yield f"ended       {_ended(summary, log)}"
     if summary["schedule"]:
@@ -73,58 +70,6 @@ def _lines(summary: Mapping[str, Any], cut: object, log: str) -> Iterator[str]:
     ):
         for text in texts:
             yield from entry(label, in_line(text, 1000))
-
-
-def _called(part: Mapping[str, Any]) -> str:
-    """Return a log's name, and the program that wrote it."""
-    name, program = (
-        in_line(part[key]) if isinstance(part[key], str) else "unknown"
-        for key in ("name", "program")
-    )
-    return f"{name} ({program})"
-
-
-def _cut(cut: object) -> str:
-    held = cut if isinstance(cut, dict) else {}
-    log, start, end = held.get("log"), held.get("from_s"), held.get("to_s")
-    if not isinstance(log, str) or not isinstance(start, float) or not isinstance(end, float):
-        return "from another log, whose name cannot be read"
-    return f"from {in_line(log)}, {start:.6g} to {end:.6g} s"
-
-
-def _damage(damaged: Mapping[str, Any]) -> Iterator[str]:
-    if not damaged["places"]:
-        return
-    why = f"; {damaged['why']}" if damaged.get("why") else ""
-    if damaged["places"] == 1 and damaged["cut_off"]:
-        yield f"cut off     the last {damaged['bytes']} bytes are not a whole block{why}"
-        return
-    rows = "some rows" if damaged["rows"] is None else f"{damaged['rows']} rows"
-    places = "1 place" if damaged["places"] == 1 else f"{damaged['places']} places"
-    first = why.replace("; ", "; of the first: ", 1)
-    yield (
-        f"damaged     {damaged['bytes']} bytes in {places}: {rows} lost, the others are"
-        f" intact{first}"
-    )
-
-
-def _misplaced(misplaced: Mapping[str, int]) -> Iterator[str]:
-    if misplaced["late"]:
-        yield f"misplaced   {misplaced['late']} rows come after later ones: they are left out"
-    if misplaced["twice"]:
-        yield f"twice       {misplaced['twice']} rows occur twice: they are read once"
-
-
-def _joined(parts: Sequence[Mapping[str, Any]], log: str) -> Iterator[str]:
-    """Describe the logs that are joined in one file, if there are several."""
-    if len(parts) == 1:
-        return
-    yield f"joined      {len(parts)} logs in one file: each begins 1 s after the one before ends"
-    for number, part in enumerate(parts, 1):
-        where = "no rows"
-        if part["rows"]:
-            where = f"{part['rows']} rows from {part['from_s']:.6g} to {part['to_s']:.6g} s"
-        yield f"  part {number:<5}{_called(part)}: {where}; ended {_ended(part, log)}"
 
 
 def _what_happened(summary: Mapping[str, Any]) -> Iterator[str]:
@@ -176,7 +121,7 @@ def _changes(changes: Mapping[str, Any]) -> Iterator[str]:
 def _ended(summary: Mapping[str, Any], log: str) -> str:
     reason = summary["stop_reason"]
     if reason is None:
-        return f"not recorded in {log}: the run goes on, was killed, or this is a part of its log"
+        return f"not recorded in {log}: the run goes on, or was killed"
     how = {"duration": "as planned", "interrupted": "interrupted"}.get(reason, in_line(reason))
     if trip := Trip.of(reason):
         how = f"BY A SAFETY TRIP: {trip.label}"

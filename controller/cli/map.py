@@ -24,8 +24,7 @@ from haptic_wall.controller.cli.numbers import numbers, periods, whole_periods
 from haptic_wall.controller.cli.options import say
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.system.file_kinds import RESULT
-from haptic_wall.controller.system.new_folders import make
+from haptic_wall.controller.system.files import make_folder
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.maps.maps import (
@@ -136,7 +135,7 @@ def command(
         plot_map,
         _text,
         rows=_points,
-        others={_ROWS: RESULT},
+        others=(_ROWS,),
         work=working("computing", seconds, lambda: share),
         ended=_ended,
     )
@@ -161,7 +160,7 @@ def _computed(
     from haptic_wall.controller.experiments.cluster import cluster
     from haptic_wall.controller.experiments.maps.maps import critical_map
 
-    make(folder)
+    make_folder(folder)
     kept = wanted.kept(folder / _ROWS, resume=resume, fresh=force and not resume)
     with nullcontext(None) if dask is None else cluster(dask) as pool:
         found = critical_map(wanted, executor=pool, workers=workers, progress=progress, kept=kept)

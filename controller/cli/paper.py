@@ -12,7 +12,6 @@ from haptic_wall.controller.cli.options import answer, as_json, json_option, say
 from haptic_wall.controller.cli.places import force_option, take_folder
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.system.file_kinds import PICTURE
 from haptic_wall.hw.names import did_you_mean
 
 if TYPE_CHECKING:
@@ -37,8 +36,8 @@ def command(item: str, out: Path | None, force: bool, as_json_wanted: bool) -> N
     Source: Gil et al., "Stability Boundary for Haptic Rendering: Influence of Damping and Delay",
     ICRA 2007.
     """  # noqa: D205 - the first paragraph is the help's summary
-    from haptic_wall.controller.paper.items import ITEMS, TABLE, make
-    from haptic_wall.controller.paper.page import KIND, PAGE, write_page
+    from haptic_wall.controller.paper.items import ITEMS, make
+    from haptic_wall.controller.paper.page import PAGE, write_page
 
     names = [entry.name for entry in ITEMS]
     if item not in (*names, _ALL):
@@ -51,19 +50,17 @@ def command(item: str, out: Path | None, force: bool, as_json_wanted: bool) -> N
             advice="give for example --out paper",
         )
     wanted = names if item == _ALL else [item]
-    kinds = {f"{name}.csv": TABLE for name in wanted} | {f"{name}.png": PICTURE for name in wanted}
-    if item == _ALL:
-        kinds[PAGE] = KIND
-    take_folder("--out", out, kinds, force=force)
+    files = [f"{name}{end}" for name in wanted for end in (".csv", ".png")]
+    take_folder("--out", out, [*files, *([PAGE] if item == _ALL else [])], force=force)
     made = []
     with working("computing", _ITEM_S * len(wanted)), writing("--out", out):
         for name in wanted:
             say(f"{name} ...")
-            made.append(make(name, out, force=force))
-        files = [path for entry in made for path in (entry.csv, entry.png)]
+            made.append(make(name, out))
+        paths = [path for entry in made for path in (entry.csv, entry.png)]
         if item == _ALL:
-            files.append(write_page(made, out, force=force))
-    answer(as_json(_report(made, files)) if as_json_wanted else _text(made, files))
+            paths.append(write_page(made, out))
+    answer(as_json(_report(made, paths)) if as_json_wanted else _text(made, paths))
 
 
 def _unknown(item: str, names: list[str]) -> UserError:

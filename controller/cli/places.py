@@ -1,15 +1,13 @@
-"""Claims the places where a command writes: refuses conflicts before any work is done.
-
-No existing file is touched before there is a replacement.
-"""
+"""Refuses to write over a file, before any work is done, unless ``--force`` is given."""
 
 from __future__ import annotations
 
+import fcntl
 import os
 import tempfile
 import time
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 
 import click
@@ -17,10 +15,7 @@ import click
 from haptic_wall.controller.cli import interrupt
 from haptic_wall.controller.cli.options import Command, refuse_no_folder, refuse_same_file, writing
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.system.claim import ClaimedError, claimed
-from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, Kind, may_be_replaced
-from haptic_wall.controller.system.new_folders import make_and_keep, remove_empty
-from haptic_wall.controller.system.whole_file import remove_leftovers
+from haptic_wall.controller.system.files import make_folder, remove_empty, would_be_lost
 
 _RUNS = Path("runs")
 _TAKEN = ("", ".hwlog", ".png")
@@ -29,27 +24,23 @@ _TAKEN = ("", ".hwlog", ".png")
 
 def force_option(command: Command) -> Command:
     """Add ``--force``, passed to the command as ``force``."""
-    return click.option(
-        "--force", is_flag=True, help="Also replace existing files that haptic-wall did not write."
-    )(command)
+    return click.option("--force", is_flag=True, help="Also replace existing files.")(command)
 
 
 def take_file(
-    option: str, path: Path, kind: Kind, *, force: bool, make: bool = False, try_it: bool = True
+    option: str, path: Path, *, force: bool, make: bool = False, try_it: bool = True
 ) -> None:
-    """Check that a file can be written there without loss, and claim it until the command ends.
+    """Check that a file can be written there without loss.
 
     Args:
         option: Option that names it.
         path: Path of the file.
-        kind: Kind of the file.
         force: Replace any file.
         make: Make its folder if necessary.
         try_it: Refuse a folder without write permission.
 
     Raises:
-        UserError: A folder or a file of another kind is there, or another command is writing it, or
-            it cannot be written.
+        UserError: A folder or a file is there, or it cannot be written.
     """
     if str(path) == "-":
         raise UserError(
@@ -66,34 +57,27 @@ def take_file(
         _make(option, path.parent)
     if path.exists() and not path.is_file():
         return  # a device, which is everybody's
-    _refuse_foreign(option, path, kind, force=force)
-    with writing(option, path):
-        if try_it:
+    _refuse_loss(option, path, force=force)
+    if try_it:
+        with writing(option, path):
             tempfile.TemporaryFile(dir=Path(os.path.realpath(path)).parent).close()
-        _claim(option, path)
-        with suppress(OSError):
-            remove_leftovers(path)
 
 
-def take_folder(
-    option: str, folder: Path, kinds: Mapping[str, Kind], *, force: bool, has_force: bool = True
-) -> None:
-    """Check that files can be written there without loss, and claim the folder until the end.
+def take_folder(option: str, folder: Path, names: Iterable[str], *, force: bool) -> None:
+    """Check that files can be written there without loss, and lock the folder until the end.
 
     Args:
         option: Option that names it.
         folder: Made if necessary, and removed if it is empty at the end.
-        kinds: Names and kinds of the files.
+        names: Names of the files.
         force: Replace any files.
-        has_force: The command has that option.
 
     Raises:
-        UserError: It is no folder, or not writable, or a file is of another kind, or another
-            command is writing there.
+        UserError: It is no folder, or not writable, or a file is there, or another command is
+            writing there.
     """
     refuse_no_folder(option, folder)
-    with writing(option, folder):
-        _make_and_keep(folder)
+    _make(option, folder)
     if not os.access(folder, os.W_OK | os.X_OK):
         raise UserError(
             "found a folder without write permission",
@@ -101,7 +85,7 @@ def take_folder(
             given=folder,
             advice="name another place",
         )
-    for name, kind in kinds.items():
+    for name in names:
         if (folder / name).is_dir():
             raise UserError(
                 f"found a folder {name} in it",
@@ -110,68 +94,87 @@ def take_folder(
                 wanted="a file or nothing",
                 advice="name another place",
             )
-        _refuse_foreign(option, folder / name, kind, force=force, has_force=has_force)
+        _refuse_loss(option, folder / name, force=force)
     with writing(option, folder):
-        _claim(option, folder)
-        for name in kinds:
-            remove_leftovers(folder / name)
+        held = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        _until_the_end(lambda: os.close(held))
+        try:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise UserError(
+                f"another command is writing in {folder}",
+                field=option,
+                advice="wait for its end, or name another place",
+            ) from None
 
 
 def take_link(option: str, path: Path, *, force: bool) -> None:
-    """Check that a link to a terminal can be made there, and claim it until the command ends.
+    """Check that a link to a terminal can be made there.
 
     Args:
         option: Option that names it.
-        path: Path of the link; a link that a killed command left there leads to a terminal too.
+        path: Path of the link; one that a killed command has left leads nowhere.
         force: Replace any link.
 
     Raises:
-        UserError: A link to something else is there, or another command's, or it cannot be made.
+        UserError: Something is there.
     """
-    with writing(option, path):
-        if not force and path.is_symlink() and not path.readlink().is_relative_to("/dev/pts"):
-            raise UserError(
-                f"found a link to {path.readlink()}, which would be lost",
-                field=option,
-                given=path,
-                advice="name another place, or give --force to replace it",
-            )
-        _claim(option, path, follow=False)
+    leads = path.is_symlink() and (path.exists() or path.readlink().parent != Path("/dev/pts"))
+    if leads and not force:
+        raise UserError(
+            f"found a link to {path.readlink()}, which would be lost",
+            field=option,
+            given=path,
+            advice="name another place, or give --force to replace it",
+        )
 
 
-def new_stem(option: str, what: str) -> Path:
-    """Return a name in ./runs/ with which no existing name begins, claimed until the command ends.
+def new_stem(option: str, what: str, suffix: str = "") -> Path:
+    """Return a name in ./runs/ with which no existing name begins.
+
+    An empty file of that name with ``suffix``, or a folder, keeps other commands from it; it is
+    removed at the end if nothing is in it.
 
     Args:
         option: Option that would name another place.
         what: End of the name, after date and time.
+        suffix: Of the file; empty: a folder.
 
     Raises:
         UserError: The folder ./runs/ cannot be made.
     """
     _make(option, _RUNS)
     stem = _RUNS / f"{time.strftime('%Y%m%d-%H%M%S')}-{what}"
-    while not _is_new(stem):  # second run within a second
-        stem = stem.with_name(stem.name + "+")
+    with writing(option, _RUNS):
+        while not _reserved(stem, suffix):  # second run within a second
+            stem = stem.with_name(stem.name + "+")
     return stem
 
 
-def _is_new(stem: Path) -> bool:
-    """Whether the name is free; claim it then."""
-    with ExitStack() as stack:
-        try:
-            stack.enter_context(claimed(stem))
-        except ClaimedError:
-            return False
-        if any(os.path.lexists(f"{stem}{suffix}") for suffix in _TAKEN):
-            return False
-        _until_the_end(stack.pop_all().close)
+def _reserved(stem: Path, suffix: str) -> bool:
+    if any(os.path.lexists(f"{stem}{end}") for end in _TAKEN):
+        return False
+    place = Path(f"{stem}{suffix}")
+    try:
+        place.touch(exist_ok=False) if suffix else place.mkdir()
+    except FileExistsError:
+        return False
+
+    def remove() -> None:
+        with suppress(OSError):
+            if not suffix:
+                place.rmdir()
+            elif not place.stat().st_size:
+                place.unlink()
+
+    _until_the_end(remove)
     return True
 
 
 def _make(option: str, folder: Path) -> None:
+    _until_the_end(remove_empty)
     try:
-        _make_and_keep(folder)
+        make_folder(folder)
     except OSError as error:
         raise UserError(
             f"the folder {folder} cannot be made ({error.strerror})",
@@ -180,35 +183,14 @@ def _make(option: str, folder: Path) -> None:
         ) from error
 
 
-def _make_and_keep(folder: Path) -> None:
-    _until_the_end(remove_empty)
-    make_and_keep(folder)
-
-
-def _refuse_foreign(
-    option: str, path: Path, kind: Kind, *, force: bool, has_force: bool = True
-) -> None:
-    if not force and not may_be_replaced(path, kind):
-        early = " (early versions did not mark theirs)" if kind in (PICTURE, RESULT) else ""
+def _refuse_loss(option: str, path: Path, *, force: bool) -> None:
+    if not force and would_be_lost(path):
         raise UserError(
-            f"found a file that is not {kind.name}{early}, and would be lost",
+            "found a file, which would be lost",
             field=option,
             given=path,
-            advice="name another place" + ", or give --force to replace it" * has_force,
+            advice="name another place, or give --force to replace it",
         )
-
-
-def _claim(option: str, path: Path, *, follow: bool = True) -> None:
-    with ExitStack() as stack:
-        try:
-            stack.enter_context(claimed(path, follow=follow))
-        except ClaimedError:
-            raise UserError(
-                f"another run is writing {path}",
-                field=option,
-                advice="wait for its end, or name another place",
-            ) from None
-        _until_the_end(stack.pop_all().close)
 
 
 def _until_the_end(close: Callable[[], None]) -> None:

@@ -31,11 +31,10 @@ from haptic_wall.controller.cli.places import force_option, new_stem, take_file
 from haptic_wall.controller.cli.text import report_text
 from haptic_wall.controller.cli.working import is_shown, working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.logs.reader import SUFFIX
+from haptic_wall.controller.logs.file import SUFFIX
 from haptic_wall.controller.runtime.telemetry import ROW, Telemetry, Word
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import file_of, load_config
-from haptic_wall.controller.system.file_kinds import LOG, PICTURE, RECORD
 from haptic_wall.controller.system.signals import STOPPING, interrupting, on_signals
 
 if TYPE_CHECKING:
@@ -176,7 +175,7 @@ def command(
     with on_signals(signal.SIG_IGN):  # a held Ctrl-C must not cost the report
         warning = "" if plot is None else "no picture: there is no log"
         if ended.logged and plot is not None:
-            warning = _draw(log, plot, ended.stop_reason, force=force)
+            warning = _draw(log, plot, ended.stop_reason)
         if warning:
             ended.warnings.append(warning)
         report = reports.run_report(
@@ -331,19 +330,15 @@ def _places(
     if plot is not None:
         refuse_other_pictures("--plot", plot)
     refuse_same_file({"CONFIG": file_of(name), "--log": log, "--plot": plot, "--witness": witness})
-    for option, path, kind in (
-        ("--log", log, LOG),
-        ("--plot", plot, PICTURE),
-        ("--witness", witness, RECORD),
-    ):
+    for option, path in (("--log", log), ("--plot", plot), ("--witness", witness)):
         if path is not None:
             if path.is_fifo():  # opening it would wait for a reader, and Ctrl-C would not end that
                 raise UserError(f"{path} is a pipe", field=option, advice="name a file")
             # An unwritable place is reported, and the run goes on without it.
-            take_file(option, path, kind, force=force, make=True, try_it=False)
+            take_file(option, path, force=force, make=True, try_it=False)
     if log is not None and (plot is not None or not draws):
         return log, plot
-    stem = new_stem("--log" if log is None else "--plot", Path(name).stem)
+    stem = new_stem("--log" if log is None else "--plot", Path(name).stem, SUFFIX)
     return (
         stem.with_name(f"{stem.name}.hwlog") if log is None else log,
         stem.with_name(f"{stem.name}.png") if plot is None and draws else plot,
@@ -361,17 +356,16 @@ def _beside(log: Path) -> Path | None:
     return log.with_suffix(".png") if log.suffix == SUFFIX else Path(f"{log}.png")
 
 
-def _draw(log: Path, plot: Path, stop_reason: str, *, force: bool) -> str:
+def _draw(log: Path, plot: Path, stop_reason: str) -> str:
     """Draw the picture from the log; return the error, or an empty text."""
     try:
         # The drawing can be interrupted.
         with interrupting(STOPPING):
             from haptic_wall.controller.logs.reader import LogReader
-            from haptic_wall.controller.logs.rows import LogRows
             from haptic_wall.controller.report.run import plot_log
 
-            draw = partial(plot_log, LogRows.of(LogReader(log)), stop_reason=stop_reason)
-            drawn("--plot", plot, draw, force=force)
+            draw = partial(plot_log, LogReader.open(log), stop_reason=stop_reason)
+            drawn("--plot", plot, draw)
     except (OSError, UserError) as error:
         return f"no picture: {error}"
     except KeyboardInterrupt:

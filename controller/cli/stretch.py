@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.logs.rows import TimeSpan
+from haptic_wall.controller.logs.reader import TimeSpan
 
 
 def stretch_between(start_s: float | None, end_s: float | None) -> TimeSpan:

@@ -20,7 +20,6 @@ from haptic_wall.controller.cli.interrupt import INTERRUPTED
 from haptic_wall.controller.cli.numbers import numbers, periods, whole_periods
 from haptic_wall.controller.cli.options import say
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.system.file_kinds import RESULT
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint
@@ -169,7 +168,7 @@ def command(
         lambda found, name, path: plot_sweep(found[1], device, name, path),
         lambda found, _files: _text(found[1], found[0]["out"]),
         rows=lambda found: map(asdict, found[1]),
-        others={ROWS: RESULT},
+        others=(ROWS,),
         ended=lambda _found: ended,
     )
 

@@ -13,7 +13,7 @@ from haptic_wall.controller.cli.experiment import Asked, carry_out, experiment, 
 from haptic_wall.controller.cli.numbers import periods
 from haptic_wall.controller.cli.options import say
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.system.new_folders import make
+from haptic_wall.controller.system.files import make_folder
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.zwidth.impedance import Impedance
@@ -90,7 +90,7 @@ def command(
         asked = replace(asked, yes=True)  # nothing moves
 
     def found(folder: Path) -> Found:
-        make(folder)
+        make_folder(folder)
         measure_points(chosen, folder / "measured", fresh, say)
         runs = folder if which != "none" else None
         return Found(config, widths, impedance_of(config, log, runs, say))

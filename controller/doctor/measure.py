@@ -16,7 +16,7 @@ from typing import Any, Final
 
 from haptic_wall.controller.doctor.replies import time_replies
 from haptic_wall.controller.processes.children import Child, first_line
-from haptic_wall.controller.processes.orders import read_orders
+from haptic_wall.controller.system.orders import read_orders
 from haptic_wall.controller.runtime import realtime
 from haptic_wall.controller.runtime.deadlines import Waiter, waiter_for
 from haptic_wall.controller.settings.config import Config

@@ -11,7 +11,7 @@ from typing import Any, Generic, TypeVar
 
 from haptic_wall import __version__
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.system.file_kinds import RESULT_MARK
+from haptic_wall.controller.system.json_text import RESULT_MARK
 
 Key = TypeVar("Key")
 Value = TypeVar("Value")

@@ -17,16 +17,16 @@ from haptic_wall import __version__
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.holding import changed
 from haptic_wall.controller.laws.program import Phase
-from haptic_wall.controller.logs.file import SUFFIX, read_log
+from haptic_wall.controller.logs.file import SUFFIX, refuse_other
+from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.processes.plan import Ended, LogState, Plan
 from haptic_wall.controller.processes.run import run
 from haptic_wall.controller.processes.run_report import explained
 from haptic_wall.controller.runtime.lateness.machine_setup import START
 from haptic_wall.controller.runtime.safety import AFTER_STALL, End, StopReason, Trip
-from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
+from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP, ROW
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.system.file_kinds import LOG, may_be_replaced
-from haptic_wall.controller.system.new_folders import make
+from haptic_wall.controller.system.files import make_folder, would_be_lost
 from haptic_wall.controller.theory.checks import IntArray
 from haptic_wall.hw.errors import ExplainedError, Problem, ServoLostError, ServoMissingError
 
@@ -161,7 +161,7 @@ class Testbed:
         self._start_told = ""
         self._witness = witness
         try:
-            make(folder)
+            make_folder(folder)
         except OSError as error:
             raise UserError(
                 f"the folder cannot be made ({error.strerror})",
@@ -207,11 +207,8 @@ class Testbed:
         if delay_steps is not None:
             config = changed(config, delay={"steps": delay_steps})
         log = self.folder / f"{name}{SUFFIX}"
-        if not may_be_replaced(log, LOG):
-            raise UserError(
-                f"{log}: found a file that is not {LOG.name}, and would be lost",
-                advice="name another folder",
-            )
+        if would_be_lost(log):
+            refuse_other(log)
         metadata = {
             "program": f"haptic-wall {__version__}",
             "name": name,
@@ -225,6 +222,7 @@ class Testbed:
             metadata=metadata,
             witness=log.with_suffix(".witness.csv") if self._witness else None,
             program=tuple(phases),
+            force=True,
         )
         ended = run(plan, self._tell_new)
         if ended.stop_reason == End.INTERRUPTED or ended.asked:
@@ -256,9 +254,7 @@ class Testbed:
 
 def recorded(log: Path) -> NDArray[np.void]:
     """Return the rows of a log without the warm-up, shape (n,); none without a log."""
-    rows = read_log(log)[1] if log.exists() else np.empty(0, np.dtype([]))
-    if rows.size == 0:
-        return rows
+    rows = LogReader.open(log).rows() if log.exists() else np.empty(0, ROW)
     on: NDArray[np.void] = rows[(rows["flags"] & FLAG_WARM_UP) == 0]
     return on
 

@@ -18,8 +18,8 @@ CHANNELS: Final = (
     "measured_torque_nm",
     "lateness_us",
     "sample_age_us",
-    "stiffness_nm_per_rad",
-    "damping_nms_per_rad",
+    "stiffness",
+    "damping",
     "delay_s",
     "flags",
 )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.logs.rows import LogRows
+from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 
 BACK_S: Final = 60.0
@@ -83,11 +83,11 @@ class LoggedSource:
 
     Raises:
         UserError: The log has no rows, or more than a page can show.
-        LogFormatError: The rows are not a run's.
+        LogFormatError: The log is damaged.
         OSError: The log cannot be read.
     """
 
-    def __init__(self, log: LogRows) -> None:
+    def __init__(self, log: LogReader) -> None:
         blocks: list[NDArray[np.void]] = []
         for block in log.blocks():
             blocks.append(block)
@@ -95,11 +95,11 @@ class LoggedSource:
                 raise UserError(
                     f"holds more than {MOST_ROWS} rows in this stretch",
                     field="LOG",
-                    given=log.log.path,
+                    given=log.path,
                     advice="choose a shorter stretch with --from and --to",
                 )
         if not blocks:
-            raise UserError("holds no rows in this stretch", field="LOG", given=log.log.path)
+            raise UserError("holds no rows in this stretch", field="LOG", given=log.path)
         self.rows = np.concatenate(blocks)
         self._origin_ns = log.origin_ns
         self.capacity = len(self.rows)

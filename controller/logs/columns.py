@@ -1,20 +1,23 @@
-"""Converts a log's rows to the names and units of other tools: CSV, MCAP, the live stream."""
+"""Names the columns of a log: in its file, in a CSV, on the live page and in the stream."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-COLUMNS = {
+from haptic_wall.controller.runtime.telemetry import ROW
+
+COLUMNS: Final = {
     "time_s": "deadline_ns",
     "position_rad": "position",
     "torque_nm": "torque",
     "velocity_rad_s": "velocity",
     "wall_torque_nm": "wall_torque",
-    "stiffness_nm_per_rad": "stiffness",
-    "damping_nms_per_rad": "damping",
+    "stiffness": "stiffness",
+    "damping": "damping",
     "delay_s": "delay_s",
     "outcome": "outcome",
     "missed_ticks": "missed",
@@ -27,8 +30,14 @@ COLUMNS = {
     "oscillation": "oscillation",
     "measured_torque_nm": "measured_torque",
     "held_torque_nm": "held_torque",
+    "sampled_s": "sampled_ns",
+    "seq": "seq",
 }
-"""Column names, and the field of a row that each comes from."""
+"""Column names, and the field of a row that each comes from"""
+WHOLE: Final = frozenset(
+    name for name, field in COLUMNS.items() if ROW[field].kind == "i" and not field.endswith("_ns")
+)
+"""Columns of whole numbers"""
 
 
 def values(rows: NDArray[np.void], column: str, origin_ns: int) -> NDArray[Any]:
@@ -37,12 +46,44 @@ def values(rows: NDArray[np.void], column: str, origin_ns: int) -> NDArray[Any]:
     Args:
         rows: Shape (n,), dtype ``telemetry.ROW``.
         column: A key of ``COLUMNS``.
-        origin_ns: Zero of ``time_s``, on the run's clock [ns].
+        origin_ns: Zero of ``time_s`` and ``sampled_s``, on the run's clock [ns].
     """
     raw: NDArray[Any] = rows[COLUMNS[column]]
     if column == "time_s":
         return (raw - origin_ns) / 1e9
+    if column == "sampled_s":  # 0: no sample yet
+        return np.where(raw != 0, (raw - origin_ns) / 1e9, np.nan)
     return raw / 1e3 if column.endswith("_us") else raw
+
+
+def rows_of(table: Mapping[str, NDArray[Any]], origin_ns: int) -> NDArray[np.void]:
+    """Return the rows that have these values, shape (n,), dtype ``telemetry.ROW``.
+
+    It is the inverse of ``values``, exact for runs of up to 26 days.
+
+    Args:
+        table: Values of each of ``COLUMNS``, shape (n,).
+        origin_ns: As for ``values`` [ns].
+
+    Raises:
+        ValueError: A time is not known, or too large.
+    """
+    rows = np.empty(len(table["seq"]), ROW)
+    for name, field in COLUMNS.items():
+        value = table[name]
+        if field.endswith("_ns"):
+            value = value * (1e3 if name.endswith("_us") else 1e9)
+            unknown = np.isnan(value) & (name == "sampled_s")
+            if not (np.abs(np.where(unknown, 0.0, value)) < _LARGEST_NS).all():
+                raise ValueError(f"{name} holds no time")
+            value = np.rint(np.where(unknown, 0.0, value)).astype(np.int64)
+            if name.endswith("_s"):
+                value = np.where(unknown, 0, value + origin_ns)
+        rows[field] = value
+    return rows
+
+
+_LARGEST_NS: Final = 2.0**61
 
 
 def finite_rows(rows: NDArray[np.void], origin_ns: int) -> list[dict[str, float | int]]:

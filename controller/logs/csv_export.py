@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.logs.columns import COLUMNS, values
-from haptic_wall.controller.logs.rows import LogRows
+from haptic_wall.controller.logs.reader import LogReader
 
 
-def write_csv(path: Path, rows: LogRows) -> None:
+def write_csv(path: Path, log: LogReader) -> None:
     """Write all columns of all rows; ``time_s`` counts from the log's first row, NaN is empty.
 
     The first row has no exponents: some readers take a column for text if its first cell has one.
@@ -26,8 +26,8 @@ def write_csv(path: Path, rows: LogRows) -> None:
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
         first = True
-        for block in rows.blocks():
-            table = _texts(block, rows.origin_ns)
+        for block in log.blocks():
+            table = _texts(block, log.origin_ns)
             if first:
                 writer.writerow([_plain(text) for text in next(table)])
                 first = False

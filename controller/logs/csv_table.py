@@ -17,11 +17,11 @@ from typing import TextIO
 import numpy as np
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.logs.reader import SUFFIX
+from haptic_wall.controller.logs.file import SUFFIX
 from haptic_wall.controller.logs.recording import Floats
 from haptic_wall.controller.system.csv_habits import ADVICE, WANTED, habits, has_decimal_comma
+from haptic_wall.controller.system.files import opened
 from haptic_wall.controller.system.printable import in_line
-from haptic_wall.controller.system.regular_file import opened
 from haptic_wall.hw.errors import Problem
 
 NEEDED = ("time_s", "position_rad")

@@ -1,271 +1,269 @@
-"""Reads a log block by block, in bounded memory, and skips damaged parts."""
+"""Reads a log of any origin, in bounded memory: every value is checked before it is used.
+
+The file may be one that no run has written. Its tables must be those of ``file.SCHEMA``, so no
+view, trigger or generated column is ever evaluated, and every row comes through Python, so no query
+runs for long.
+"""
 
 from __future__ import annotations
 
-import logging
-import os
-from collections.abc import Iterable, Iterator, Mapping
+import contextlib
+import math
+import sqlite3
+import time
+from array import array
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.errors import LogFormatError
-from haptic_wall.controller.logs.blocks import Block, block_at, last_block, next_begin
-from haptic_wall.controller.logs.content import FORMAT, from_json, is_ours, judged, refused
-from haptic_wall.controller.logs.pieces import (
-    Damage,
-    End,
-    Event,
-    Head,
-    Misplaced,
-    Piece,
-    fault_text,
+from haptic_wall.controller.logs.columns import COLUMNS, WHOLE, rows_of
+from haptic_wall.controller.logs.content import fault_of_change, fault_of_report, fault_of_rows
+from haptic_wall.controller.logs.file import (
+    MOST_BYTES,
+    SCHEMA,
+    as_os_error,
+    connected,
+    refuse_other,
 )
-from haptic_wall.controller.system.printable import in_line
-from haptic_wall.controller.system.regular_file import opened
+from haptic_wall.controller.runtime.telemetry import ROW
+from haptic_wall.controller.system import json_text
 
-_GROW = ("seq", "deadline_ns")
-_MOST_GAPS = 1000
-"""Largest number of remembered gaps; a row from a forgotten gap counts as a repeat."""
-
-
-def in_order(pieces: Iterable[Piece]) -> Iterator[Piece]:
-    """Yield the pieces in order; rows that come late or twice are replaced by a ``Misplaced``.
-
-    Args:
-        pieces: Their rows increase within each block.
-    """
-    order = _Order()
-    for piece in pieces:
-        if isinstance(piece, Head):
-            order = _Order()
-        if isinstance(piece, np.ndarray):
-            yield from order.sorted(piece)
-        else:
-            yield piece
+_ROWS: Final = 1000
+"""Rows in a block"""
+_MOST_TEXT: Final = 1 << 24
+"""Largest sum of all texts in a log [bytes]"""
+_OPENING_S: Final = 4.0
+"""Longest time to read everything but the rows [s]"""
+_STEPS: Final = 10_000
+"""Steps of SQLite between two looks at the clock"""
 
 
-class _Order:
-    """Tracks the order of one log's rows."""
+@dataclass(frozen=True, slots=True)
+class TimeSpan:
+    """The times t with ``start_s <= t < end_s``, counted from the log's first row [s]."""
 
-    def __init__(self) -> None:
-        self._last: dict[str, int] = {}
-        self._gaps: list[tuple[int, int]] = []
-
-    def sorted(self, rows: NDArray[np.void]) -> Iterator[NDArray[np.void] | Misplaced]:
-        """Yield the rows of a block that are misplaced, then those that are new."""
-        names = [name for name in _GROW if name in (rows.dtype.names or ())]
-        old = 0
-        if any(int(rows[name][0]) <= self._last.get(name, -1) for name in names):
-            new = np.ones(len(rows), np.bool_)
-            for name in names:
-                new &= rows[name] > self._last.get(name, -1)
-            old = int(np.argmax(new)) if new.any() else len(rows)
-            yield Misplaced(old, old - self._missing(rows[:old]))
-        if old < len(rows):
-            rows = rows[old:]
-            if "seq" in names:
-                self._note_gap(self._last.get("seq", -1) + 1, int(rows["seq"][0]))
-            self._last = {name: int(rows[name][-1]) for name in names}
-            yield rows
-
-    def _note_gap(self, start: int, end: int) -> None:
-        if end > start and len(self._gaps) < _MOST_GAPS:
-            self._gaps.append((start, end))
-
-    def _missing(self, rows: NDArray[np.void]) -> int:
-        """Return how many of these rows have not come yet."""
-        if "seq" not in (rows.dtype.names or ()):
-            return 0
-        seq = rows["seq"]
-        counts = (
-            np.searchsorted(seq, end) - np.searchsorted(seq, start) for start, end in self._gaps
-        )
-        return int(sum(counts))
+    start_s: float = -math.inf
+    end_s: float = math.inf
 
 
-__all__ = ["FORMAT", "SUFFIX", "Damage", "End", "Event", "Head", "LogReader", "Misplaced", "Piece"]
-
-SUFFIX = ".hwlog"
-_logger = logging.getLogger(__name__)
+ALL: Final = TimeSpan()
 
 
-BEGINS_WITHIN = 1 << 26
-"""A log with damaged metadata is recognised by an intact block of rows in this many bytes."""
-_LOOKED = 1 << 20
-"""A file with another name is a log only if a block begins within this many bytes"""
-_AGAIN = 4
-"""How often false candidates of a block may make the reader scan a file's bytes again..."""
-_AGAIN_BYTES = 1 << 26
-"""...and this many bytes in a small file; the rest then counts as damage"""
-_LEAST_LOOK = 1 << 12
-"""Smallest number of bytes charged for each such scan"""
-
-
+@dataclass(frozen=True, slots=True)
 class LogReader:
-    """Reads a log block by block, in bounded memory.
+    """A log, or a stretch of it; its rows can be read any number of times."""
 
-    Bounds: 16 MB a block, 4 MB of metadata, and time in proportion to the size on the disk.
+    path: Path
+    metadata: Mapping[str, Any]
+    """``program``, ``name``, ``config`` (the configuration at the start), ..."""
+    changes: tuple[dict[str, Any], ...]
+    """Each request to change the running wall, as in the report's ``changes``"""
+    end: Mapping[str, Any] | None
+    """The run's report; None: the run goes on, or was killed"""
+    stretch: TimeSpan = ALL
 
-    Args:
-        path: A file written by ``LogWriter``.
-
-    Attributes:
-        path: See above.
-        metadata: Description of the rows; empty where that part of the file is damaged.
-
-    Raises:
-        LogFormatError: The file is not a log of this program.
-        OSError: It cannot be read, or is no regular file.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._start = 0
-        self._checked = True
-        self.metadata: dict[str, Any] = {}
-        with opened(path) as file:
-            size = _size(file)
-            self._file, self._size = _identity(file), size
-            head = block_at(file, 0, size)
-            metadata = from_json(head.array) if head is not None else None
-            if head is not None and metadata is not None and is_ours(metadata):
-                self._start = head.end
-                self.metadata = metadata
-                self._checked = "checksum" in metadata
-                _refuse_later(path, metadata)
-            elif not _has_rows(path, file, min(size, BEGINS_WITHIN)):
-                raise LogFormatError(
-                    f"{path} is not a log of haptic-wall: it does not begin with metadata",
-                    advice=f"wanted a {SUFFIX} file",
-                )
-
-    def pieces(self) -> Iterator[Piece]:
-        """Yield the file's pieces in order: rows, faults between them, ends.
-
-        Rows come in their order; rows that come late or twice are omitted and reported. It may be
-        called any number of times; a growing file is read to its end at that time.
+    @classmethod
+    def open(cls, path: Path, stretch: TimeSpan = ALL) -> LogReader:
+        """Read everything but the rows; a log that is being written is read as far as it is.
 
         Raises:
-            LogFormatError: A log of another version is joined to this one; or the file was replaced
-                or truncated since it was first opened.
-            OSError: It cannot be read.
+            LogFormatError: The file is not a log of this program.
+            OSError: It cannot be read, or is no regular file.
         """
-        with self._opened() as file:
-            yield from in_order(_pieces(self.path, file, self._start, _size(file), self._checked))
-
-    def last(self) -> Block | None:
-        """Return the last intact block of rows, searched from the end; None: there is none.
-
-        Raises:
-            LogFormatError: The file was replaced or truncated since it was first opened.
-            OSError: It cannot be read.
-        """
-        with self._opened() as file:
-            return last_block(file, self._start, _size(file), self._checked)
-
-    def _opened(self) -> BinaryIO:
-        """Open the same file again; it may have grown.
-
-        Raises:
-            LogFormatError: It is another file, or shorter.
-            OSError: It cannot be read.
-        """
-        file = opened(self.path)
-        if _identity(file) == self._file and _size(file) >= self._size:
-            return file
-        file.close()
-        raise LogFormatError(
-            f"{self.path}: replaced or cut off while it was read", advice="try again"
-        )
+        with _opened(path) as db:
+            db.set_progress_handler(_clock(), _STEPS)
+            metadata = {}
+            for key, value in _texts(path, db, "SELECT key, value FROM meta"):
+                metadata[key.decode("utf-8", "replace")] = _parsed(path, value)
+            told = [
+                _parsed(path, text) for _, text in _texts(path, db, "SELECT '', text FROM events")
+            ]
+        end = metadata.pop("report", None)
+        origin_ns = metadata.get("origin_ns", 0)
+        why = None if end is None else fault_of_report(end)
+        if type(origin_ns) is not int or abs(origin_ns) > 1 << 61:
+            why = "its origin_ns is no time"
+        why = why or next(filter(None, map(fault_of_change, told)), None)
+        if why is not None:
+            raise _refusal(path, why)
+        changes = tuple(_UNKNOWN | change for change in told)
+        return cls(path, metadata, changes, end, stretch)
 
     @property
-    def start(self) -> int:
-        """Return the offset of the first block after the metadata [bytes]."""
-        return self._start
+    def origin_ns(self) -> int:
+        """Return the deadline of the log's first row [ns]; 0: it has none."""
+        return int(self.metadata.get("origin_ns", 0))
 
-    def warn(self, piece: Piece) -> None:
-        """Write the fault of a piece, if it has one, to the program's log."""
-        for text in fault_text(piece):
-            _logger.warning("%s: %s", self.path, text)
+    def blocks(self) -> Iterator[NDArray[np.void]]:
+        """Yield the rows of the stretch, shape (n,), n > 0, dtype ``telemetry.ROW``.
+
+        Raises:
+            LogFormatError: Some are not what a run writes.
+            OSError: The file cannot be read.
+        """
+        stretch = self.stretch
+        last = None
+        with _opened(self.path) as db:
+            since = _first_seq(db, stretch.start_s)
+            found = db.execute(
+                f"SELECT {', '.join(COLUMNS)} FROM rows NOT INDEXED WHERE seq >= ? ORDER BY seq",
+                (since,),
+            )
+            while chunk := found.fetchmany(_ROWS):
+                rows = _typed(self.path, chunk, self.origin_ns)
+                if (why := fault_of_rows(rows, last)) is not None:
+                    raise _refusal(self.path, why)
+                last = rows[-1]
+                # Half a nanosecond, so that rounding of 0.003 s does not miss the row at 3 ms.
+                passed = (rows["deadline_ns"] - self.origin_ns) * 1e-9 + 5e-10
+                inside = (passed >= stretch.start_s) & (passed < stretch.end_s)
+                if inside.any():
+                    yield rows[inside]
+                if passed[-1] >= stretch.end_s:
+                    return
+
+    def rows(self) -> NDArray[np.void]:
+        """Return all rows of the stretch, shape (n,), dtype ``telemetry.ROW``.
+
+        Raises:
+            LogFormatError: As ``blocks``.
+            OSError: As ``blocks``.
+        """
+        return np.concatenate([np.empty(0, ROW), *self.blocks()])
 
 
-def is_log(path: Path) -> bool:
-    """Whether a file is a log by its content or, where its beginning is damaged, by its name.
+_UNKNOWN: Final = dict.fromkeys(("at_s", "row", "changed", "why"))
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[sqlite3.Connection]:
+    """Open a log for reading, with nothing of SQLite that a log does not need.
 
     Raises:
-        OSError: It cannot be read, or is no regular file.
+        LogFormatError: It is not a log, or damaged.
+        OSError: It cannot be read.
     """
-    with opened(path) as file:
-        looked = min(_size(file), _LOOKED)
-        return path.suffix == SUFFIX or next_begin(file, 0, looked) < looked
+    refuse_other(path)
+    try:
+        db = _looked_at(path, "mode=ro")
+    except OSError:  # a folder that cannot be written, and no -shm
+        db = _looked_at(path, "mode=ro&immutable=1")
+    with contextlib.closing(db):
+        try:
+            yield db
+        except sqlite3.Error as error:
+            raise _refusal(path, str(error)) from None
 
 
-def _pieces(path: Path, file: BinaryIO, start: int, size: int, checked: bool) -> Iterator[Piece]:
-    """Yield the file's pieces in order.
-
-    Args:
-        path: Its name, for messages.
-        file: Open for reading.
-        start: Offset to begin at [bytes].
-        size: Offset to end at [bytes].
-        checked: Blocks carry checksums.
-    """
-    dtype: np.dtype[np.void] | None = None
-    damage: Damage | None = None
-    written = min(size, os.fstat(file.fileno()).st_blocks * 512)
-    may_look = _AGAIN * written + _AGAIN_BYTES
-    while start < size:
-        block = block_at(file, start, size)
-        looked = file.tell() - start
-        if block is not None and dtype is None and (why := refused(block)) is not None:
-            raise LogFormatError(
-                f"{path}: {why}", advice="read it with the haptic-wall that wrote it"
+def _looked_at(path: Path, mode: str) -> sqlite3.Connection:
+    """Return a connection to a file with the tables of a log."""
+    db = connected(path, mode)
+    try:
+        db.text_factory = bytes
+        db.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_BYTES)
+        db.setlimit(sqlite3.SQLITE_LIMIT_COLUMN, 2 * len(COLUMNS))
+        db.set_progress_handler(_clock(), _STEPS)
+        for pragma in ("trusted_schema=OFF", "query_only=ON", "cell_size_check=ON"):
+            db.execute(f"PRAGMA {pragma}")
+        tables = {}
+        for name, statement in SCHEMA.items():
+            found = db.execute(
+                "SELECT sql FROM sqlite_master WHERE type = 'table' AND name = ? LIMIT 2", (name,)
             )
-        piece, why = judged(block, dtype, checked) if block is not None else (None, None)
-        if block is None or piece is None:
-            may_look -= max(looked, _LEAST_LOOK)
-            damage = damage or Damage(start, 0, last=False, why=why)
-            # The shape of a block with correct checksums is known.
-            after = start + 1 if block is None or not block.summed else block.end
-            start = next_begin(file, after, size)
-            if may_look < 0:
-                why = "too many places in them look like the beginning of a block"
-                damage, start = Damage(damage.start, 0, last=False, why=why), size
-            continue
-        if damage is not None:
-            yield Damage(damage.start, start - damage.start, last=False, why=damage.why)
-            damage = None
-        if isinstance(piece, Head):
-            _refuse_later(path, piece.metadata)
-            dtype, checked = None, "checksum" in piece.metadata
-        elif isinstance(piece, np.ndarray):
-            dtype = piece.dtype
-        yield piece
-        start = block.end
-    if damage is not None:
-        yield Damage(damage.start, size - damage.start, last=True, why=damage.why)
+            tables[name] = found.fetchall() == [(statement.encode(),)]
+        db.set_progress_handler(None, 0)
+    except sqlite3.OperationalError as error:
+        db.close()
+        if error.sqlite_errorcode & 0xFF in _CLOSED:
+            with as_os_error(path):
+                raise
+        raise _refusal(path, str(error)) from None
+    except sqlite3.Error as error:
+        db.close()
+        raise _refusal(path, str(error)) from None
+    if wrong := [name for name, is_ours in tables.items() if not is_ours]:
+        db.close()
+        raise _refusal(path, f"its table {wrong[0]} is not one that this program makes")
+    return db
 
 
-def _has_rows(path: Path, file: BinaryIO, size: int) -> bool:
-    return any(isinstance(piece, np.ndarray) for piece in _pieces(path, file, 0, size, True))
+_CLOSED: Final = (
+    sqlite3.SQLITE_CANTOPEN,
+    sqlite3.SQLITE_READONLY,
+    sqlite3.SQLITE_BUSY,
+    sqlite3.SQLITE_IOERR,
+)
 
 
-def _refuse_later(path: Path, metadata: Mapping[str, Any]) -> None:
-    version = metadata.get("version", FORMAT["version"])
-    if version != FORMAT["version"]:
-        raise LogFormatError(
-            f"{path} is a log of format version {in_line(str(version), 20)}, this program reads "
-            f"version {FORMAT['version']}: read it with the haptic-wall that wrote it"
-        )
+def _clock() -> Any:  # noqa: ANN401 - a callable
+    end_s = time.monotonic() + _OPENING_S
+    return lambda: time.monotonic() > end_s
 
 
-def _identity(file: BinaryIO) -> tuple[int, int]:
-    found = os.fstat(file.fileno())
-    return found.st_dev, found.st_ino
+def _refusal(path: Path, why: str) -> LogFormatError:
+    return LogFormatError(
+        f"{path} is damaged or was not written by a run: {why}",
+        advice="`sqlite3 FILE .recover` shows what is left",
+    )
 
 
-def _size(file: BinaryIO) -> int:
-    return os.fstat(file.fileno()).st_size
+def _texts(path: Path, db: sqlite3.Connection, query: str) -> Iterator[tuple[bytes, bytes]]:
+    size = 0
+    for row in db.execute(query):
+        if not all(isinstance(text, bytes) for text in row):
+            raise _refusal(path, "a text is missing in it")
+        size += len(row[1]) + 100
+        if size > _MOST_TEXT:
+            raise _refusal(path, f"its texts have more than {_MOST_TEXT} bytes")
+        yield row
+
+
+def _parsed(path: Path, text: bytes) -> Any:  # noqa: ANN401 - JSON
+    try:
+        return json_text.parse(text)
+    except (ValueError, RecursionError):
+        raise _refusal(path, "a text in it is no JSON") from None
+
+
+def _first_seq(db: sqlite3.Connection, start_s: float) -> int:
+    """Return the number of a row at or before the first from ``start_s`` [s] on."""
+    low, high = -1, 1 << 53
+    if start_s <= 0.0:
+        return low
+    while low < high - 1:  # the row ``low`` is before, or the first
+        middle = (low + high) // 2
+        found = db.execute(
+            "SELECT seq, time_s FROM rows NOT INDEXED WHERE seq >= ? ORDER BY seq LIMIT 1",
+            (middle,),
+        ).fetchone()
+        if found is None or not isinstance(found[1], float) or found[1] >= start_s - 5e-10:
+            high = middle
+        else:
+            low = middle
+    return low
+
+
+def _typed(path: Path, chunk: list[tuple[Any, ...]], origin_ns: int) -> NDArray[np.void]:
+    """Return rows of SQLite as an array; texts and blobs are refused."""
+    table: dict[str, NDArray[Any]] = {}
+    for name, column in zip(COLUMNS, zip(*chunk, strict=True), strict=True):
+        try:
+            if name in WHOLE:
+                table[name] = np.frombuffer(array("q", column), np.int64)
+                continue
+            try:
+                numbers = array("d", column)
+            except TypeError:
+                numbers = array("d", [math.nan if each is None else each for each in column])
+            table[name] = np.frombuffer(numbers, np.float64)
+        except TypeError:
+            raise _refusal(path, f"its column {name} holds something else than numbers") from None
+    try:
+        return rows_of(table, origin_ns)
+    except ValueError as error:
+        raise _refusal(path, str(error)) from None

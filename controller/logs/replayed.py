@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +17,11 @@ from haptic_wall.controller.detector.watch import Watch, WatchSettings
 from haptic_wall.controller.errors import ConfigError, LogFormatError
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.logs.detected import Detected, add
-from haptic_wall.controller.logs.pieces import Damage, End, Event, Piece, fault_text
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.recording import LEAST, Part
 from haptic_wall.controller.logs.recordings import MOVED
 from haptic_wall.controller.logs.replay import LaterWall, Replay
-from haptic_wall.controller.logs.rows import LogRows
-from haptic_wall.controller.logs.walls import Walls, changes_in, walls_of
+from haptic_wall.controller.logs.walls import Walls, walls_of
 from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
 from haptic_wall.controller.runtime.watch_settings import watch_settings
 from haptic_wall.controller.settings.changes import moved_by
@@ -50,8 +48,8 @@ def replayed(path: Path, given: Mapping[str, float | None]) -> Detected | None:
     """Run a log's own watch on it again; None: the log lacks the necessary data.
 
     A change of the running wall changes law and watch in the row where it did in the run. None are
-    the logs of experiments, which render no wall, excerpts, files of several joined logs, logs that
-    lack rows before their last one, and those of laws whose modules are closed.
+    the logs of experiments, which render no wall, logs that lack rows before their last one, and
+    those of laws whose modules are closed.
 
     Args:
         path: A log of this program.
@@ -62,57 +60,37 @@ def replayed(path: Path, given: Mapping[str, float | None]) -> Detected | None:
         LogFormatError: It is not a log of this program, or its configuration cannot be used here.
         OSError: It cannot be read.
     """
-    log = LogReader(path)
-    metadata = log.metadata
-    rows = LogRows.of(log)
-    begin = next(rows.blocks(), None)
-    if begin is None or begin["seq"][0] != 0 or "cut" in metadata or "phases" in metadata:
-        return None
-    position: FloatArray = begin["position"]
-    known = position[np.isfinite(position)]
-    whole = _looked_through(log)
-    if whole is None:
-        return None
-    told, notes = whole
-    walls = walls_of(metadata, changes_in(told))
-    if walls.closed():
-        return None
-    started_at = float(known[0]) if known.size else math.nan
-    blocks = _gathered(rows)
+    log = LogReader.open(path)
+    blocks = _gathered(log.blocks())
     first = next(blocks, None)
-    if first is None or len(first) < LEAST or not math.isfinite(started_at):
+    if first is None or first["seq"][0] != 0 or "phases" in log.metadata:
         return None
-    replay, detected = _replay(walls, _facts(told, first), started_at, given)
-    detected.notes += notes
+    position: FloatArray = first["position"]
+    known = position[np.isfinite(position)]
+    walls = walls_of(log.metadata, log.changes)
+    if walls.closed() or not known.size or not _is_whole(log):
+        return None
+    replay, detected = _replay(walls, _facts(log, first), float(known[0]), given)
     if walls.moves():
         detected.notes.append(MOVED)
-    return _seen(replay, detected, (first, blocks))
+    return _seen(replay, detected, chain([first], blocks))
 
 
-def _looked_through(log: LogReader) -> tuple[list[Piece], list[str]] | None:
-    """Return events and end, and the faults at the log's end; None: earlier rows are missing."""
-    told: list[Piece] = []
-    notes: list[str] = []
-    following = 0
-    for piece in log.pieces():
-        if isinstance(piece, np.ndarray):
-            last = int(piece["seq"][-1])
-            if last + 1 != following + len(piece):
-                return None
-            following = last + 1
-        elif isinstance(piece, End | Event):
-            told.append(piece)
-        elif isinstance(piece, Damage) and piece.last:
-            notes += fault_text(piece)
-        else:
-            return None
-    return told, notes
+def _is_whole(log: LogReader) -> bool:
+    """Whether no row is missing before the log's last one, and the wall was on long enough."""
+    following = on = 0
+    for rows in log.blocks():
+        last = int(rows["seq"][-1])
+        if last + 1 != following + len(rows):
+            return False
+        following = last + 1
+        on += int(np.count_nonzero((rows["flags"] & FLAG_WARM_UP) == 0))
+    return on >= LEAST
 
 
-def _facts(pieces: Sequence[Piece], first: NDArray[np.void]) -> _Facts:
-    ends = [piece.ended for piece in pieces if isinstance(piece, End)]
-    told = ends[-1].get("servo") if ends else None
-    if not isinstance(told, dict):  # a log of an earlier version, or an incomplete one
+def _facts(log: LogReader, first: NDArray[np.void]) -> _Facts:
+    told = (log.end or {}).get("servo")
+    if not isinstance(told, dict):  # the run was killed
         good = first["outcome"] == Outcome.OK
         return _Facts(position_step=position_step(np.where(good, first["position"], np.nan)))
     counts = _above_0(told.get("counts_per_rev"), math.inf)
@@ -191,19 +169,19 @@ def _wall(
     return law, settings, settings.inserted + config.belief().delay.high
 
 
-def _seen(
-    replay: Replay,
-    detected: Detected,
-    rows: tuple[NDArray[np.void], Iterator[NDArray[np.void]]],
-) -> Detected:
-    first, others = rows
-    origin_ns = int(first["deadline_ns"][0])
+def _seen(replay: Replay, detected: Detected, blocks: Iterable[NDArray[np.void]]) -> Detected:
+    origin_ns: int | None = None
     failed = 0
-    detected.wall["stiffness"] = float(first["stiffness"][0])
-    detected.wall["virtual_damping"] = float(first["damping"][0])
-    block: NDArray[np.void] | None = first
     ages: list[float] = []
-    while block is not None:
+    for rows in blocks:
+        block = rows[(rows["flags"] & FLAG_WARM_UP) == 0]
+        if not block.size:
+            continue
+        goes_on = origin_ns is not None
+        if origin_ns is None:
+            origin_ns = int(block["deadline_ns"][0])
+            detected.wall["stiffness"] = float(block["stiffness"][0])
+            detected.wall["virtual_damping"] = float(block["damping"][0])
         good = block["outcome"] == Outcome.OK
         failed += int(np.count_nonzero(~good))
         ages.append(float(np.median(block["age_ns"])) * 1e-9)
@@ -214,8 +192,7 @@ def _seen(
             stiffness=block["stiffness"].astype(np.float64),
         )
         known = DetectorSettings(detected.period, position_step=detected.position_step)
-        add(detected, part, replay.see(block, part, known), goes_on=block is not first)
-        block = next(others, None)
+        add(detected, part, replay.see(block, part, known), goes_on=goes_on)
     if failed:
         detected.notes.append(f"{failed} readings failed or were late and are left out")
     if replay.unknown:
@@ -239,17 +216,13 @@ def _as_reported(detected: Detected, watch: Watch) -> None:
     detected.first_alarm_s = watch.first_alarm_s
 
 
-def _gathered(rows: LogRows) -> Iterator[NDArray[np.void]]:
-    """Yield the rows after the warm-up, in large blocks."""
+def _gathered(blocks: Iterable[NDArray[np.void]]) -> Iterator[NDArray[np.void]]:
+    """Yield the rows in large blocks."""
     held: list[NDArray[np.void]] = []
-    count = 0
-    for block in rows.blocks():
-        on = block[(block["flags"] & FLAG_WARM_UP) == 0]
-        if on.size:
-            held.append(on)
-            count += on.size
-        if count >= _GATHERED:
+    for block in blocks:
+        held.append(block)
+        if sum(map(len, held)) >= _GATHERED:
             yield np.concatenate(held)
-            held, count = [], 0
+            held = []
     if held:
         yield np.concatenate(held)

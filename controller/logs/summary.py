@@ -1,23 +1,17 @@
-"""Summarises a log block by block: rows, losses, extremes, the run's end."""
+"""Summarises a log block by block: rows, losses, extremes."""
 
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.oscillation import State
-from haptic_wall.controller.logs.pieces import Damage, End, Event, Head, Misplaced, Piece
-from haptic_wall.controller.logs.rows import LogRows, gathered
-from haptic_wall.controller.logs.walls import told_in
+from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.runtime.statistics import RunStatistics
 from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_OFF, FLAG_WARM_UP
-from haptic_wall.controller.system.printable import in_line
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.servo import Outcome
 
@@ -25,53 +19,22 @@ MOST_CHANGES = 1000
 """Number of changes of the running wall that a summary holds: the last ones"""
 
 
-@dataclass(slots=True)
-class LogPart:
-    """The part of a file that comes from one log: all of it, unless logs were joined."""
-
-    metadata: Mapping[str, Any]
-    """Metadata of the log; of later parts only the name"""
-    rows: int = 0
-    first_ns: int = 0
-    """Deadline of the first row [ns]"""
-    last_ns: int = 0
-    """Deadline of the last row [ns]"""
-    ended: Mapping[str, Any] | None = None
-    """The run's end, as the log gives it; None: it does not"""
-
-    @property
-    def elapsed_ns(self) -> int:
-        """Return the time from the first row to the last [ns]."""
-        return self.last_ns - self.first_ns
-
-
 class LogSummary:
-    """Counts a log's pieces in bounded memory.
+    """Counts a log's rows in bounded memory.
 
     Args:
-        begins: The first row should be the run's first; otherwise earlier rows are missing on
-            purpose.
-        metadata: Metadata of the log.
-        watched: The rows contain the detector's state.
+        begins: The first row should be the run's first; otherwise earlier rows are left out.
 
     Attributes:
         rows: Number of rows.
-        parts: One, or more where logs are joined in one file.
     """
 
-    def __init__(self, begins: bool, metadata: Mapping[str, Any], watched: bool = True) -> None:
+    def __init__(self, begins: bool) -> None:
         self.rows = 0
-        self._watched = watched
-        self.parts = [LogPart(metadata)]
+        self._first_ns = self._last_ns = 0
         self._statistics = RunStatistics()
         self._next_seq: int | None = 0 if begins else None
-        self._after_damage = False
-        self._places = self._damaged_bytes = 0
-        self._last_damage: Damage | None = None
-        self._why: str | None = None
-        self._damaged_rows = self._unrecorded = 0
-        self._unknown = False
-        self._late = self._twice = 0
+        self._unrecorded = 0
         self._missed = self._failed = self._contact = self._warm_up = self._off = 0
         self._position = [math.inf, -math.inf]
         self._torque = [math.inf, -math.inf]
@@ -80,77 +43,20 @@ class LogSummary:
         self._first_oscillation_ns: int | None = None
         self._latest = (-1, 0)
         self._phases: set[int] = set()
-        self._changes = 0
-        self._last_changes: deque[dict[str, Any]] = deque(maxlen=MOST_CHANGES)
 
-    def add(self, piece: Piece) -> None:
-        """Count the next piece of the log."""
-        told = told_in(piece)
-        self._changes += len(told)
-        self._last_changes.extend(told)
-        if isinstance(piece, Damage):
-            self._add_damage(piece)
-        elif isinstance(piece, Misplaced):
-            self._add_misplaced(piece)
-        elif isinstance(piece, Head):
-            self._begin(piece.metadata)
-        elif isinstance(piece, Event):
-            pass
-        elif isinstance(piece, End):
-            self.parts[-1].ended = piece.ended
-            self._count_missing(int(piece.ended.get("rows", self._next_seq or 0)))
-        else:
-            self._add_rows(piece)
-
-    def _begin(self, metadata: Mapping[str, Any]) -> None:
-        """Continue with another log, which is joined to the one before."""
-        if self.parts[-1].rows == 0 and self.parts[-1].ended is None:
-            self.parts.pop()
-        names = {
-            name: in_line(text)
-            for name in ("name", "program")
-            if isinstance(text := metadata.get(name), str)
-        }
-        self.parts.append(LogPart(names if self.parts else metadata))
-        self._next_seq = None if "cut" in metadata else 0
-        self._unknown = self._unknown or self._after_damage
-        self._after_damage = False
-
-    def _add_damage(self, damage: Damage) -> None:
-        self._places += 1
-        self._damaged_bytes += damage.size
-        self._last_damage = damage
-        self._why = self._why or damage.why
-        self._after_damage = True
-
-    def _add_misplaced(self, found: Misplaced) -> None:
-        """Count omitted rows; those that came late were counted as missing before."""
-        late = found.rows - found.twice
-        self._twice += found.twice
-        self._late += late
-        recorded = min(late, self._unrecorded)
-        self._unrecorded -= recorded
-        self._damaged_rows = max(0, self._damaged_rows - (late - recorded))
-
-    def _count_missing(self, seq: int) -> None:
+    def count_missing(self, seq: int) -> None:
         """Count the missing rows between the last one and the one numbered ``seq``."""
-        missing = 0 if self._next_seq is None else max(0, seq - self._next_seq)
-        if self._after_damage:
-            self._damaged_rows += missing
-        else:
-            self._unrecorded += missing
-        self._after_damage = False
+        self._unrecorded += 0 if self._next_seq is None else max(0, seq - self._next_seq)
 
-    def _add_rows(self, rows: NDArray[np.void]) -> None:
+    def add(self, rows: NDArray[np.void]) -> None:
+        """Count the next rows of the log, shape (n,), n > 0."""
         first, last = int(rows["seq"][0]), int(rows["seq"][-1])
-        self._count_missing(first)
+        self.count_missing(first)
         self._unrecorded += max(0, last + 1 - first - len(rows))
         self._next_seq = last + 1
-        part = self.parts[-1]
-        if part.rows == 0:
-            part.first_ns = int(rows["deadline_ns"][0])
-        part.last_ns = int(rows["deadline_ns"][-1])
-        part.rows += len(rows)
+        if self.rows == 0:
+            self._first_ns = int(rows["deadline_ns"][0])
+        self._last_ns = int(rows["deadline_ns"][-1])
         self.rows += len(rows)
         self._statistics.add(rows)
         self._missed += int(rows["missed"].sum())
@@ -182,45 +88,25 @@ class LogSummary:
         if oscillates.size and self._first_oscillation_ns is None:
             self._first_oscillation_ns = int(rows["deadline_ns"][oscillates[0]])
 
-    def report(self, origin_ns: int) -> dict[str, Any]:
-        """Return the summary for JSON; times since ``origin_ns`` [ns], None for unknown values."""
+    def report(self, log: LogReader) -> dict[str, Any]:
+        """Return the summary of a log for JSON; None for unknown values."""
+        origin_ns = log.origin_ns
 
         def since(instant_ns: int | None) -> float | None:
             return None if instant_ns is None else (instant_ns - origin_ns) / 1e9
 
         some = self.rows > 0
-        filled = [part for part in self.parts if part.rows]
-        elapsed = sum(part.elapsed_ns for part in filled) / 1e9
-        damage = self._last_damage
-        parts = [
-            {
-                "name": part.metadata.get("name"),
-                "program": part.metadata.get("program"),
-                "rows": part.rows,
-                "from_s": since(part.first_ns) if part.rows else None,
-                "to_s": since(part.last_ns) if part.rows else None,
-                **_told(part.ended),
-            }
-            for part in self.parts
-        ]
+        elapsed = (self._last_ns - self._first_ns) / 1e9
+        end = log.end or {}
         return {
             "rows": self.rows,
-            "parts": parts,
-            "from_s": since(filled[0].first_ns) if some else None,
-            "to_s": since(filled[-1].last_ns) if some else None,
+            "from_s": since(self._first_ns) if some else None,
+            "to_s": since(self._last_ns) if some else None,
             "duration_s": elapsed if some else None,
-            "rate_hz": (self.rows - len(filled)) / elapsed if elapsed else None,
+            "rate_hz": (self.rows - 1) / elapsed if elapsed else None,
             "missed_ticks": self._missed if some else None,
             "failed_readings": self._failed if some else None,
             "unrecorded_rows": self._unrecorded if some else None,
-            "misplaced_rows": {"late": self._late, "twice": self._twice},
-            "damaged": {
-                "places": self._places,
-                "bytes": self._damaged_bytes,
-                "rows": None if self._after_damage or self._unknown else self._damaged_rows,
-                "cut_off": damage is not None and damage.last,
-                **({} if self._why is None else {"why": self._why}),
-            },
             "position_rad": _span(self._position),
             "torque_nm": _span(self._torque),
             "saturated_ticks": self._statistics.saturated if some else None,
@@ -228,38 +114,30 @@ class LogSummary:
             "off_ticks": self._off if some else None,
             "contact_ticks": self._contact if some else None,
             "oscillation": {
-                "state": self._worst.name.lower() if some and self._watched else None,
+                "state": self._worst.name.lower() if some else None,
                 "first_s": since(self._first_oscillation_ns),
                 "ticks": self._oscillating,
             },
             "lateness_us": self._statistics.lateness.as_report(50, 99, 99.9)
             | {"max_at_s": since(self._latest[1]) if self._latest[0] >= 0 else None},
             "phases": len(self._phases),
-            "changes": {"count": self._changes, "last": list(self._last_changes)},
-            **_told(self.parts[-1].ended),
+            "changes": {"count": len(log.changes), "last": list(log.changes[-MOST_CHANGES:])},
+            "stop_reason": end.get("stop_reason"),
+            "message": end.get("message") or None,
+            "schedule": end.get("schedule"),
+            "guard": end.get("guard"),
+            "warnings": end.get("warnings") or [],
         }
 
 
-def summarised(rows: LogRows) -> LogSummary:
-    """Return the summary of a log, or of a stretch of it."""
-    begins = rows.stretch.start_s <= 0.0 and "cut" not in rows.metadata
-    summary = LogSummary(begins, rows.metadata, rows.watched)
-    for piece in gathered(rows.pieces()):
-        summary.add(piece)
-        del piece  # free it before the next one is made
+def summarised(log: LogReader) -> LogSummary:
+    """Count the rows of a log, or of a stretch of it."""
+    summary = LogSummary(begins=log.stretch.start_s <= 0.0)
+    for rows in log.blocks():
+        summary.add(rows)
+    if log.end is not None and log.stretch.end_s == math.inf:
+        summary.count_missing(int(log.end.get("rows", 0)))
     return summary
-
-
-def _told(ended: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Return the end of a run for the report; None: the log does not contain it."""
-    ended = ended or {}
-    return {
-        "stop_reason": ended.get("stop_reason"),
-        "message": ended.get("message") or None,
-        "schedule": ended.get("schedule"),
-        "guard": ended.get("guard"),
-        "warnings": ended.get("warnings") or [],
-    }
 
 
 def _span(extremes: list[float]) -> list[float] | None:

@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.columns import COLUMNS, values
-from haptic_wall.controller.logs.pieces import End, Event, fault_text
-from haptic_wall.controller.logs.reader import LogReader
-from haptic_wall.controller.logs.rows import LogRows, TimeSpan
+from haptic_wall.controller.logs.reader import LogReader, TimeSpan
 from haptic_wall.controller.runtime.telemetry import ROW
 
 _KINDS = [
@@ -32,14 +30,11 @@ class Log:
     """One tick each, shape (n,); its columns are those of ``haptic-wall log LOG --csv FILE``, with
     the unit in each name. A value that is not known is NaN."""
     metadata: Mapping[str, Any]
-    """``program``, ``name``, ``config`` (the configuration at the start), ...; empty where that
-    part of the file is damaged"""
+    """``program``, ``name``, ``config`` (the configuration at the start), ..."""
     end: Mapping[str, Any] | None
-    """``stop_reason``, ``message``, ``ticks``, ...; None: the run was cut off"""
+    """The run's report; None: the run goes on, or was killed"""
     changes: tuple[Mapping[str, Any], ...]
     """Each request to change the running wall, as in the report's ``changes``"""
-    faults: tuple[str, ...]
-    """A sentence for each damaged part that was skipped"""
 
 
 def read_log(
@@ -53,31 +48,19 @@ def read_log(
         end_s: Only rows before this time [s].
 
     Raises:
-        LogFormatError: It is not a log of this program.
+        LogFormatError: It is not a log of this program, or damaged.
         UserError: It cannot be read.
     """
     try:
-        log = LogRows.of(LogReader(Path(path)), TimeSpan(start_s, end_s))
-        pieces = list(log.pieces())
+        log = LogReader.open(Path(path), TimeSpan(start_s, end_s))
+        raw = log.rows()
     except OSError as error:
         raise UserError(
             f"cannot be read: {error.strerror or error}",
             given=os.fspath(path),
             advice="wanted the log of a run, a .hwlog file",
         ) from None
-    blocks = [piece for piece in pieces if isinstance(piece, np.ndarray)]
-    rows = np.empty(sum(map(len, blocks)), np.dtype(_KINDS))
-    at = 0
-    for block in blocks:
-        part = rows[at : at + len(block)]
-        for column in COLUMNS:
-            part[column] = values(block, column, log.origin_ns)
-        at += len(block)
-    ends = [piece.ended for piece in pieces if isinstance(piece, End)]
-    return Log(
-        rows=rows,
-        metadata=log.metadata,
-        end=ends[-1] if ends else None,
-        changes=tuple(piece.change for piece in pieces if isinstance(piece, Event)),
-        faults=tuple(text for piece in pieces for text in fault_text(piece)),
-    )
+    rows = np.empty(len(raw), np.dtype(_KINDS))
+    for column in COLUMNS:
+        rows[column] = values(raw, column, log.origin_ns)
+    return Log(rows=rows, metadata=log.metadata, end=log.end, changes=log.changes)

@@ -6,11 +6,10 @@ from bisect import bisect_right
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Final
+from typing import Any
 
 from haptic_wall.controller.errors import ConfigError, LogFormatError
 from haptic_wall.controller.laws import own
-from haptic_wall.controller.logs.pieces import End, Event, Head, Piece, fault_of_change
 from haptic_wall.controller.settings.changes import moved, with_changes
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import loaded
@@ -18,7 +17,6 @@ from haptic_wall.controller.settings.rules import law_names
 from haptic_wall.controller.system.printable import in_line
 
 _OF_LAWS = "wall.law:", "wall.options:", "wall.parts:"
-_UNKNOWN: Final = dict.fromkeys(("at_s", "row", "changed", "why"))
 APPLIED = "applied"
 """Outcome of a change that was made"""
 
@@ -58,55 +56,31 @@ def walls_of(metadata: Mapping[str, Any], changes: Iterable[Mapping[str, Any]]) 
 
     Args:
         metadata: With the configuration of the start.
-        changes: As the log has them, see ``changes_in``.
+        changes: Requests to change the wall, as the log has them.
 
     Raises:
         LogFormatError: A configuration is not one that this program can use here.
     """
     if "config" not in metadata:
         raise LogFormatError(
-            "the log has no configuration, because that part of it is damaged",
+            "the log has no configuration",
             advice="export its rows with `haptic-wall log LOG --csv FILE`",
         )
     since, configs = [0], [_config(metadata["config"])]
-    for change in changes:
-        row, new = change.get("row"), change.get("changed")
-        if isinstance(row, int) and row >= since[-1] and isinstance(new, dict):
-            since.append(row)
-            configs.append(_config(with_changes(configs[-1], new)))
+    for change in made(changes):
+        if isinstance(change["changed"], dict):
+            since.append(change["row"])
+            configs.append(_config(with_changes(configs[-1], change["changed"])))
     return Walls(tuple(since), tuple(configs))
 
 
-def changes_in(pieces: Iterable[Piece]) -> list[dict[str, Any]]:
-    """Return the changes that were made in a log, in the order of their rows, each once.
-
-    Args:
-        pieces: Of the log; those of a log that is joined to it are left out.
-    """
-    found: dict[int, dict[str, Any]] = {}
-    for piece in pieces:
-        if isinstance(piece, Head):
-            break
-        for change in told_in(piece):
-            row = change.get("row")
-            if change.get("outcome") == APPLIED and isinstance(row, int):
-                found[row] = change
+def made(changes: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Return the changes that were made, in the order of their rows, each once."""
+    found: dict[int, Mapping[str, Any]] = {}
+    for change in changes:
+        if change["outcome"] == APPLIED and change["row"] is not None:
+            found[change["row"]] = change
     return [found[row] for row in sorted(found)]
-
-
-def told_in(piece: Piece) -> list[dict[str, Any]]:
-    """Return the plausible changes that a piece of a log tells: an event, or the end of a run.
-
-    Each has ``at_s``, ``row``, ``changed`` and ``why``, which may be None, ``set`` and ``outcome``.
-    """
-    changes: object = None
-    if isinstance(piece, Event):
-        changes = [piece.change]
-    elif isinstance(piece, End):
-        changes = piece.ended.get("changes")
-    if not isinstance(changes, list):
-        return []
-    return [_UNKNOWN | each for each in changes if fault_of_change(each) is None]
 
 
 def _config(data: object) -> Config:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,8 +9,7 @@ from pathlib import Path
 from haptic_wall.controller.paper import boundaries, linear_error, lwr3, table2
 from haptic_wall.controller.paper.curves import FigureData, write_csv
 from haptic_wall.controller.paper.numbers import Numbers, of_points, of_table2
-from haptic_wall.controller.system.file_kinds import PICTURE, Kind
-from haptic_wall.controller.system.whole_file import whole
+from haptic_wall.controller.system.files import whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,29 +160,20 @@ ITEMS = (_TABLE2, *(item for item, _, _ in _FIGURES))
 """In the paper's order"""
 
 
-TABLE = Kind(
-    "a table of haptic-wall paper",
-    re.compile(rb"kind,[a-z_]+,[a-z_,]+\r\n|delay_samples,virtual_damping_ns_per_m,"),
-)
-
-
-def make(
-    name: str, folder: Path, simulate: table2.Simulate | None = None, *, force: bool = False
-) -> Made:
+def make(name: str, folder: Path, simulate: table2.Simulate | None = None) -> Made:
     """Compute an item and write its CSV and PNG.
 
     Args:
         name: Name of an item.
         folder: Existing folder for the files.
         simulate: For Table II; None: the experiment of this program.
-        force: Replace files of these names that this program did not write.
 
     Raises:
         KeyError: There is no such item.
         OSError: A file cannot be written.
     """
     csv, png = folder / f"{name}.csv", folder / f"{name}.png"
-    into_table, into_png = whole(csv, TABLE, force=force), whole(png, PICTURE, force=force)
+    into_table, into_png = whole(csv), whole(png)
     if name == _TABLE2.name:
         table = table2.compare(simulate)
         with into_table as csv_part, into_png as png_part:

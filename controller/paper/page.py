@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,23 +9,17 @@ from haptic_wall import __version__
 from haptic_wall.controller.paper.items import Made
 from haptic_wall.controller.paper.table2 import worst_text
 from haptic_wall.controller.report.html import filled_in
-from haptic_wall.controller.system.file_kinds import Kind
-from haptic_wall.controller.system.whole_file import whole
+from haptic_wall.controller.system.files import whole
 
 PAGE = "index.html"
-KIND = Kind(
-    "a page of haptic-wall paper",
-    re.compile(rb"<!DOCTYPE html>.{0,400}<title>Stability boundary for haptic render", re.DOTALL),
-)
 
 
-def write_page(made: Sequence[Made], folder: Path, *, force: bool = False) -> Path:
+def write_page(made: Sequence[Made], folder: Path) -> Path:
     """Write the page beside the files that it shows.
 
     Args:
         made: The items in order; their files are in ``folder``.
         folder: Folder of the page.
-        force: Replace a file of its name that this program did not write.
 
     Returns:
         Its path.
@@ -37,6 +30,6 @@ def write_page(made: Sequence[Made], folder: Path, *, force: bool = False) -> Pa
     worst = {m.item.name: worst_text(m.table) for m in made if m.table is not None}
     page = folder / PAGE
     text = filled_in(__package__, made=made, worst=worst, version=__version__)
-    with whole(page, KIND, force=force) as part:
+    with whole(page) as part:
         part.write_text(text, encoding="utf-8")
     return page

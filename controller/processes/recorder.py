@@ -6,7 +6,6 @@ until they can be written, and another recorder continues the log of a dead one.
 
 from __future__ import annotations
 
-import contextlib
 import signal
 import socket
 import time
@@ -17,16 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.errors import LogFormatError
 from haptic_wall.controller.live.log_events import take_events
-from haptic_wall.controller.logs.file import LogWriter, identity
+from haptic_wall.controller.logs.writer import LogWriter, identity
 from haptic_wall.controller.runtime.idle_window import pause_until_idle_window
 from haptic_wall.controller.runtime.realtime import die_with_parent, stand_back
-from haptic_wall.controller.runtime.telemetry import ROW, Telemetry, Word
-from haptic_wall.controller.system.file_kinds import LOG
+from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.system.orders import read_orders, say
 from haptic_wall.controller.system.signals import ended_by
-from haptic_wall.controller.system.whole_file import Beside
 
 PAUSE_S = 0.25
 """Time that rows gather between two blocks [s]; a killed recorder loses no more than that."""
@@ -46,24 +42,6 @@ def rows_lacking(words: memoryview[int]) -> int:
     return words[Word.HEAD] - words[Word.TAIL] + words[Word.LACKING]
 
 
-def begun_log(
-    path: Path, metadata: Mapping[str, Any], *, force: bool, writer: int | None = None
-) -> LogWriter:
-    """Return a log that replaces the file at ``path`` when it has its first rows.
-
-    Args:
-        path: Where the log goes.
-        metadata: As for ``LogWriter``.
-        force: Replace any file.
-        writer: As for ``Beside``.
-
-    Raises:
-        OSError: It cannot be written.
-    """
-    beside = Beside(path, LOG, force=force, writer=writer)
-    return LogWriter(path, metadata, ROW, beside)
-
-
 class Recorder:
     """Moves rows from the ring into a log, from the log's last row on.
 
@@ -71,22 +49,27 @@ class Recorder:
         telemetry: Source of the rows.
         log: Destination of the rows.
         events: Source of the changes of the running wall; None: it takes none.
+        resumes: The log is that of a dead recorder.
     """
 
     def __init__(
-        self, telemetry: Telemetry, log: LogWriter, events: socket.socket | None = None
+        self,
+        telemetry: Telemetry,
+        log: LogWriter,
+        events: socket.socket | None = None,
+        *,
+        resumes: bool = False,
     ) -> None:
         self._telemetry = telemetry
         self._events = events
         self._log = log
         self._tail = 0
-        if log.found is None:
-            telemetry.words[Word.LACKING] = 0
-        else:
+        if resumes:
+            self._tail = telemetry.words[Word.TAIL]
             # The writer of the last block may have died before it updated the control words.
-            self._count(log.found[log.found["seq"] >= telemetry.words[Word.TAIL]])
-            self._tail = int(log.found["seq"][-1]) + 1
-        telemetry.words[Word.TAIL] = self._tail
+            self._count(log.seqs_from(self._tail))
+        else:
+            telemetry.words[Word.LACKING] = telemetry.words[Word.TAIL] = 0
         telemetry.words[Word.LOG_FILE] = log.identity
 
     def drain(self) -> bool:
@@ -101,16 +84,16 @@ class Recorder:
         while self._tail < end:
             block, _ = self._telemetry.read(self._tail, BLOCK)
             self._log.append(block)
-            self._count(block)
+            self._count(block["seq"])
         return self._tail > begin
 
-    def _count(self, block: NDArray[np.void]) -> None:
-        """Record that a block is in the log, and how many earlier rows are lost."""
-        if block.size == 0:
+    def _count(self, seqs: NDArray[np.int64]) -> None:
+        """Record that rows are in the log, and how many earlier ones are lost."""
+        if seqs.size == 0:
             return
         words = self._telemetry.words
-        words[Word.LACKING] += int(block["seq"][0]) - words[Word.TAIL]
-        words[Word.TAIL] = self._tail = int(block["seq"][-1]) + 1
+        words[Word.LACKING] += int(seqs[-1]) + 1 - words[Word.TAIL] - seqs.size
+        words[Word.TAIL] = self._tail = int(seqs[-1]) + 1
 
     def sync(self) -> None:
         """Wait until the disk keeps the written rows; new rows wait in the ring.
@@ -153,7 +136,7 @@ class _Attempts:
             if self._recorder is None:
                 if not self._telemetry.words[Word.HEAD]:
                     return False  # a run that cannot start touches no file
-                self._recorder = Recorder(self._telemetry, self._open(), self._events)
+                self._recorder = self._begun()
             wrote = self._recorder.drain()
         except OSError as error:
             self._trouble_is(self._text(error))
@@ -170,15 +153,13 @@ class _Attempts:
             self._keep(self._recorder.sync)
             self._keep(self._recorder.close)
 
-    def _open(self) -> LogWriter:
+    def _begun(self) -> Recorder:
         """Continue the log of a dead recorder if it is in its place; else begin a new one."""
         orders = self._orders
         path = Path(orders["log"])
-        if orders["resume"] and identity(path) == self._telemetry.words[Word.LOG_FILE]:
-            with contextlib.suppress(LogFormatError, FileNotFoundError):
-                return LogWriter.resume(path, ROW)
-        force, writer = orders.get("force", False), orders.get("parent")
-        return begun_log(path, orders["metadata"], force=force, writer=writer)
+        resumes = orders["resume"] and identity(path) == self._telemetry.words[Word.LOG_FILE]
+        log = LogWriter(path, orders["metadata"], force=orders.get("force", False), resume=resumes)
+        return Recorder(self._telemetry, log, self._events, resumes=resumes)
 
     def _keep(self, keep: Callable[[], None]) -> None:
         """Call ``keep``, and report lost rows."""

@@ -10,12 +10,12 @@ from contextlib import AbstractContextManager, ExitStack, closing
 from queue import SimpleQueue
 from types import FrameType
 
-from haptic_wall.controller.errors import PlatformError
-from haptic_wall.controller.logs.file import append_end, identity
+from haptic_wall.controller.errors import LogFormatError, PlatformError
+from haptic_wall.controller.logs.writer import append_end, identity
 from haptic_wall.controller.processes.inline import run_inline
 from haptic_wall.controller.processes.plan import Ended, LogState, Plan, Tell
 from haptic_wall.controller.processes.recorder import rows_lacking
-from haptic_wall.controller.processes.run_report import warnings_of
+from haptic_wall.controller.processes.run_report import run_report
 from haptic_wall.controller.processes.supervisor import Supervisor
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.system.signals import on_signals
@@ -116,7 +116,7 @@ def _run(plan: Plan, tell: Tell, telemetry: Telemetry, shown: Shown | None) -> E
 
 
 def _finished_log(plan: Plan, ended: Ended, words: memoryview[int]) -> LogState:
-    """Append the end of the run to its log, if the file is still there; return the log's state."""
+    """Add the report of the run to its log, if the file is still there; return the log's state."""
     rows, written = words[Word.HEAD], words[Word.LOG_FILE]
     if not rows:
         return LogState.NONE
@@ -128,21 +128,20 @@ def _finished_log(plan: Plan, ended: Ended, words: memoryview[int]) -> LogState:
                 f"the log {plan.log} is missing: {there}; the run was not disturbed"
             )
         return LogState.MISSING
-    facts = {
-        "stop_reason": ended.stop_reason,
-        "message": ended.cause or (ended.result or {}).get("message", ""),
-        "ticks": ended.ticks,
-        "missed": ended.missed,
+    result = ended.result or {}
+    report = run_report(plan.config, ended, None, None)
+    for place in ("log", "log_state", "plot", "changes"):
+        del report[place]
+    report |= {
+        "message": ended.cause or result.get("message", ""),
         "rows": rows,
-        "changes": ended.unlogged,
-        "servo": (ended.result or {}).get("facts"),
-        "schedule": ((ended.result or {}).get("bus") or {}).get("schedule"),
-        "guard": (ended.result or {}).get("guard"),
-        "warnings": warnings_of(ended),
+        "servo": result.get("facts"),
+        "schedule": (result.get("bus") or {}).get("schedule"),
     }
     try:
-        append_end(plan.log, facts, sync=plan.config.loop.clock != "simulated")
-    except OSError as error:
-        ended.warnings.append(f"the end of the run is not in the log: {error.strerror or error}")
+        append_end(plan.log, report, ended.unlogged)
+    except (OSError, LogFormatError) as error:
+        why = getattr(error, "strerror", None) or error
+        ended.warnings.append(f"the report is not in the log: {why}")
         return LogState.INCOMPLETE
     return LogState.WHOLE if ended.lacking == 0 else LogState.INCOMPLETE

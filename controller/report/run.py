@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from haptic_wall.controller.errors import LogFormatError
-from haptic_wall.controller.logs.pieces import Head, Piece
-from haptic_wall.controller.logs.rows import LogRows
-from haptic_wall.controller.logs.walls import changes_in, walls_of
+from haptic_wall.controller.logs.reader import LogReader
+from haptic_wall.controller.logs.walls import walls_of
 from haptic_wall.controller.report import run_panels
 from haptic_wall.controller.report.sketch import Sketch, sketched
 from haptic_wall.controller.report.style import picture, titled
@@ -22,11 +21,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def plot_log(rows: LogRows, path: Path, stop_reason: str | None = None) -> None:
+def plot_log(log: LogReader, path: Path, stop_reason: str | None = None) -> None:
     """Select rows of a log, or of a stretch of it, in bounded memory, and draw them as PNG.
 
     Args:
-        rows: The rows of the log.
+        log: The log, or a stretch of it.
         path: Path of the picture.
         stop_reason: As for ``plot_run``.
 
@@ -34,17 +33,11 @@ def plot_log(rows: LogRows, path: Path, stop_reason: str | None = None) -> None:
         LogFormatError: As ``plot_run``; or there are no rows.
         OSError: The log cannot be read, or the picture not be written.
     """
-    count = 0
-    others: list[Piece] = []
-    for piece in rows.pieces():
-        if isinstance(piece, np.ndarray):
-            count += len(piece)
-        elif not isinstance(piece, Head):
-            others.append(piece)
+    count = sum(map(len, log.blocks()))
     if not count:
-        raise LogFormatError(f"{rows.log.path} holds no rows")
-    sketch = sketched(rows.blocks(), count, rows.origin_ns)
-    plot_run(sketch, rows.metadata, path, stop_reason, changes_in(others))
+        raise LogFormatError(f"{log.path} holds no rows")
+    sketch = sketched(log.blocks(), count, log.origin_ns)
+    plot_run(sketch, log.metadata, path, stop_reason, log.changes)
 
 
 def plot_run(

@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
-from haptic_wall.controller.system.file_kinds import SOFTWARE
 from haptic_wall.controller.system.printable import in_line
 
 if TYPE_CHECKING:
@@ -95,7 +94,7 @@ def picture(
         figure = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(figure)
         yield figure
-        figure.savefig(path, format="png", metadata={"Software": SOFTWARE})
+        figure.savefig(path, format="png", metadata={"Software": "haptic-wall"})
 
 
 def titled(name: str) -> str:

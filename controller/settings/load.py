@@ -18,7 +18,7 @@ from haptic_wall.controller.settings.config import OLD_NAMES, Config
 from haptic_wall.controller.settings.fields import fields, sections
 from haptic_wall.controller.settings.refusal import IN_WORDS
 from haptic_wall.controller.settings.rules import BrokenRulesError
-from haptic_wall.controller.system import regular_file
+from haptic_wall.controller.system import files
 from haptic_wall.controller.system.printable import in_line
 from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.names import did_you_mean
@@ -156,7 +156,7 @@ def _read(source: str) -> tuple[Any, str]:
         return copy.deepcopy(_preset_data(source)), f"preset {source}"
     path = Path(source)
     try:
-        text = regular_file.content(path, MOST_BYTES).decode("utf-8")
+        text = files.content(path, MOST_BYTES).decode("utf-8")
     except FileNotFoundError:
         near = did_you_mean(source, preset_names())
         raise UserError(

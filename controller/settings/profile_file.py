@@ -8,7 +8,7 @@ from pathlib import Path
 from pydantic_core import PydanticCustomError
 
 from haptic_wall.controller.settings.refusal import refusal
-from haptic_wall.controller.system import regular_file
+from haptic_wall.controller.system import files
 from haptic_wall.controller.system.csv_habits import ADVICE, WANTED, habits, has_decimal_comma
 from haptic_wall.hw.errors import Problem
 
@@ -31,7 +31,7 @@ def profile_of(source: str) -> tuple[tuple[float, float], ...]:
         PydanticCustomError: It cannot be read, or a row holds no numbers.
     """
     try:
-        text = regular_file.content(Path(source), MOST_BYTES).decode("utf-8-sig")
+        text = files.content(Path(source), MOST_BYTES).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise _refusal(f"found {source}, which cannot be read: {reason}") from None

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-from typing import Any
+from typing import Any, Final
+
+from haptic_wall import __version__
+
+RESULT_MARK: Final = {"program": f"haptic-wall {__version__}"}
+"""First entry of every result's JSON"""
 
 
 def parse(text: bytes) -> Any:  # noqa: ANN401 - whatever the text holds

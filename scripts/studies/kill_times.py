@@ -23,7 +23,7 @@ from typing import Any
 
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
 from haptic_wall.controller.emulated_bus.record import BusRow, read_rows
-from haptic_wall.controller.logs.file import read_log
+from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.runtime.telemetry import Word
 from haptic_wall.hw.dynamixel.codec import Instruction
 from scripts.run_faults import FAULTS, Fault, target
@@ -112,7 +112,7 @@ def one_fault(fault: Fault, folder: Path) -> Hit | None:
     report = json.loads((folder / "output").read_text() or "null")
     time_ms, by = torque_of(fault, report, ending, lived=lived)
     assert struck.words is not None  # found, or the fault would not have been injected
-    lost = struck.words[Word.HEAD] - len(read_log(struck.log)[1])
+    lost = struck.words[Word.HEAD] - len(LogReader.open(struck.log).rows())
     return Hit(time_ms, by, struck.run.returncode, lost, left, stall_ms)
 
 

@@ -115,10 +115,10 @@ def test_the_guarded_servo_does_not_at_step_5(tab: Tab, address: str) -> None:
     tab.wait(f"{state('guarded')} === 'is calm'", PATIENT_S)
     commanded, asked = (
         tab.value(f"window.lesson.guarded.{value}")
-        for value in ("now('stiffness_nm_per_rad')", "told.facts.asked.stiffness")
+        for value in ("now('stiffness')", "told.facts.asked.stiffness")
     )
     assert commanded < 0.9 * asked
-    assert tab.value("window.lesson.free.now('stiffness_nm_per_rad')") == pytest.approx(asked)
+    assert tab.value("window.lesson.free.now('stiffness')") == pytest.approx(asked)
 
 
 def test_a_drag_makes_contact_and_lets_go(tab: Tab, address: str) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_wall.controller.logs.file import read_log
+from haptic_wall.controller.logs.reader import LogReader
 from tests.support.chromium import Tab
 
 pytestmark = [pytest.mark.realtime, pytest.mark.xdist_group("browser")]
@@ -132,7 +132,7 @@ def test_what_is_seen_is_exported_and_measured_from_a_pin(tab: Tab, tmp_path: Pa
         width = tab.value("document.querySelector('#panels canvas').width")
     assert png.startswith(b"\x89PNG")
     assert int.from_bytes(png[16:20], "big") == width
-    _, rows = read_log(log)
+    rows = LogReader.open(log).rows()
     head, *values = [line.split(",") for line in lines]
     assert len(values) == pytest.approx(len(rows), abs=2)
     position = [float(value[head.index("position_rad")]) for value in values]

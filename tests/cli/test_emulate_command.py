@@ -1,12 +1,12 @@
 """What the emulate command makes of its options, and what it says of wrong ones."""
 
 import math
+import os
 from pathlib import Path
 
 import pytest
 
 from haptic_wall.controller.cli.emulated_servos import DEFAULT_TRUTH, truth_of
-from haptic_wall.controller.system.claim import claimed
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.witness import COLUMNS
 from tests.cli.caller import Cli
@@ -66,9 +66,10 @@ def test_link_replaces_no_link_of_somebody_elses_nor_of_a_bus_that_runs(
         "emulate", "--link", str(link)
     )
     assert str(link.readlink()) == "precious"
-    with claimed(link, follow=False):
-        assert "another run is writing" in cli.refused("emulate", "--link", str(link), "--force")
-    assert str(link.readlink()) == "precious"
+    link.unlink()
+    _, follower = os.openpty()
+    link.symlink_to(os.ttyname(follower))
+    assert "found a link to /dev/pts" in cli.refused("emulate", "--link", str(link))
 
 
 def test_record_that_cannot_be_written_is_refused(cli: Cli, tmp_path: Path) -> None:

@@ -80,7 +80,7 @@ def test_what_is_begun_is_put_in_order(tmp_path: Path) -> None:
     program = (
         "import os, pathlib, signal\n"
         "from haptic_wall.controller.cli import interrupt\n"
-        "from haptic_wall.controller.system.whole_file import whole\n"
+        "from haptic_wall.controller.system.files import whole\n"
         "interrupt.leave_at_once()\n"
         "try:\n"
         "    with whole(pathlib.Path('half')) as part:\n"

@@ -21,11 +21,8 @@ from haptic_wall.controller.cli.main import COMMANDS, main
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.zwidth.impedance import from_log
 from haptic_wall.controller.laws import own
-from haptic_wall.controller.logs.file import LogWriter, append_end
 from haptic_wall.controller.logs.reader import LogReader
-from haptic_wall.controller.logs.rows import LogRows
-from haptic_wall.controller.logs.walls import changes_in
-from haptic_wall.controller.runtime.telemetry import ROW
+from haptic_wall.controller.logs.writer import LogWriter, append_end
 from haptic_wall.controller.settings.changes import changed
 from haptic_wall.controller.settings.load import load_config
 from tests.support.told_logs import one_turn, rows
@@ -95,7 +92,7 @@ def call(name: str, *given: object) -> int:
     """Call a command with a file; whatever it can write is written."""
     words = [name, *map(str, given), *WORDS.get(name, ())]
     for each in parameters(name):
-        if each.name in ("csv_path", "mcap_path", "cut_path", "log_path", "plot", "plot_path"):
+        if each.name in ("csv_path", "log_path", "plot", "plot_path"):
             words += [each.opts[0], f"out.{each.name}.png"]
         elif each.name in ("yes", "force"):
             words += [each.opts[0]]
@@ -160,23 +157,17 @@ def test_what_only_looks_like_a_file_of_ours_is_not_loaded(canary: str, command:
 
 
 def hostile_logs(name: str) -> Iterator[Path]:
-    """Logs that name the canary at their start, in an event, or in their end."""
+    """Logs that name the canary at their start, or in an event."""
     good = load_config("simulated").config.model_dump(mode="json")
     part = {"law": f"{name}:Law"}
     for wall in (SHELL, part, {"law": "sum", "parts": [part]}):
         paths = {f"wall.{key}": value for key, value in wall.items()}
         applied = {"row": 100, "at_s": 0.1, "outcome": "applied", "set": [], "changed": paths}
-        for config, event, end in (
-            ({**good, "wall": {**good["wall"], **wall}}, None, {}),
-            (good, applied, {}),
-            (good, None, {"rows": 200, "stop_reason": "duration", "changes": [applied]}),
-        ):
+        for config, events in (({**good, "wall": {**good["wall"], **wall}}, []), (good, [applied])):
             path = Path("hostile.hwlog")
-            with LogWriter(path, {"name": "hostile", "config": config}, ROW) as log:
+            with LogWriter(path, {"name": "hostile", "config": config}, force=True) as log:
                 log.append(rows(200))
-                if event is not None:
-                    log.event(event)
-            append_end(path, end)
+            append_end(path, {"rows": 200, "stop_reason": "duration"}, events)
             yield path
 
 
@@ -186,9 +177,8 @@ def test_a_log_imports_nothing(canary: str) -> None:
     for log in hostile_logs(canary):
         for command in takers("log"):
             statuses.add(call(command, log))
-        reader = LogReader(log)
         with suppress(UserError):
-            from_log(LogRows.of(reader), changes_in(reader.pieces()))
+            from_log(LogReader.open(log))
         assert left() == set()
     assert statuses == {0}, "its rows, and all of its configuration but the law, are known"
 
@@ -197,7 +187,7 @@ def test_a_log_names_no_file(canary: str) -> None:
     Path("profile.csv").write_text("position_rad,torque_nm\n-1,1\n1,-1\n")
     config = load_config("simulated").config.model_dump(mode="json")
     config["wall"] |= {"law": "profile", "profile": "profile.csv"}
-    with LogWriter(Path("a.hwlog"), {"config": config}, ROW) as log:
+    with LogWriter(Path("a.hwlog"), {"config": config}) as log:
         log.append(rows(200))
     assert call("detect", "a.hwlog") == 2
     assert left() == set() and canary

@@ -10,13 +10,12 @@ from typing import Any, NamedTuple, NoReturn
 
 import pytest
 
-from haptic_wall.controller.cli.identify import _CONFIG, _moved
+from haptic_wall.controller.cli.identify import _moved
 from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.experiments.identify.identification import Identified
 from haptic_wall.controller.experiments.testbed import Played, Testbed
-from haptic_wall.controller.logs.file import read_log
+from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.system.file_kinds import may_be_replaced
 from tests.cli.caller import Cli
 from tests.typed import status_of
 
@@ -87,8 +86,7 @@ def test_the_report_the_configuration_and_the_picture(
     assert "will move by itself" in done.told and "0.3 rad" in done.told
     monkeypatch.chdir(done.folder)
     assert Path("fit.png").read_bytes().startswith(b"\x89PNG")
-    assert [read_log(Path(log))[1].size > 0 for log in report["logs"]]
-    assert may_be_replaced(Path("mine.yaml"), _CONFIG)
+    assert [LogReader.open(Path(log)).rows().size > 0 for log in report["logs"]]
     believed = load_config("mine.yaml").config.belief()
     assert believed.delay.low <= 0.0012 <= believed.delay.high
     report = cli.json("run", "mine.yaml", "--duration=0.05", "--no-plot")

@@ -1,11 +1,9 @@
 """``log`` tells what a run's log holds, and exports it for other tools."""
 
-import builtins
 import csv
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import ModuleType
 from typing import Any, NoReturn
 
 import numpy as np
@@ -16,8 +14,8 @@ from haptic_wall.controller.cli.brief import brief_text
 from haptic_wall.controller.cli.log import command
 from haptic_wall.controller.cli.text import report_text
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.logs.file import LogWriter, append_end, read_log
-from haptic_wall.controller.logs.recordings import read_recordings
+from haptic_wall.controller.logs.reader import LogReader
+from haptic_wall.controller.logs.writer import LogWriter, append_end
 from haptic_wall.controller.report.sketch import Sketch
 from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_OFF, FLAG_WARM_UP, ROW
 from haptic_wall.controller.settings.load import load_config
@@ -48,7 +46,7 @@ def log(tmp_path: Path) -> Path:
         "config": load_config("simulated").config.model_dump(mode="json"),
     }
     path = tmp_path / "run.hwlog"
-    with LogWriter(path, metadata, ROW) as writer:
+    with LogWriter(path, metadata) as writer:
         for start in range(0, 1001, 250):
             writer.append(rows[start : start + 250])
     return path
@@ -111,7 +109,7 @@ def test_a_log_is_never_written_over_by_its_own_export(
 
 def test_a_log_without_rows_is_summarised_but_not_exported(tmp_path: Path) -> None:
     path = tmp_path / "empty.hwlog"
-    LogWriter(path, {"name": "simulated", "program": "haptic-wall"}, ROW).close()
+    LogWriter(path, {"name": "simulated", "program": "haptic-wall"}).close()
     assert "rows        none" in answer(path)
     assert json.loads(answer(path, "--json"))["duration_s"] is None
     with pytest.raises(UserError, match="holds no rows"):
@@ -121,10 +119,11 @@ def test_a_log_without_rows_is_summarised_but_not_exported(tmp_path: Path) -> No
 def test_a_wall_that_was_off_in_the_midst_was_in_contact_with_nothing(
     log: Path, tmp_path: Path
 ) -> None:
-    metadata, rows = read_log(log)
+    read = LogReader.open(log)
+    rows = read.rows()
     rows["flags"][501:701] |= FLAG_OFF  # the dead man was let go
     path = tmp_path / "off.hwlog"
-    with LogWriter(path, metadata, ROW) as writer:
+    with LogWriter(path, read.metadata) as writer:
         writer.append(rows)
     told = json.loads(answer(path, "--json"))
     assert (told["off_ticks"], told["contact_ticks"]) == (200, 400)
@@ -144,7 +143,6 @@ def test_the_summary_tells_what_happened_and_how_it_ended(log: Path) -> None:
     summary = json.loads(answer(log, "--json"))
     assert (summary["stop_reason"], summary["guard"]) == ("trip:overspeed", None)
     assert summary["unrecorded_rows"] == 10
-    assert summary["damaged"] == {"places": 0, "bytes": 0, "rows": 0, "cut_off": False}
 
 
 def test_the_summary_gives_the_reasons_and_notes_of_the_run(log: Path) -> None:
@@ -153,22 +151,6 @@ def test_the_summary_gives_the_reasons_and_notes_of_the_run(log: Path) -> None:
     text = " ".join(answer(log).split())
     assert f"why first why {'then ' * 40}note {note}" in text
     assert json.loads(answer(log, "--json"))["guard"] == guard
-
-
-def test_damage_is_told_and_the_rest_is_shown(log: Path, tmp_path: Path) -> None:
-    block = 250 * ROW.itemsize
-    content = log.read_bytes()
-    hole = content.find(np.int64(300).tobytes()) // 4096 * 4096
-    log.write_bytes(content[:hole] + bytes(4096) + content[hole + 4096 :])
-    text = answer(log)
-    assert "751 in 1 s" in text
-    assert "0 rows not recorded" in text
-    assert "in 1 place: 250 rows lost, the others are intact" in text
-    assert json.loads(answer(log, "--json"))["damaged"]["bytes"] > block
-    answer(log, "--csv", tmp_path / "run.csv")
-    assert len((tmp_path / "run.csv").read_text().splitlines()) == 752
-    log.write_bytes(content[:-100])
-    assert "cut off     the last" in answer(log)
 
 
 def test_a_stretch_is_shown_and_exported_by_the_log_s_time(
@@ -192,34 +174,13 @@ def test_a_stretch_is_shown_and_exported_by_the_log_s_time(
     assert (drawn[0][0], drawn[0][-1]) == pytest.approx((0.3, 0.599))
 
 
-def test_a_cut_is_a_log_of_its_own(log: Path, tmp_path: Path) -> None:
-    append_end(log, {"stop_reason": "duration", "rows": 1001})
-    metadata, rows = read_log(log)
-    first, second = tmp_path / "first.hwlog", tmp_path / "second.hwlog"
-    answer(log, "--from", 0.2, "--to", 0.9, "--cut", first)
-    cut_metadata, cut = read_log(first)
-    np.testing.assert_array_equal(cut, rows[200:900])
-    assert cut_metadata["config"] == metadata["config"]
-    assert cut_metadata["cut"] == {"log": "run.hwlog", "from_s": 0.2, "to_s": 0.899}
-    text = answer(first)
-    assert "cut         from run.hwlog, 0.2 to 0.899 s" in text
-    assert "0 rows not recorded" in text
-    assert "ended       not recorded" in text
-    answer(first, "--from", 0.5, "--cut", second)
-    assert read_log(second)[0]["cut"]["earlier"] == cut_metadata["cut"]
-    answer(log, "--from", 0.5, "--cut", second)
-    assert json.loads(answer(second, "--json"))["stop_reason"] == "duration"
-    assert [recording.samples for recording in read_recordings(second)] == [501]
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
         (["--from", "-1"], "--from: found -1, wanted seconds"),
         (["--to", "nan"], "--to: found nan, wanted seconds"),
         (["--from", "2", "--to", "1"], "--to: found 1, wanted more than --from, which is 2"),
-        (["--from", "5"], "holds no rows in that stretch; its rows are from 0 to 1 s"),
-        (["--cut", "b.hwlog"], "--cut: found neither --from nor --to"),
+        (["--from", "5"], "holds no rows in that stretch"),
     ],
 )
 def test_a_stretch_that_is_none_is_refused(log: Path, arguments: list[str], said: str) -> None:
@@ -227,51 +188,7 @@ def test_a_stretch_that_is_none_is_refused(log: Path, arguments: list[str], said
         answer(log, *arguments)
 
 
-def test_mcap_reads_back(log: Path, tmp_path: Path) -> None:
-    from mcap.reader import make_reader
-
-    answer(log, "--mcap", tmp_path / "run.mcap")
-    _, rows = read_log(log)
-    with (tmp_path / "run.mcap").open("rb") as file:
-        reader = make_reader(file, validate_crcs=True)
-        found = list(reader.iter_messages())
-        (attachment,) = reader.iter_attachments()
-    assert len(found) == 1001
-    schema, channel, _ = found[0]
-    assert schema is not None
-    assert (schema.encoding, channel.message_encoding, channel.topic) == (
-        "jsonschema",
-        "json",
-        "haptic_wall",
-    )
-    properties = json.loads(schema.data)["properties"]
-    for k in (0, 300, 1000):
-        message = found[k][2]
-        values = json.loads(message.data)
-        assert message.log_time == 1_000_000 * k
-        assert values["time_s"] == k / 1000
-        assert values.get("position_rad") == (None if k == 0 else rows["position"][k])
-        assert set(values) <= set(properties)
-    assert json.loads(attachment.data)["config"]["wall"]["stiffness"] == 8.0
-
-
-def test_mcap_without_its_library_names_the_extra(
-    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    load = builtins.__import__
-
-    def without(name: str, *rest: Any) -> ModuleType:
-        if name.startswith("mcap"):
-            raise ImportError(name)
-        return load(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(UserError, match=r"pip install -e '\.\[mcap\]'"):
-        answer(log, "--mcap", tmp_path / "run.mcap")
-    assert list(tmp_path.iterdir()) == [log]
-
-
-@pytest.mark.parametrize("option", ["--csv", "--plot", "--mcap", "--cut"])
+@pytest.mark.parametrize("option", ["--csv", "--plot"])
 def test_an_export_that_is_interrupted_leaves_nothing(
     log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str
 ) -> None:
@@ -287,40 +204,33 @@ def test_an_export_that_is_interrupted_leaves_nothing(
         seen.append(path)
         raise KeyboardInterrupt
 
-    for place in (
-        "logs.csv_export.write_csv",
-        "report.run.plot_log",
-        "logs.mcap_export.write_mcap",
-    ):
+    for place in ("logs.csv_export.write_csv", "report.run.plot_log"):
         monkeypatch.setattr(f"haptic_wall.controller.{place}", interrupted)
-    monkeypatch.setattr("haptic_wall.controller.logs.excerpt.write_excerpt", interrupted)
-    assert CliRunner().invoke(command, words).exit_code
+    assert CliRunner().invoke(command, [*words, "--force"]).exit_code
     assert seen
     assert target.read_bytes() == before
     assert set(tmp_path.iterdir()) == {target, log}
 
 
-@pytest.mark.parametrize("option", ["--csv", "--plot", "--mcap", "--cut"])
-def test_an_export_replaces_only_exports_of_its_kind(
+@pytest.mark.parametrize("option", ["--csv", "--plot"])
+def test_an_export_replaces_a_file_only_when_it_is_said(
     log: Path, tmp_path: Path, option: str
 ) -> None:
-    """A recording of somebody's own is a CSV too."""
     target = tmp_path / "out.png"
     target.write_text("time_s,position_rad,torque_nm\n0,0,0\n")
     before = target.read_bytes()
     words = [str(log), "--from", "0.1", option, str(target)]
     result = CliRunner().invoke(command, words)
     assert isinstance(result.exception, UserError)
-    assert f"{option} {target}: found a file that is not" in str(result.exception)
+    assert f"{option} {target}: found a file, which would be lost" in str(result.exception)
     assert target.read_bytes() == before
     assert CliRunner().invoke(command, [*words, "--force"]).exit_code == 0
-    assert CliRunner().invoke(command, words).exit_code == 0, "now it is of this program"
 
 
 def test_the_first_row_of_a_csv_has_no_exponents(log: Path, tmp_path: Path) -> None:
-    _, rows = read_log(log)
+    rows = LogReader.open(log).rows()
     rows["velocity"] = 1e-7
-    with LogWriter(log, {"name": "a"}, ROW) as writer:
+    with LogWriter(log, {"name": "a"}, force=True) as writer:
         writer.append(rows)
     answer(log, "--csv", tmp_path / "a.csv")
     first, second = (tmp_path / "a.csv").read_text().splitlines()[1:3]

@@ -16,9 +16,7 @@ from haptic_wall.controller.cli.started import RunError, RunningWall, run
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.live.ask import NotAppliedError
 from haptic_wall.controller.live.run_socket import connected, socket_of
-from haptic_wall.controller.logs.file import read_log
-from haptic_wall.controller.logs.reader import Event, LogReader
-from haptic_wall.controller.logs.walls import changes_in
+from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.runtime.telemetry import FLAG_CHANGED
 
 pytestmark = pytest.mark.realtime
@@ -71,9 +69,9 @@ def test_a_wall_is_changed_from_outside_and_its_clients_harm_nothing(tmp_path: P
     outcomes = [each["outcome"] for each in report["changes"]]
     assert outcomes == ["applied", "applied", "refused", "not applied"]
     assert all(each["by"]["uid"] == os.getuid() for each in report["changes"])
-    events = [piece.change for piece in LogReader(log).pieces() if isinstance(piece, Event)]
-    assert events == report["changes"], "the log tells them while the run goes on"
-    _, rows = read_log(log)
+    told = LogReader.open(log)
+    assert list(told.changes) == report["changes"], "the log tells them while the run goes on"
+    rows = told.rows()
     changes = [each["row"] for each in report["changes"] if each["row"] is not None]
     assert rows["seq"][(rows["flags"] & FLAG_CHANGED) > 0].tolist() == changes
     assert not socket_of(log).exists()
@@ -85,7 +83,7 @@ def test_a_killed_run_leaves_in_its_log_who_asked(tmp_path: Path) -> None:
         assert wall.set({"wall.position": 0.2}, wait_s=60.0)["applied"]
         os.kill(wall._process.pid, signal.SIGKILL)
         end = time.monotonic() + 60.0
-        while not (changes := changes_in(LogReader(log).pieces() if log.exists() else ())):
+        while not (changes := LogReader.open(log).changes if log.exists() else ()):
             assert time.monotonic() < end
             time.sleep(0.05)
     (change,) = changes

@@ -18,7 +18,6 @@ from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.laws.table import EXAMPLES
 from haptic_wall.controller.live.client import Client, Messages
 from haptic_wall.controller.live.server import LiveServer
-from haptic_wall.controller.logs.content import FORMAT
 from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, ROW
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.system.printable import printable
@@ -71,7 +70,7 @@ def rows(count: int, start: int = 0, hand: float = 0.0) -> NDArray[np.void]:
 def metadata(preset: str = "simulated", **changed: object) -> dict[str, object]:
     """Metadata that a log begins with."""
     config = load_config(preset).config.model_dump(mode="json")
-    head = {**FORMAT, "program": "haptic-wall", "name": preset, "config": config}
+    head = {"program": "haptic-wall", "name": preset, "config": config}
     return {**head, **changed}
 
 

@@ -21,8 +21,8 @@ from typing import Any
 from haptic_wall import __version__
 from haptic_wall.controller.errors import LogFormatError
 from haptic_wall.controller.logs.csv_export import write_csv
-from haptic_wall.controller.logs.reader import SUFFIX, LogReader
-from haptic_wall.controller.logs.rows import LogRows
+from haptic_wall.controller.logs.file import SUFFIX
+from haptic_wall.controller.logs.reader import LogReader
 
 FILE = "acceptance.zip"
 _TEXTS = (".json", ".yaml", ".csv", ".txt")
@@ -126,7 +126,7 @@ def _table(log: Path) -> bytes:
     try:
         with tempfile.TemporaryDirectory() as folder:
             table = Path(folder) / "rows.csv"
-            write_csv(table, LogRows.of(LogReader(log)))
+            write_csv(table, LogReader.open(log))
             return table.read_bytes()
     except (LogFormatError, OSError):
         return b"this log could not be read\n"

@@ -24,8 +24,7 @@ from haptic_wall.controller.experiments.kept import fingerprint, refused
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.system.file_kinds import RESULT
-from haptic_wall.controller.system.whole_file import whole
+from haptic_wall.controller.system.files import whole
 
 FILE = "predictions.json"
 _KICKS = (0.003, 0.006, 0.0125, 0.025, 0.05, 0.1)
@@ -146,7 +145,7 @@ def keep(folder: Path, config: Config) -> dict[str, Any]:
             )
         return held
     answer = predicted(config)
-    with whole(path, RESULT, force=True) as part:
+    with whole(path) as part:
         part.write_text(json.dumps(answer, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     return answer
 

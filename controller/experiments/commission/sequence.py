@@ -32,10 +32,8 @@ from haptic_wall.controller.experiments.testbed import (
 )
 from haptic_wall.controller.processes.run_report import exit_status
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.system.file_kinds import PICTURE, RESULT
-from haptic_wall.controller.system.new_folders import make
+from haptic_wall.controller.system.files import make_folder, whole
 from haptic_wall.controller.system.signals import interrupting
-from haptic_wall.controller.system.whole_file import whole
 from haptic_wall.hw.errors import ServoError
 
 JSON, PAGE, ALLOWED, ROWS = "commission.json", "report.html", "allowed.png", "commission.rows"
@@ -100,7 +98,7 @@ def run_steps(bench: StepContext) -> Ended:
         OSError: Results could not be written.
         UserError: The folder is of other settings, or was changed.
     """
-    make(bench.folder)
+    make_folder(bench.folder)
     kept = kept_steps(bench)
     earlier = dict(kept.done)
     complete = is_complete(earlier)
@@ -137,7 +135,7 @@ def run_steps(bench: StepContext) -> Ended:
             config = identified(found["config_text"], bench.config)
             path = bench.folder / CONFIG
             if outcomes[step] is not before or not path.exists():
-                with whole(path, RESULT, force=True) as part:
+                with whole(path) as part:
                     part.write_text(found["config_text"], encoding="utf-8")
     return Ended(outcomes, config, interrupted)
 
@@ -197,7 +195,7 @@ def _taken(step: Step, bench: StepContext, basis: str) -> tuple[StepOutcome, tup
 def _draw(step: Step, shown: tuple[Any, ...], bench: StepContext) -> None:
     """Draw the picture of a step, if possible."""
     try:
-        with whole(bench.picture(step), PICTURE, force=True) as part:
+        with whole(bench.picture(step)) as part:
             bench.plots[step](*shown, bench.name, part)
     except Exception as error:  # noqa: BLE001 - whatever may be wrong with what draws
         bench.tell(f"{step}: its picture could not be drawn ({error}); its data are kept")

@@ -14,7 +14,7 @@ of a gain from its coherence.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.logs.rows import LogRows
+from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.walls import walls_of
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_CONTACT,
@@ -167,35 +167,33 @@ def commanded(config: Config, stiffness: float, damping: float, delay: float) ->
     return Impedance(stiffness, damping, delay, "sent", 0, 0, bands)
 
 
-def from_log(log: LogRows, changes: Sequence[Mapping[str, Any]] = ()) -> Impedance:
+def from_log(log: LogReader) -> Impedance:
     """Measure the impedance from the log of a run.
 
     Args:
         log: Rows of a run of a wall.
-        changes: Of the running wall, as the log has them.
 
     Raises:
         UserError: The log is not that of a wall, or it was changed while it ran.
         LogFormatError: Its configuration cannot be used.
     """
-    walls = walls_of(log.metadata, changes)
+    walls = walls_of(log.metadata, log.changes)
     config = walls.configs[0]
     if len(walls.configs) > 1:
         raise UserError(
             "the wall was changed while it ran",
             field="--log",
-            given=log.log.path,
-            advice="cut out a stretch with haptic-wall log LOG --cut, or record an unchanged wall",
+            given=log.path,
+            advice="record an unchanged wall",
         )
     if config.wall.law != "wall":
         raise UserError(
             f"found the law {config.wall.law}",
             field="--log",
-            given=log.log.path,
+            given=log.path,
             wanted="the log of a wall",
         )
-    rows = np.concatenate([*log.blocks()]) if log.origin_ns else np.empty(0)
-    stretches, gains, delay = _stretches(rows)
+    stretches, gains, delay = _stretches(log.rows())
     if not stretches:
         gains = (config.wall.stiffness, config.wall.damping)
     law = Law.of(config, *gains)

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from haptic_wall import __version__
-from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.commission.sweep_points import OPTIONS
 from haptic_wall.controller.experiments.commission.verdict import GuardQuestion
 from haptic_wall.controller.experiments.holding import changed
@@ -23,17 +22,14 @@ from haptic_wall.controller.experiments.testbed import (
 )
 from haptic_wall.controller.experiments.zwidth.impedance import Impedance, commanded, from_log
 from haptic_wall.controller.experiments.zwidth.plane import Width
+from haptic_wall.controller.logs.file import refuse_other
 from haptic_wall.controller.logs.reader import LogReader
-from haptic_wall.controller.logs.rows import LogRows
-from haptic_wall.controller.logs.walls import changes_in
 from haptic_wall.controller.processes.plan import Plan
 from haptic_wall.controller.processes.run import run
 from haptic_wall.controller.processes.run_report import explained
 from haptic_wall.controller.runtime.safety import End
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.system.file_kinds import LOG as LOG_KIND
-from haptic_wall.controller.system.file_kinds import may_be_replaced
-from haptic_wall.controller.system.new_folders import make
+from haptic_wall.controller.system.files import make_folder, would_be_lost
 
 LOG = "impedance.hwlog"
 _TAPPED_S = 10.0
@@ -137,8 +133,7 @@ def impedance_of(config: Config, log: Path | None, folder: Path | None, tell: Te
         except ExperimentTrippedError as error:
             reason = f"the run was ended by {error.stop_reason}: {error}"
     if log is not None:
-        reader = LogReader(log)
-        return from_log(LogRows.of(reader), changes_in(reader.pieces()))
+        return from_log(LogReader.open(log))
     question = GuardQuestion.of(config, None)
     decision = question.decide(config.wall.stiffness, config.wall.damping)
     delay = question.inserted + question.age + question.situation.belief.delay.value
@@ -156,14 +151,11 @@ def _tapped(config: Config, log: Path, tell: Tell) -> Path:
         "name": "zwidth",
         "config": tapped.model_dump(mode="json"),
     }
-    make(log.parent)
-    if not may_be_replaced(log, LOG_KIND):
-        raise UserError(
-            f"{log}: found a file that is not {LOG_KIND.name}, and would be lost",
-            advice="name another folder",
-        )
+    make_folder(log.parent)
+    if would_be_lost(log):
+        refuse_other(log)
     tell(f"impedance: the wall runs for {_TAPPED_S:g} s under a tapping hand")
-    ended = run(Plan(tapped, _TAPPED_S, log, metadata, None), tell)
+    ended = run(Plan(tapped, _TAPPED_S, log, metadata, None, force=True), tell)
     if ended.stop_reason == End.INTERRUPTED or ended.asked:
         raise ExperimentInterruptedError("interrupted")
     if ended.stop_reason != End.DURATION:

@@ -61,7 +61,7 @@ function tell() {
   }
   if (!free.told?.facts.asked || !guarded.told?.facts.asked || !guarded.limits?.limits) return write(element("text"), "<p>The two servos are starting…</p>");
   for (const choice of element("tries").querySelectorAll("[value]")) choice.setAttribute("aria-pressed", String(choice.value === free.told.scene));
-  const commanded = { stiffness: guarded.now("stiffness_nm_per_rad"), damping: guarded.now("damping_nms_per_rad") };
+  const commanded = { stiffness: guarded.now("stiffness"), damping: guarded.now("damping") };
   write(element("text"), STEPS[step].text({ free: free.told, guarded: guarded.told, limits: guarded.limits, commanded }));
 }
 

@@ -94,6 +94,6 @@ export class Servo {
     this.scope.draw(this.view.stretch);
     if (!this.store.length) return;
     this.scope.label(this.store.length - 1);
-    this.map.move(this.now("stiffness_nm_per_rad"), this.now("damping_nms_per_rad"));
+    this.map.move(this.now("stiffness"), this.now("damping"));
   }
 }

@@ -89,13 +89,13 @@ function report() {
   scope.label(row);
   const of = (name) => store.value(name, newest);
   if (!element("grip").hidden) hand.draw(of("position_rad"));
-  map.move(of("stiffness_nm_per_rad"), of("damping_nms_per_rad"));
+  map.move(of("stiffness"), of("damping"));
   if (link.socket.readyState === WebSocket.OPEN) {
     const parts = [
       state.ended,
       `${store.last.toFixed(2)} s`,
-      `K ${format(of("stiffness_nm_per_rad"))} N·m/rad`,
-      `B ${format(of("damping_nms_per_rad"))} N·m·s/rad`,
+      `K ${format(of("stiffness"))} N·m/rad`,
+      `B ${format(of("damping"))} N·m·s/rad`,
       `delay ${format(1e3 * of("delay_s"), 3)} ms`,
       state.health,
       store.gaps ? `${store.gaps} rows skipped` : "",

@@ -16,7 +16,7 @@ from haptic_wall.controller.detector.oscillation import Detector, DetectorSettin
 from haptic_wall.controller.detector.own_motion import OwnMotion
 from haptic_wall.controller.detector.watch import Watch, WatchSettings
 from haptic_wall.controller.laws.wall import Wall
-from haptic_wall.controller.logs.file import read_log
+from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.processes.inline import run_inline
 from haptic_wall.controller.processes.plan import Ended, Plan
 from haptic_wall.controller.processes.run_report import exit_status
@@ -60,7 +60,7 @@ def play(
     config = load_config("simulated", (*BASE, *sets)).config
     plan = Plan(config, duration, folder / "a.hwlog", {}, None)
     ended = run_inline(plan, telemetry or Telemetry.create())
-    return ended, read_log(plan.log)[1]
+    return ended, LogReader.open(plan.log).rows()
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,7 @@ from haptic_wall.controller.experiments.sweep.sweep import (
 )
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed
 from haptic_wall.controller.laws.program import Phase
-from haptic_wall.controller.logs.file import read_log
+from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
@@ -64,7 +64,7 @@ def test_a_linear_servo_has_the_exact_boundary_and_stays_within_what_is_announce
     assert found.reason is None
     furthest = 0.0
     for log in found.logs:
-        moved = read_log(tmp_path / log)[1]["position"]
+        moved = LogReader.open(tmp_path / log).rows()["position"]
         assert moved[-1] == pytest.approx(moved[0], abs=0.02)
         furthest = max(furthest, np.abs(moved - moved[0]).max())
     said = excursion(config(*sets), (PlanePoint(damping, steps),), Options(repeats=1))

@@ -17,7 +17,7 @@ from haptic_wall.controller.experiments.testbed import (
     Testbed,
 )
 from haptic_wall.controller.laws.program import Phase
-from haptic_wall.controller.logs.file import append_end
+from haptic_wall.controller.logs.writer import append_end
 from haptic_wall.controller.processes.plan import Ended, Plan
 from haptic_wall.controller.processes.run import run
 from haptic_wall.controller.runtime.safety import Trip
@@ -107,9 +107,9 @@ def test_only_an_emulated_servo_that_does_not_answer_is_started_again(
 def test_a_ctrl_c_that_comes_when_the_loop_is_just_over_is_not_lost(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupted(path: Path, facts: Mapping[str, Any], *, sync: bool) -> None:
+    def interrupted(path: Path, report: Mapping[str, Any], *changes: Any) -> None:
         os.kill(os.getpid(), signal.SIGINT)
-        append_end(path, facts, sync=sync)
+        append_end(path, report, *changes)
 
     monkeypatch.setattr("haptic_wall.controller.processes.run.append_end", interrupted)
     with pytest.raises(ExperimentInterruptedError):

@@ -19,7 +19,7 @@ from haptic_wall.controller.experiments.maps.walls import Loop, buffers, noise_o
 from haptic_wall.controller.laws.velocity import velocity_estimator
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.laws.wall import Wall as ProgramWall
-from haptic_wall.controller.logs.file import read_log
+from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import flexible_boundary
 from haptic_wall.controller.theory.chain import two_masses
@@ -133,7 +133,7 @@ def test_it_is_what_the_program_does(tmp_path: Path) -> None:
     with pytest.raises(SystemExit) as ended:
         main([*arguments, "--no-plot", *options])
     assert ended.value.code == 0
-    _, rows = read_log(log)
+    rows = LogReader.open(log).rows()
     servo = TrueServo(1.0, 0.1, 0.05, backlash=0.001, torque_limit=2.0, torque_step=0.01)
     wall = wall_of(servo, period=PERIOD, delay=0.0033, virtual_damping=0.1, velocity_samples=3)
     # The first period comes before the first tick: the servo rests in it, as here.

@@ -1,58 +1,34 @@
-"""Right checksums say that a block is what was written, not that a run wrote it."""
+"""A file that no run has written is refused in one sentence, soon and in little memory."""
 
-import json
 import os
+import resource
 import socket
-from collections.abc import Mapping
+import sqlite3
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
+from random import Random
 from typing import Any
 
-import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from haptic_wall.controller.cli.main import main
-from haptic_wall.controller.logs.blocks import encoded
-from haptic_wall.controller.logs.reader import FORMAT
-from haptic_wall.controller.runtime.telemetry import ROW
-from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.logs.file import SCHEMA
+from haptic_wall.controller.logs.reader import LogReader, TimeSpan
+from haptic_wall.controller.logs.writer import LogWriter, append_end
 from haptic_wall.controller.system.printable import printable
-from tests.typed import not_none
-
-CONFIG = load_config("simulated").config.model_dump(mode="json")
-METADATA = {**FORMAT, "program": "haptic-wall 0.1.0", "name": "simulated", "config": CONFIG}
-
-
-def rows(start: int, end: int, **columns: object) -> NDArray[np.void]:
-    made = np.zeros(end - start, ROW)
-    made["seq"] = np.arange(start, end)
-    made["deadline_ns"] = 5_000_000_000 + 1_000_000 * made["seq"]
-    made["position"] = 0.01 * np.sin(0.03 * made["seq"])
-    made["torque"] = -made["position"]
-    for name, values in columns.items():
-        made[name] = values
-    return made
-
-
-def block(content: Mapping[str, Any] | NDArray[np.void]) -> bytes:
-    if not isinstance(content, np.ndarray):
-        content = np.frombuffer(json.dumps(content).encode(), np.uint8)
-    head, data = encoded(content)
-    return head + bytes(data)
-
-
-def log_of(
-    path: Path,
-    *contents: Mapping[str, Any] | NDArray[np.void],
-    metadata: Mapping[str, Any] = METADATA,
-) -> Path:
-    path.write_bytes(b"".join(map(block, (metadata, *contents))))
-    return path
+from tests.support.told_logs import EVENTS, metadata, rows
 
 
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
-    return tmp_path / "a.hwlog"
+    path = tmp_path / "a.hwlog"
+    with LogWriter(path, metadata()) as writer:
+        writer.append(rows(6_000))
+        writer.event(EVENTS[0])
+    append_end(path, {"stop_reason": "duration", "rows": 6_000})
+    return path
 
 
 def told(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str]:
@@ -63,118 +39,172 @@ def told(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, s
     return status, captured.out + captured.err
 
 
-def summary(capsys: pytest.CaptureFixture[str], path: Path, *arguments: Any) -> dict[str, Any]:
-    status, text = told(capsys, "log", path, "--json", *arguments)
-    assert status == 0, text
-    summed: dict[str, Any] = json.loads(text)
-    return summed
+def written(script: str) -> Callable[[sqlite3.Connection], None]:
+    """Return what a hostile hand does to the database."""
+
+    def change(db: sqlite3.Connection) -> None:
+        db.executescript(script)
+
+    return change
 
 
-# In order, once each
+def in_its_schema(old: str, new: str) -> Callable[[sqlite3.Connection], None]:
+    return written(
+        "PRAGMA writable_schema=ON;"
+        f"UPDATE sqlite_master SET sql = replace(sql, '{old}', '{new}') WHERE name = 'rows';"
+    )
 
 
-# Two logs in one file
+def replaced(table: str, *statements: str) -> Callable[[sqlite3.Connection], None]:
+    return written(";".join((f"DROP TABLE {table}", *statements)))
 
 
-# What no run writes
+ENDLESS = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT i FROM n"
+HOSTILE = {
+    "a view": replaced("rows", f"CREATE VIEW rows AS {ENDLESS}"),
+    "an endless view of metadata": replaced(
+        "meta", f"CREATE VIEW meta AS SELECT i AS key, i AS value FROM ({ENDLESS})"
+    ),
+    "another schema": replaced("rows", "CREATE TABLE rows (time_s REAL, position_rad REAL)"),
+    "no table": replaced("events"),
+    "a generated column": replaced(
+        "rows", SCHEMA["rows"].replace("delay_s REAL", "delay_s REAL AS (hex(zeroblob(1000000)))")
+    ),
+    "a check": replaced("rows", SCHEMA["rows"].replace("REAL,", "REAL CHECK (randomblob(9)),", 1)),
+    "another type": in_its_schema("torque_nm REAL", "torque_nm TEXT"),
+    "a text": written("UPDATE rows SET torque_nm = 'text' WHERE seq = 5000"),
+    "a blob": written("UPDATE rows SET torque_nm = zeroblob(20) WHERE seq = 5000"),
+    "a large blob": written("UPDATE rows SET torque_nm = zeroblob(40000000) WHERE seq = 5000"),
+    "a large text": written("UPDATE meta SET value = '\"' || hex(zeroblob(20000000)) || '\"'"),
+    "many texts": written(
+        f"INSERT INTO events SELECT 0, (SELECT text FROM events) FROM ({ENDLESS} LIMIT 60000)"
+    ),
+    "a time that goes back": written("UPDATE rows SET time_s = 0.5 WHERE seq = 5000"),
+    "no time": written("UPDATE rows SET time_s = NULL WHERE seq = 5000"),
+    "an endless time": written("UPDATE rows SET time_s = 9e999 WHERE seq = 5000"),
+    "a fraction for a whole number": written("UPDATE rows SET flags = 0.5 WHERE seq = 5000"),
+    "an unknown state": written("UPDATE rows SET oscillation = 99 WHERE seq = 5000"),
+    "a torque of no servo": written("UPDATE rows SET torque_nm = 1e300 WHERE seq = 5000"),
+    "a large number": written("UPDATE rows SET seq = 9223372036854775807 WHERE seq = 5999"),
+    "no JSON": written("UPDATE meta SET value = '{' WHERE key = 'config'"),
+    "deep JSON": written(
+        "UPDATE meta SET value = replace(hex(zeroblob(50000)), '0', '[') WHERE key = 'config'"
+    ),
+    "an origin that is no time": written("UPDATE meta SET value = '1e5' WHERE key = 'origin_ns'"),
+    "bytes that are no text": written("UPDATE meta SET value = x'ff' WHERE key = 'name'"),
+    "a report of a list": written("UPDATE meta SET value = '[]' WHERE key = 'report'"),
+    "an event of a number": written("UPDATE events SET text = '5'"),
+}
 
 
-@pytest.mark.parametrize(
-    ("ended", "why"),
-    [
-        ({"rows": -1}, "rows is no count in it"),
-        ({"rows": 10**300}, "rows is no count in it"),
-        ({"stop_reason": 5}, "stop_reason is no text in it"),
-        ({"message": {}}, "message is no text in it"),
-        ({"guard": {"reasons": [{}]}}, "guard has no list of texts as its reasons"),
-        ({"warnings": "text"}, "warnings is no list of texts in it"),
-    ],
-)
-def test_an_end_that_no_run_writes_is_told_as_damage(
-    log: Path, capsys: pytest.CaptureFixture[str], ended: dict[str, Any], why: str
+@pytest.mark.parametrize("how", HOSTILE)
+def test_what_no_run_writes_is_refused_in_one_sentence(
+    log: Path, capsys: pytest.CaptureFixture[str], how: str
 ) -> None:
-    log_of(log, rows(0, 50), ended)
-    found = summary(capsys, log)
-    assert found["rows"] == 50
-    assert found["stop_reason"] is None
-    assert found["damaged"]["why"] == f"the run's end: {why}"
-
-
-@pytest.mark.parametrize(
-    ("column", "value", "why"),
-    [
-        ("oscillation", 99, "oscillation is 99 in it, wanted 0 to 3"),
-        ("deadline_ns", 2**63 - 1, "deadline_ns is 9223372036854775807 in it"),
-        ("deadline_ns", 5, "deadline_ns does not increase in it"),
-        ("seq", 7, "seq does not increase in it"),
-        ("lateness_ns", 2**62, "lateness_ns is"),
-        ("torque", 1e300, "torque is 1e+300 in it, which is too large"),
-    ],
-)
-def test_a_block_of_rows_that_no_loop_writes_is_told_as_damage(
-    log: Path, capsys: pytest.CaptureFixture[str], column: str, value: float, why: str
-) -> None:
-    log_of(log, rows(0, 50), rows(50, 100, **{column: value}), rows(100, 150))
-    found = summary(capsys, log)
-    assert (found["rows"], found["damaged"]["rows"]) == (100, 50)
-    assert why in found["damaged"]["why"]
-    assert f"of the first: {why}" in told(capsys, "log", log)[1]
-    status, text = told(capsys, "detect", log, "--json")
-    assert (status, json.loads(text)["samples"]) == (0, 100)
-    assert any(why in note for note in json.loads(text)["notes"])
-
-
-# Bounds
-
-
-NARROW = np.dtype(
-    [(name, "<f4" if name == "position" else ROW[name]) for name in not_none(ROW.names)]
-)
-OTHER = np.dtype([*((name, ROW[name]) for name in not_none(ROW.names)), ("\x1b[31m", "<f8")])
-
-
-@pytest.mark.parametrize(
-    ("dtype", "said"),
-    [
-        (NARROW, "its column position is of type 'float32', wanted '<f8'"),
-        (OTHER, r"its rows have a column '\x1b[31m' that this program does not know"),
-        (np.dtype([("seq", "<i8"), ("position", "<f8")]), "its rows lack the column deadline_ns"),
-    ],
-)
-def test_rows_of_other_columns_are_refused_in_a_sentence(
-    log: Path, capsys: pytest.CaptureFixture[str], dtype: np.dtype[np.void], said: str
-) -> None:
-    made = np.zeros(20, dtype)
-    made["seq"] = np.arange(20)
-    log_of(log, made)
+    with closing(sqlite3.connect(log, isolation_level=None)) as db:
+        HOSTILE[how](db)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     for command in ("log", "detect"):
+        begun = time.monotonic()
         status, text = told(capsys, command, log)
-        assert (status, text.count("\n")) == (2, 1)
-        assert said in text or command == "detect"
+        assert (status, text.count("\n")) == (2, 1), text
+        assert time.monotonic() - begun < 5.0
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000, "200 MB"
+
+
+def test_what_a_log_has_besides_is_not_looked_at(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with closing(sqlite3.connect(log)) as db:
+        db.executescript(
+            f"CREATE TABLE mine (a); CREATE VIEW v AS {ENDLESS}; CREATE INDEX i ON rows (flags);"
+            "CREATE TRIGGER t AFTER INSERT ON rows BEGIN DELETE FROM rows; END"
+        )
+    assert told(capsys, "log", log)[0] == 0
+    with LogWriter(log, {}, resume=True):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("report", "why"),
+    [
+        ({"rows": -1}, "rows is no count in its report"),
+        ({"rows": 10**300}, "rows is no count in its report"),
+        ({"stop_reason": 5}, "stop_reason is no text in its report"),
+        ({"message": {}}, "message is no text in its report"),
+        ({"guard": {"reasons": [{}]}}, "guard has no list of texts as its reasons in its report"),
+        ({"warnings": "text"}, "warnings is no list of texts in its report"),
+    ],
+)
+def test_a_report_that_no_run_writes_is_refused(
+    log: Path, capsys: pytest.CaptureFixture[str], report: dict[str, Any], why: str
+) -> None:
+    append_end(log, report)
+    status, text = told(capsys, "log", log)
+    assert status == 2 and why in text
+
+
+def damaged(random: Random, content: bytes) -> bytes:
+    """The content as a failing disk, a cut or a hostile hand leaves it."""
+    for _ in range(random.choice((1, 1, 2, 5))):
+        start = random.randrange(len(content))
+        kind = random.choice(("page", "bytes", "noise", "cut", "head", "twice"))
+        if kind == "cut":
+            return content[:start]
+        if kind == "page":
+            start -= start % 4096
+        start = random.randrange(100) if kind == "head" else start
+        length = {"page": 4096, "twice": 4096, "noise": 6000}.get(kind, random.choice((1, 2, 4)))
+        new = bytes(length) if kind == "page" else random.randbytes(length)
+        if kind == "twice":  # a page in place of another
+            start -= start % 4096
+            other = random.randrange(len(content) // 4096) * 4096
+            new = content[other : other + 4096]
+        content = content[:start] + new + content[start + length :]
+    return content
+
+
+def test_a_damaged_log_is_read_or_refused_in_one_sentence(
+    log: Path, capsys: pytest.CaptureFixture[str], thorough: bool, wholly: bool
+) -> None:
+    whole = log.read_bytes()
+    for number in range(3000 if thorough else 300 if wholly else 60):
+        log.write_bytes(damaged(Random(f"damage {number}"), whole))
+        for command in ("log",) if number % 10 else ("log", "detect"):
+            begun = time.monotonic()
+            status, text = told(capsys, command, log)
+            assert status == 0 or (status, text.count("\n")) == (2, 1), (number, text)
+            assert time.monotonic() - begun < 5.0
+
+
+def kinds(folder: Path) -> Iterator[tuple[str, str]]:
+    os.mkfifo(folder / "pipe")
+    yield "pipe", "it is a pipe, not a file"
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind("socket")
+        yield "socket", "it is a socket, not a file"
+    (folder / "device").symlink_to("/dev/zero")
+    yield "device", "it is a device, not a file"
+    (folder / "folder").mkdir()
+    yield "folder", "Is a directory"
 
 
 @pytest.mark.parametrize("command", ["log", "detect"])
-@pytest.mark.parametrize("kind", ["pipe", "socket", "device", "folder"])
 def test_what_may_never_end_is_refused_at_once(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     command: str,
-    kind: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with socket.socket(socket.AF_UNIX) as listening:
-        if kind == "pipe":
-            os.mkfifo("a.hwlog")
-        elif kind == "socket":
-            listening.bind("a.hwlog")
-        elif kind == "device":
-            Path("a.hwlog").symlink_to("/dev/zero")
-        else:
-            (tmp_path / "a.hwlog").mkdir()
-        status, text = told(capsys, command, "a.hwlog")
-    assert status == 2
-    assert f"it is a {kind}, not a file" in text or "Is a directory" in text
+    for name, why in kinds(tmp_path):
+        status, text = told(capsys, command, name)
+        assert status == 2 and why in text
 
 
-# By content, not by name
+def test_a_stretch_is_found_without_reading_what_is_before(log: Path) -> None:
+    with closing(sqlite3.connect(log)) as db:
+        db.execute("UPDATE rows SET torque_nm = 'text' WHERE seq = 3")
+        db.commit()
+    found = LogReader.open(log, TimeSpan(5.0, 5.01)).rows()
+    assert found["seq"].tolist() == [*range(5_000, 5_010)]

@@ -1,4 +1,4 @@
-"""Changes of a running wall in its log: picture, detector and excerpts follow them."""
+"""Changes of a running wall in its log: picture and detector follow them."""
 
 import json
 import math
@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.live.log_events import event_sockets, send_event, take_events
-from haptic_wall.controller.logs.file import LogWriter, append_end
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.recordings import MOVED, recordings_of_log
 from haptic_wall.controller.logs.replayed import replayed
-from haptic_wall.controller.logs.rows import LogRows
-from haptic_wall.controller.logs.walls import changes_in, walls_of
+from haptic_wall.controller.logs.walls import made, walls_of
+from haptic_wall.controller.logs.writer import LogWriter, append_end
 from haptic_wall.controller.report.run_panels import DrawnRun
 from haptic_wall.controller.report.sketch import sketched
 from haptic_wall.controller.runtime.telemetry import ROW
@@ -80,7 +79,7 @@ def swung(tmp_path_factory: pytest.TempPathFactory) -> Swung:
 
 
 def written(path: Path, run: ChangedRun, rows: NDArray[np.void], *, tells: bool = True) -> None:
-    with LogWriter(path, {"config": run.config.model_dump(mode="json")}, ROW) as log:
+    with LogWriter(path, {"config": run.config.model_dump(mode="json")}) as log:
         for start in range(0, len(rows), 250):
             log.append(rows[start : start + 250])
             for asked in run.asked if tells else ():
@@ -114,25 +113,14 @@ def test_the_picture_has_each_wall_in_its_time(
     swung: Swung, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path, run, rows = swung
-    read = LogRows.of(LogReader(path))
-    walls = walls_of(read.metadata, changes_in(read.log.pieces()))
+    read = LogReader.open(path)
+    walls = walls_of(read.metadata, read.changes)
     drawn = DrawnRun(sketched([rows], len(rows), read.origin_ns), np.ones(len(rows), bool), walls)
     times, surfaces = drawn.over_time(drawn.surface)
     assert surfaces.tolist() == [0.0, 0.0, *[0.01] * 6]
     assert times[1] == times[2] == drawn.time[run.asked[0].row]
     assert drawn.config.delay.steps == 1
     assert told(capsys, "log", path, "--plot", tmp_path / "run.png")[0] == 0
-
-
-def test_an_excerpt_knows_the_changes_before_it(
-    swung: Swung, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path, run, _ = swung
-    out = tmp_path / "cut.hwlog"
-    assert told(capsys, "log", path, "--from", 2, "--to", 4, "--cut", out)[0] == 0
-    cut = LogReader(out)
-    assert [each["row"] for each in changes_in(cut.pieces())] == [asked.row for asked in run.asked]
-    assert walls_of(cut.metadata, changes_in(cut.pieces())).at(2000).wall.law == "profile"
 
 
 def test_the_summary_tells_who_asked(swung: Swung, capsys: pytest.CaptureFixture[str]) -> None:
@@ -160,20 +148,20 @@ def test_a_log_of_an_absent_law_says_so(
     monkeypatch.setattr("haptic_wall.controller.laws.own._allowed", set())
     path = tmp_path / "run.hwlog"
     config = {**METADATA["config"], "wall": {**METADATA["config"]["wall"], "law": law}}
-    with LogWriter(path, {"config": config}, ROW) as log:
+    with LogWriter(path, {"config": config}) as log:
         log.append(swung[2][:50])
     found, text = told(capsys, "detect", path)
     assert found == status and said in text
     assert told(capsys, "log", path, "--plot", tmp_path / "a.png")[0] == status
 
 
-def test_changes_come_from_events_and_from_the_end_in_the_order_of_their_rows(
+def test_changes_come_in_the_order_of_their_rows(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "run.hwlog"
     rows = np.zeros(20, ROW)
     rows["seq"] = rows["deadline_ns"] = np.arange(20)
-    with LogWriter(path, METADATA, ROW) as log:
+    with LogWriter(path, METADATA) as log:
         log.append(rows)
         for each in (
             event(9, {"wall.position": 0.3}),
@@ -182,15 +170,12 @@ def test_changes_come_from_events_and_from_the_end_in_the_order_of_their_rows(
             event(12, None),
         ):
             log.event(each)
-    append_end(path, {"rows": 20, "changes": [event(5, {"wall.position": 0.2}), 3]})
-    found = changes_in(LogReader(path).pieces())
+    append_end(path, {"rows": 20}, [event(5, {"wall.position": 0.2})])
+    found = made(LogReader.open(path).changes)
     assert [each["row"] for each in found] == [5, 9, 12]
     walls = walls_of(METADATA, found)
     places = [walls.at(seq).wall.position for seq in (0, 4, 5, 8, 9, 19)]
     assert places == [0, 0, 0.2, 0.2, 0.3, 0.3]
-    with LogWriter.resume(path, ROW) as log:  # the next recorder
-        log.append(rows[:0])
-    assert [each["row"] for each in changes_in(LogReader(path).pieces())] == [5, 9, 12]
 
 
 def test_an_event_stays_for_the_next_recorder_until_it_is_written() -> None:

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from haptic_wall.controller.logs.file import LogWriter, read_log
+from haptic_wall.controller.logs.reader import LogReader
+from haptic_wall.controller.logs.writer import LogWriter
 from haptic_wall.controller.processes.inline import run_inline
 from haptic_wall.controller.processes.plan import Ended, Plan
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
@@ -31,7 +32,7 @@ def ended(tmp_path: Path) -> Callable[..., tuple[Ended, int]]:
 def test_a_whole_log_lacks_nothing(ended: Callable[..., tuple[Ended, int]], tmp_path: Path) -> None:
     whole, rows = ended()
     assert (whole.lacking, whole.warnings) == (0, [])
-    assert len(read_log(tmp_path / "run.hwlog")[1]) == rows
+    assert len(LogReader.open(tmp_path / "run.hwlog").rows()) == rows
 
 
 def test_a_full_disk_leaves_out_what_it_did_not_take(
@@ -47,7 +48,7 @@ def test_a_full_disk_leaves_out_what_it_did_not_take(
 
     monkeypatch.setattr(LogWriter, "append", fill)
     cut, rows = ended()
-    assert cut.lacking == rows - len(read_log(tmp_path / "run.hwlog")[1]) > 0
+    assert cut.lacking == rows - len(LogReader.open(tmp_path / "run.hwlog").rows()) > 0
     (warning,) = cut.warnings
     assert f"{tmp_path / 'run.hwlog'} is incomplete: No space left on device" in warning
 

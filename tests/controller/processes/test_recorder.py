@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_wall.controller.logs.file import read_log
+from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.processes.children import Child
 from haptic_wall.controller.processes.recorder_monitor import RecorderMonitor
 from haptic_wall.controller.runtime.telemetry import Row, Telemetry, Word
@@ -75,5 +75,5 @@ def test_a_recorder_whose_supervisor_is_dead_writes_what_comes_and_ends(tmp_path
     recorder.send(signal.SIGUSR1)  # as the kernel does
     assert recorder.wait(10.0)
     assert recorder.well()
-    assert len(read_log(recording.path)[1]) == recording.telemetry.words[Word.HEAD]
+    assert len(LogReader.open(recording.path).rows()) == recording.telemetry.words[Word.HEAD]
     recording.monitor.close()

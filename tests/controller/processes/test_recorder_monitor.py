@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from haptic_wall.controller.logs.file import LogWriter, read_log
+from haptic_wall.controller.logs.reader import LogReader
+from haptic_wall.controller.logs.writer import LogWriter
 from haptic_wall.controller.processes import children, recorder_monitor
 from haptic_wall.controller.processes.recorder import Recorder
 from haptic_wall.controller.processes.recorder_monitor import STUCK_S, RecorderMonitor
-from haptic_wall.controller.runtime.telemetry import CAPACITY, ROW, Row, Telemetry, Word
+from haptic_wall.controller.runtime.telemetry import CAPACITY, Row, Telemetry, Word
 
 TICKS = itertools.count()
 
@@ -30,8 +31,8 @@ class Child:
     """A recorder without a process: it writes when it is let, and ends as it is told."""
 
     def __init__(self, telemetry: Telemetry, path: Path, resume: bool) -> None:
-        log = LogWriter.resume(path, ROW) if resume else LogWriter(path, {}, ROW)
-        self._recorder = Recorder(telemetry, log)
+        log = LogWriter(path, {}, resume=resume)
+        self._recorder = Recorder(telemetry, log, resumes=resume)
         self._words = telemetry.words
         self._said: list[str] = []
         self.writes = True
@@ -114,7 +115,7 @@ class Run:
         """The notes, and the rows that the log holds."""
         notes = self.monitor.end()
         self.monitor.close()
-        return notes, read_log(self.path)[1]["seq"]
+        return notes, LogReader.open(self.path).rows()["seq"]
 
 
 @pytest.fixture
