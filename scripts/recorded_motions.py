@@ -94,9 +94,7 @@ def made(seed: int, *, torque: bool, stribeck: bool = False) -> Made:
         position=begin, gravity=weight, gravity_angle=hanging,
     )  # fmt: skip
     if stribeck:
-        servo = replace(
-            servo, static_friction=1.5 * coulomb, stribeck_speed=0.3, stribeck_exponent=2.0
-        )
+        servo = replace(servo, static_friction=1.5 * coulomb, stribeck_speed=0.3)
     mechanism = Mechanism(servo, 0)
     found = np.empty(count)
     for row, (at, asked) in enumerate(zip(np.rint(1e9 * time), sent, strict=True)):

@@ -88,11 +88,12 @@ class BelievedLoop:
     def ceiling(self, delay: float) -> float:
         """Return the virtual damping above which nothing is stable [N·m·s/rad]."""
         loop = (self.period, delay, self.samples, self.velocity_filter)
-        found = float(chain_ceiling(*one_mass(self.inertia, self.damping), *loop))
+        chain, shape = one_mass(self.inertia, self.damping)
+        found = float(chain_ceiling(chain, shape, *loop))
         if self.load is not None:
             motor = self.inertia - self.load[0]
-            masses = two_masses(motor, self.damping, *self.load, encoder=self.encoder)
-            found = min(found, float(chain_ceiling(*masses, *loop)))
+            chain, shape = two_masses(motor, self.damping, *self.load, encoder=self.encoder)
+            found = min(found, float(chain_ceiling(chain, shape, *loop)))
         return found
 
 
