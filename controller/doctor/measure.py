@@ -16,10 +16,10 @@ from typing import Any, Final
 
 from haptic_wall.controller.doctor.replies import time_replies
 from haptic_wall.controller.processes.children import Child, first_line
-from haptic_wall.controller.system.orders import read_orders
 from haptic_wall.controller.runtime import realtime
 from haptic_wall.controller.runtime.deadlines import Waiter, waiter_for
 from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.system.orders import read_orders
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.errors import ServoError
 from haptic_wall.hw.serialport.line import FdLine
