@@ -97,7 +97,6 @@ class DynamixelGroup:
                 self._polls = self._plan()
                 for one in servos:
                     one.watchdog.resume(self._now_ns(), under_torque=False)  # idle meanwhile
-                    one.watchdog.called_ns = self._now_ns()
         except ServoError as error:
             if self._off():
                 raise
@@ -129,14 +128,8 @@ class DynamixelGroup:
         try:
             now_ns = self._now_ns()
             exchange = self.exchange
-            if self._reply_ns:
-                for one in self.servos:
-                    one.watchdog.call(now_ns, under_torque=one.goal != 0)
-                called_ns = self._now_ns()
-                for one in self.servos:
-                    one.watchdog.called_ns = called_ns
-                if exchange.waiting:
-                    return
+            if self._reply_ns and exchange.waiting:
+                return
             for one in self.servos:
                 watchdog = one.watchdog
                 if now_ns - watchdog.heard_ns > watchdog.limit_ns:
