@@ -94,7 +94,7 @@ def _memory_line(
     settings: ServoSettings, driver: DriverSettings, true: TrueServo, clock: SimulatedClock
 ) -> Line:
     """Return an emulated bus in memory with the configured servo on it."""
-    from haptic_wall.hw.dynamixel.drivable import drivable
+    from haptic_wall.hw.dynamixel.driven import drivable
     from haptic_wall.hw.emulated.bus import EmulatedBus
     from haptic_wall.hw.emulated.injection import Faults
     from haptic_wall.hw.emulated.memory_line import MemoryLine

@@ -6,7 +6,6 @@ import math
 from contextlib import suppress
 from typing import Final
 
-from haptic_wall.hw.dynamixel.drivable import drivable
 from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.health import HealthWatch
 from haptic_wall.hw.dynamixel.jump_filter import JumpFilter
@@ -16,7 +15,7 @@ from haptic_wall.hw.dynamixel.rules import error_names, what_to_do
 from haptic_wall.hw.dynamixel.samples import Sample
 from haptic_wall.hw.dynamixel.startup import Ready, Startup
 from haptic_wall.hw.dynamixel.station import Station
-from haptic_wall.hw.dynamixel.tables import model_by_number
+from haptic_wall.hw.dynamixel.tables import MODELS, Model, model_by_number
 from haptic_wall.hw.dynamixel.torque_law import torque_law
 from haptic_wall.hw.dynamixel.watchdog import WatchdogMonitor
 from haptic_wall.hw.errors import ServoLostError, StrangeServoError, UnfitServoError
@@ -25,6 +24,34 @@ from haptic_wall.hw.settings import DriverSettings
 
 _NAN: Final = math.nan
 _OK: Final = Outcome.OK
+
+
+def drivable(settings: DriverSettings) -> tuple[Model, float]:
+    """Return the configured model, and its torque constant [N·m/A].
+
+    Raises:
+        UnfitServoError: The model is unknown, has no current mode, or its constant is not known.
+    """
+    model = MODELS.get(settings.model)
+    known = [each.name for each in MODELS.values() if each.current_mode]
+    if model is None:
+        raise UnfitServoError(
+            f"The model {settings.model} is not known",
+            advice=f"set servo.model to one of {', '.join(known)}.",
+        )
+    if not model.current_mode:
+        kinds = dict.fromkeys(name.partition("-")[0] for name in known)
+        raise UnfitServoError(
+            f"The {model.name} has no current mode, so it cannot be commanded in torque",
+            advice=f"use one of {', '.join(kinds)}.",
+        )
+    constant = settings.torque_constant or model.torque_constant
+    if constant is None:
+        raise UnfitServoError(
+            f"The {model.name} has no published torque constant",
+            advice="measure it and set servo.torque_constant [N·m/A].",
+        )
+    return model, constant
 
 
 class Driven:

@@ -36,7 +36,6 @@ from haptic_wall.hw.dynamixel.samples import (
     LENGTHS,
     QUARANTINE,
     SAMPLE_ADDRESS,
-    SAMPLE_END,
     Sample,
     SampleRequest,
     Way,
@@ -132,18 +131,10 @@ class Exchange:
 
         Args:
             address: Its begin, at 120 at most.
-            end: After its last register, at 136 at least.
-
-        Raises:
-            ValueError: It does not contain the sample, or another block has its length.
+            end: After its last register, at 136 at least; no other block has the length.
         """
         length = end - address
-        if (
-            address > SAMPLE_ADDRESS
-            or end < SAMPLE_END
-            or self.blocks.setdefault(length, address) != address
-        ):
-            raise ValueError(f"a block from {address} to {end} does not contain the sample")
+        self.blocks[length] = address
         self._free_at.setdefault(length, 0)
         return length
 

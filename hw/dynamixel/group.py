@@ -25,7 +25,7 @@ from haptic_wall.hw.errors import (
     UnfitServoError,
 )
 from haptic_wall.hw.serialport.line import FdLine, Line
-from haptic_wall.hw.servo import BusCounts, Check, Facts, Outcome, Reading
+from haptic_wall.hw.servo import BusCounts, Check, Outcome, Reading
 from haptic_wall.hw.settings import DriverSettings
 
 _OK: Final = Outcome.OK
@@ -71,26 +71,6 @@ class DynamixelGroup:
         self.left_on: list[Driven] = self.servos
         """Servos whose torque off was not read back since the last start"""
 
-    @property
-    def way(self) -> Way:
-        """Return how the servos are read; ``start`` determines it."""
-        return self.exchange.way
-
-    @property
-    def facts(self) -> list[Facts]:
-        """Return the facts of each servo, constant while it is open."""
-        return [one.facts for one in self.servos]
-
-    @property
-    def counts(self) -> list[BusCounts]:
-        """Return the counts of each servo's bus traffic since the start."""
-        return [one.bus.counts for one in self.servos]
-
-    @property
-    def waited_ns(self) -> int:
-        """Return the bus wait of the last ``collect`` [ns]."""
-        return self.exchange.waited_ns
-
     def start(self) -> list[list[Check]]:
         """Check and set up each servo in sequence; then determine how to read them.
 
@@ -117,7 +97,6 @@ class DynamixelGroup:
                 self._polls = self._plan()
                 for one in servos:
                     one.watchdog.resume(self._now_ns(), under_torque=False)  # idle meanwhile
-                    one.watchdog.called_ns = self._now_ns()
         except ServoError as error:
             if self._off():
                 raise
@@ -149,14 +128,8 @@ class DynamixelGroup:
         try:
             now_ns = self._now_ns()
             exchange = self.exchange
-            if self._reply_ns:
-                for one in self.servos:
-                    one.watchdog.call(now_ns, under_torque=one.goal != 0)
-                called_ns = self._now_ns()
-                for one in self.servos:
-                    one.watchdog.called_ns = called_ns
-                if exchange.waiting:
-                    return
+            if self._reply_ns and exchange.waiting:
+                return
             for one in self.servos:
                 watchdog = one.watchdog
                 if now_ns - watchdog.heard_ns > watchdog.limit_ns:
@@ -203,11 +176,16 @@ class DynamixelGroup:
 
         Raises:
             ServoLostError: The port is gone.
-            ValueError: A torque is not a finite number, or there is not one for each.
+            ValueError: A torque is not a finite number, or there is not one for each. The torque of
+                all is off then, or ``stop`` says so.
             RuntimeError: The group is not started.
         """
         servos = self.servos
-        goals = [one.goal_of(torque) for one, torque in zip(servos, torques, strict=True)]
+        try:
+            goals = [one.goal_of(torque) for one, torque in zip(servos, torques, strict=True)]
+        except ValueError:
+            self.stop()
+            raise
         self.exchange.send(goals)
         return [one.law.torque(goal) for one, goal in zip(servos, goals, strict=True)]
 

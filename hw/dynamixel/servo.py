@@ -11,7 +11,20 @@ from haptic_wall.hw.settings import DriverSettings
 
 
 class DynamixelServo:
-    """Driver of one servo on a line, real or emulated; see ``Servo`` for what its methods raise."""
+    """Driver of one servo on a line, real or emulated; see ``Servo`` for its methods.
+
+    After ``start`` the servo needs an instruction within every Bus Watchdog period; otherwise it
+    drops its torque and silently refuses goals. ``request`` detects such a pause, and may wait
+    then: it arms the watchdog again if that tripped while the torque was zero.
+
+    Args:
+        settings: Its settings.
+        line: The bus; ``close`` closes it. Nothing is sent yet.
+
+    Raises:
+        UnfitServoError: The model is unknown, has no current control, or its smallest torque
+            exceeds the torque limit.
+    """
 
     facts: Facts
     bus: Bus
@@ -19,12 +32,6 @@ class DynamixelServo:
     """See ``HasTrouble``"""
 
     def __init__(self, settings: DriverSettings, line: Line) -> None:
-        """Take over ``line``, which ``close`` closes. Nothing is sent yet.
-
-        Raises:
-            UnfitServoError: The model is unknown, has no current control, or its smallest torque
-                exceeds the torque limit.
-        """
         self._settings = settings
         self._group = DynamixelGroup([settings], line)
         (self._one,) = self._group.servos
@@ -33,12 +40,6 @@ class DynamixelServo:
 
     def start(self) -> list[Check]:
         """Check and set up the servo, then switch the torque on at a goal of zero.
-
-        From here on the servo needs an instruction within every Bus Watchdog period; otherwise it
-        drops its torque and silently refuses goals. ``request`` detects such a pause.
-
-        From here on ``facts.torque_limit`` is the servo's own, if that is lower, and
-        ``bus.reply_s`` says whether replies take several periods.
 
         Raises:
             StrangeServoError: It is of no known model; nothing was written.
@@ -49,10 +50,7 @@ class DynamixelServo:
         return checks
 
     def request(self) -> None:
-        """Request the position, without waiting unless the Bus Watchdog may have tripped.
-
-        It may have tripped if no request was answered for most of its time. It is armed again if it
-        tripped while the torque was zero.
+        """Request the position; see ``Servo``.
 
         Raises:
             ServoLostError: The port is gone.
@@ -61,12 +59,7 @@ class DynamixelServo:
         self._group.request()
 
     def collect(self, deadline_ns: int) -> Reading:
-        """Return the reply to the last ``request``; wait until ``deadline_ns`` [ns] at most.
-
-        A position that implies a speed above ``max_speed`` is refused: the reply is broken in spite
-        of a valid checksum, or the encoder has a fault. If such positions persist they are passed
-        on, so that the speed limit ends the run.
-        """
+        """Return the reply to the last ``request``; see ``Servo``."""
         return self._group.collect(deadline_ns)[0]
 
     def write(self, torque: float) -> float:
@@ -94,7 +87,7 @@ class DynamixelServo:
         self._group.close()
 
     def idle(self) -> None:
-        """Make the line's system calls without effect, to keep them quick; see ``HasIdleWork``."""
+        """See ``HasIdleWork``."""
         self._group.idle()
 
     def health(self) -> tuple[float, float]:

@@ -67,10 +67,8 @@ class WatchdogMonitor:
         "_table",
         "_units",
         "_watchdog_s",
-        "called_ns",
         "heard_ns",
         "limit_ns",
-        "most_ns",
     )
 
     def __init__(self, watchdog_s: float, table: Table, name: str) -> None:
@@ -80,22 +78,18 @@ class WatchdogMonitor:
         self._name = name
         self.heard_ns = 0
         """When the last answered request was sent [ns]"""
-        self.called_ns = 0
-        """When the last request was sent, where a reply takes several periods [ns]"""
-        self.most_ns = _NEVER_NS
-        """Pause after which the Bus Watchdog may have tripped [ns]; not reached before ``begin``"""
         self.limit_ns = _NEVER_NS
-        """The same since the last answered request, with the time that an answer may take [ns]"""
+        """Time since then after which the Bus Watchdog may have tripped [ns]; not reached before
+        ``begin``"""
 
     def begin(self) -> None:
         """Start monitoring: the torque is on from now."""
-        self.called_ns = self._table.clock.now_ns()
         # The watchdog counts whole units, so that one set to two may trip soon after the first.
-        self.most_ns = self.limit_ns = round(max(self._units - 1, 0.75) * WATCHDOG_UNIT_NS)
+        self.limit_ns = round(max(self._units - 1, 0.75) * WATCHDOG_UNIT_NS)
 
     def end(self) -> None:
         """Stop monitoring: the torque is off from now, and pauses may have any length."""
-        self.most_ns = self.limit_ns = _NEVER_NS
+        self.limit_ns = _NEVER_NS
 
     def resume(self, now_ns: int, *, under_torque: bool) -> None:
         """Examine the Bus Watchdog if the last answered request is too long ago; see ``look``."""
@@ -103,18 +97,6 @@ class WatchdogMonitor:
         if silence_ns > self.limit_ns:
             self.look(silence_ns, under_torque=under_torque)
             self.heard_ns = now_ns
-
-    def call(self, now_ns: int, *, under_torque: bool) -> None:
-        """Examine the Bus Watchdog if the last request was sent long ago; see ``look``.
-
-        For a bus on which each reply takes several periods: there the last answered request does
-        not show the length of a pause.
-        """
-        pause_ns = now_ns - self.called_ns
-        self.called_ns = now_ns
-        if pause_ns > self.most_ns:
-            self.look(pause_ns, under_torque=under_torque)
-            self.heard_ns = self.called_ns = self._table.clock.now_ns()
 
     def look(self, silence_ns: int, *, under_torque: bool) -> None:
         """Check whether the servo still accepts goals; arm it again if no torque was lost.

@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 from haptic_wall.hw.dynamixel.codec import BROADCAST, MAX_ID
-from haptic_wall.hw.emulated.values import number, one_of, suggestion, whole
+from haptic_wall.hw.emulated.values import number, suggestion, whole
 from haptic_wall.hw.errors import SpecError
 
 ERROR_BITS: Final[Mapping[str, int]] = MappingProxyType(
@@ -31,6 +31,11 @@ def _error_bits(text: str) -> int:
 
 
 _error_bits.__doc__ = "one or more, joined by +, of " + ", ".join(ERROR_BITS)
+
+
+def _way(text: str) -> str:
+    """one of request, reply, both"""  # noqa: D403, D415 - for the message
+    return {way: way for way in ("request", "reply", "both")}[text]
 
 
 class _Key(NamedTuple):
@@ -52,9 +57,9 @@ KEYS: Final[Mapping[str, _Key]] = MappingProxyType(
         "every": _Key(whole(1, 10**9), "every n-th frame"),
         "times": _Key(whole(1, 10**9), "largest number of times"),
         "at": _Key(number(0, 1e6), "start [s]"),
-        "for": _Key(number(0, 1e6, open_low=True), "duration [s]"),
+        "for": _Key(number(1e-6, 1e6), "duration [s]"),
         "repeat": _Key(number(0.001, 1e6), "time until the next one [s]"),
-        "way": _Key(one_of("request", "reply", "both"), "frames to the servos, from them, or both"),
+        "way": _Key(_way, "frames to the servos, from them, or both"),
         "id": _Key(whole(0, BROADCAST), "frames with this id, or the servo"),
         "flips": _Key(whole(1, 64), "bits that are flipped"),
         "keep": _Key(whole(0, 2055), "bytes that arrive"),

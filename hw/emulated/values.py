@@ -1,29 +1,22 @@
-"""Reads numbers and names from text; each reader's docstring names the accepted values."""
+"""Reads numbers from text, and suggests names; a reader's docstring names the accepted values."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any
 
 from haptic_wall.hw.names import did_you_mean
 
 
-def number(low: float, high: float, *, open_low: bool = False) -> Callable[[str], float]:
-    """Return a reader of numbers in a range; its docstring names the range.
-
-    Args:
-        low: The smallest.
-        high: The largest.
-        open_low: ``low`` itself is out of range.
-    """
+def number(low: float, high: float) -> Callable[[str], float]:
+    """Return a reader of numbers in a range; its docstring names the range."""
 
     def parse(text: str) -> float:
         value = float(text)
-        if not (low < value if open_low else low <= value) or not value <= high:
+        if not low <= value <= high:
             raise ValueError
         return value
 
-    parse.__doc__ = f"a number {'above' if open_low else 'from'} {low:g} up to {high:g}"
+    parse.__doc__ = f"a number from {low:g} up to {high:g}"
     return parse
 
 
@@ -37,16 +30,6 @@ def whole(low: int, high: int) -> Callable[[str], int]:
         return int(value)
 
     parse.__doc__ = f"a whole number from {low} to {high}"
-    return parse
-
-
-def one_of(*choices: Any) -> Callable[[str], Any]:  # noqa: ANN401 - texts or numbers
-    """Return a reader of one of these values, by its text; its docstring lists them."""
-
-    def parse(text: str) -> Any:  # noqa: ANN401
-        return {str(choice): choice for choice in choices}[text]
-
-    parse.__doc__ = "one of " + ", ".join(map(str, choices))
     return parse
 
 

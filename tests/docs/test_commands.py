@@ -93,9 +93,6 @@ def cut_short(monkeypatch: pytest.MonkeyPatch, thorough: bool) -> None:
     )
     few = [item for item in items.ITEMS if item.name == "fig8"]
     monkeypatch.setattr(items, "ITEMS", few)
-    for name in ("REPLIES", "WAKES"):
-        monkeypatch.setattr(f"haptic_wall.controller.doctor.measure.{name}", 20)
-    monkeypatch.setattr("haptic_wall.controller.doctor.measure.SERIES_S", 0.02)
 
 
 class Nobody(Executor):

@@ -524,13 +524,6 @@ def test_the_time_waited_for_a_reply_is_that_of_the_last_request() -> None:
     assert waited == [bench.servo.reply_ns, PERIOD_NS * 3 // 5, bench.servo.reply_ns]
 
 
-@pytest.mark.parametrize(("address", "end"), [(121, 160), (100, 135), (119, 145)])
-def test_a_block_that_cannot_stand_for_the_sample_is_refused(address: int, end: int) -> None:
-    """It begins too late, ends too early, or has the length of a plain request."""
-    with pytest.raises(ValueError, match=f"a block from {address} to {end} does not contain"):
-        Bench().exchange.widen(address, end)
-
-
 def test_a_wider_block_is_read_around_each_sample(shape: tuple[int, Way]) -> None:
     bench = Bench(shape=shape)
     wide = bench.exchange.widen(64, 147)

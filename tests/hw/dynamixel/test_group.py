@@ -28,7 +28,7 @@ from haptic_wall.hw.errors import (
     UnfitServoError,
 )
 from haptic_wall.hw.serialport.line import Line
-from haptic_wall.hw.servo import BusCounts, Outcome, Reading
+from haptic_wall.hw.servo import BusCounts, Facts, Outcome, Reading
 from haptic_wall.hw.settings import DriverSettings
 from haptic_wall.hw.truth import TrueServo
 from tests.cases import sampled
@@ -144,23 +144,23 @@ def exchange_of(bench: Bench, way: Way) -> Exchange:
 @pytest.mark.parametrize("count", [2, 3, 6])
 def test_servos_of_new_firmware_are_read_by_one_request_and_one_joint_reply(count: int) -> None:
     bench = started(*[48] * count, probes=count < 6)
-    assert bench.group.way is Way.FAST
+    assert bench.group.exchange.way is Way.FAST
     torques = [0.3 * (-1) ** n for n in range(count)]
     frames = len(bench.line.frames)
     for _ in range(100):
         bench.assert_true(bench.cycle(torques))
-    assert [c.cycles for c in bench.group.counts] == [100] * count
-    assert all((c.lost, c.late, c.corrupt, c.refused) == (0, 0, 0, 0) for c in bench.group.counts)
+    assert [c.cycles for c in counts_of(bench)] == [100] * count
+    assert all((c.lost, c.late, c.corrupt, c.refused) == (0, 0, 0, 0) for c in counts_of(bench))
     sent = [Parser().feed(data)[0].instruction for data in bench.line.frames[frames:]]
     assert sent == [Instruction.FAST_SYNC_READ, Instruction.SYNC_WRITE] * 100
-    for torque, truth, facts in zip(torques, bench.truths, bench.group.facts, strict=True):
+    for torque, truth, facts in zip(torques, bench.truths, facts_of(bench), strict=True):
         acting = truth.state(bench.clock.now_ns()).torque
         assert acting == pytest.approx(torque, abs=facts.torque_step)
 
 
 def test_one_old_firmware_makes_all_answer_one_by_one_to_one_request() -> None:
     bench = started(48, 44, 48)
-    assert bench.group.way is Way.SYNC
+    assert bench.group.exchange.way is Way.SYNC
     for _ in range(50):
         readings = bench.cycle([0.2, -0.2, 0.2])
         assert all(reading.outcome is Outcome.OK for reading in readings)
@@ -169,9 +169,9 @@ def test_one_old_firmware_makes_all_answer_one_by_one_to_one_request() -> None:
 
 def test_models_may_differ() -> None:
     bench = started(48, 48, models=["XM430-W350", "XM540-W270"])
-    assert bench.group.way is Way.FAST
+    assert bench.group.exchange.way is Way.FAST
     sent = bench.group.write([0.5, -0.5])
-    steps = [facts.torque_step for facts in bench.group.facts]
+    steps = [facts.torque_step for facts in facts_of(bench)]
     assert sent == pytest.approx([0.5, -0.5], abs=max(steps) / 2)
     bench.assert_true(bench.cycle())
 
@@ -282,6 +282,14 @@ def test_a_held_pose_whose_replies_need_stuffing_costs_no_reading(
     assert [station.counts for station in exchange.stations] == [BusCounts(cycles=50)] * 4
     stuffed = b"".join(received).count(b"\xff\xff\xfd\xfd")
     assert stuffed == (0 if way is Way.FAST else 150)
+
+
+def counts_of(bench: Bench) -> list[BusCounts]:
+    return [one.bus.counts for one in bench.group.servos]
+
+
+def facts_of(bench: Bench) -> list[Facts]:
+    return [one.facts for one in bench.group.servos]
 
 
 def until_it_ends(bench: Bench, error: type[ServoError], match: str, seconds: float = 1.3) -> int:
@@ -429,4 +437,16 @@ def test_while_one_is_examined_no_watchdog_of_another_trips(
     rows = [bench.cycle([0.1] * count) for _ in range(300)]
     assert all(reading.outcome is not Outcome.LOST for row in rows for reading in row)
     assert sum(row[-1].outcome is Outcome.OK for row in rows) >= 300 // (timer_ms // 2 + 2)
+    assert bench.group.stop() is True
+
+
+def test_a_torque_that_is_no_number_ends_the_torque_of_all() -> None:
+    bench = started(48, 48, 48)
+    bench.cycle([0.3, 0.3, 0.3])
+    frames = len(bench.line.frames)
+    with pytest.raises(ValueError, match="finite"):
+        bench.group.write([0.3, math.nan, 0.3])
+    (zero,) = Parser().feed(bench.line.frames[frames])
+    assert zero.params == bytes([102, 0, 2, 0, 1, 0, 0, 2, 0, 0, 3, 0, 0])
+    assert all(truth.memory["torque_enable"] == 0 for truth in bench.truths)
     assert bench.group.stop() is True
