@@ -127,8 +127,8 @@ def curve(question: Question, virtual_damping: Sequence[float] | FloatArray) -> 
     passive = np.full(damping.size, np.nan)
     if filtered is None:
         passive = PASSIVE.stiffness(Evaluation(*asked, asked=damping))
-    loop = (p.gain * damping, p.period, p.delay, n, filtered)
-    at = chain_boundary(*one_mass(p.inertia, p.damping), *loop)
+    chain, shape = one_mass(p.inertia, p.damping)
+    at = chain_boundary(chain, shape, p.gain * damping, p.period, p.delay, n, filtered)
     return Curve(damping, found, passive, at.frequency)
 
 

@@ -188,19 +188,19 @@ def _largest_part(wall: Wall) -> tuple[Wall, str]:
     parts, slow = wall.parts, wall.situation.slow_replies
     name, size = parts.largest()
     least = shorter(parts, slow)
-    share = f"{100 * size / parts.total:.0f} % of the total delay"
+    share = f"{100 * size / parts.total:.0f} % of the total delay (period/2 + delay ="
+    share += f" {ms(parts.total)})"
+    if name == HOLD:
+        text = f"a period of {ms(2.0 * least)} instead of {ms(2.0 * size)}, half of which is"
+        return _with_period(wall, 2.0 * least), f"{text} {share}"
     what = {
-        HOLD: "half the period",
         SAMPLE_AGE: "a sample's age",
         "inserted": "an inserted delay",
         "device": "a lag of the device",
     }.get(name, f"a delay ({name})")
-    text = f"{what} of {ms(least)} instead of {ms(size)}, {share} (period/2 + delay ="
-    text += f" {ms(parts.total)})"
+    text = f"{what} of {ms(least)} instead of {ms(size)}, {share}"
     if slow and name == SAMPLE_AGE:
         text += f": the adapter holds back replies; set its latency timer to {ms(SHORT_TIMER)}"
-    if name == HOLD:
-        return _with_period(wall, 2.0 * least), text
     return wall._replace(parts=parts.with_part(name, least)), text
 
 

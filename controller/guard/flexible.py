@@ -20,11 +20,13 @@ import numpy as np
 from haptic_wall.controller.guard.belief import HEAVIEST, LIGHTEST, Belief
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.theory.checks import FloatArray
-from haptic_wall.controller.theory.flexible_scan import FlexibleScan
+from haptic_wall.controller.theory.flexible_scan import FlexibleScan, Servos
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 WITHIN = 0.96
 """Fraction of the least value over the grid that the guard uses"""
+_TOGETHER = 24
+"""Delays whose servos are computed at once"""
 _PHASE, _FINER = 0.4, 0.15
 """Largest step of the phase of the vibration over the delay, between frequencies of the grid and
 between its delays [rad]; of a vibration above ``_SAMPLED`` cycles per period"""
@@ -90,6 +92,14 @@ def flexible_ceiling(
         loop = (at.belief, at.period, knot, samples, velocity_filter)
         return work.once(("ceiling", *loop), lambda: float(_scan(work, *loop).ceilings().min()))
 
+    for t in np.unique(period).tolist():
+        late = delay[period == t].tolist()
+        for at in _intervals(work, belief, t, served, velocity_filter):
+            grids = (
+                knots(at.belief, at.period, at.longer * t_d, inserted, every, work) for t_d in late
+            )
+            needed = dict.fromkeys(knot for grid in grids for knot in grid)
+            _scan_together(work, at.belief, at.period, [*needed], samples, velocity_filter)
     found = [
         min(
             ceiling(at, knot)
@@ -406,16 +416,41 @@ def _scan(
     velocity_filter: VelocityFilter | None,
 ) -> FlexibleScan:
     asked = (belief, period, knot, samples, velocity_filter)
-    return work.once(("scan", *asked), lambda: _scanned(*asked))
+    return work.once(("scan", *asked), lambda: _scans(belief, period, [knot], *asked[3:])[0])
 
 
-def _scanned(
+def _scan_together(
+    work: Work,
     belief: Belief,
     period: float,
-    knot: Knot,
+    grid: list[Knot],
     samples: int,
     velocity_filter: VelocityFilter | None,
-) -> FlexibleScan:
+) -> None:
+    """Compute the scans of many delays at once: most have few servos."""
+    loop = (samples, velocity_filter)
+    new = [each for each in grid if not work.knows(("ceiling", belief, period, each, *loop))]
+    for start in range(0, len(new), _TOGETHER):
+        part = new[start : start + _TOGETHER]
+        for knot, scan in zip(part, _scans(belief, period, part, *loop), strict=True):
+            work.keep(("scan", belief, period, knot, *loop), scan)
+
+
+def _scans(
+    belief: Belief,
+    period: float,
+    grid: list[Knot],
+    samples: int,
+    velocity_filter: VelocityFilter | None,
+) -> list[FlexibleScan]:
+    groups = [_servos(belief, period, knot, velocity_filter) for knot in grid]
+    return FlexibleScan.of(groups, period, samples, belief.encoder, velocity_filter)
+
+
+def _servos(
+    belief: Belief, period: float, knot: Knot, velocity_filter: VelocityFilter | None
+) -> Servos:
+    """Return the servos that stand for the belief at a delay."""
     phase = math.tau * (knot.high - knot.low) * (knot.delay + period)
     count = 2 + math.ceil(phase / _step(knot.high, period)) if phase > 0.0 else 1
     rates = np.linspace(knot.low, knot.high, count)
@@ -439,17 +474,13 @@ def _scanned(
     friction = np.unique([belief.damping.low, belief.damping.high])
     motor = whole - load
     moving = motor * load / whole
-    return FlexibleScan(
+    return Servos(
         motor,
         np.tile(friction[:, None], whole.size),
         load,
         moving * rate**2,
         2.0 * ratio * moving * rate,
-        period,
         knot.delay,
-        samples,
-        belief.encoder,
-        velocity_filter,
     )
 
 

@@ -38,10 +38,10 @@ class Limit(Protocol):
     raised_by: tuple[str, ...]
     """Names of the changes (``design``) that raise it, besides more of the servo's own damping"""
 
-    def applies(self, at: Evaluation) -> bool:
+    def applies(self, at: Evaluation, /) -> bool:
         """Whether it limits this wall."""
 
-    def stiffness(self, at: Evaluation) -> FloatArray:
+    def stiffness(self, at: Evaluation, /) -> FloatArray:
         """Return it at the commanded damping of each corner [N·m/rad]."""
 
 
@@ -163,7 +163,8 @@ class Passive:
         rows = (np.repeat(row, tried.shape[1]) for row in (p.damping, acting, p.period))
         # many corners share the same whole delays, and each evaluation takes half a millisecond
         distinct, which = np.unique(np.stack([*rows, tried.ravel()]), axis=1, return_inverse=True)
-        limits = passive_limit(*distinct, at.request.velocity_samples)[which.ravel()]
+        b, big_b, t, t_d = distinct
+        limits = passive_limit(b, big_b, t, t_d, at.request.velocity_samples)[which.ravel()]
         least: FloatArray = limits.reshape(tried.shape).min(axis=1) / p.gain
         return least
 

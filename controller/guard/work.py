@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
-_MOST = {"scan": 256}
+_MOST = {"scan": 512}
 _MOST_OTHERS = 8192
 
 
@@ -23,10 +23,18 @@ class Work:
 
     def once(self, key: tuple[Hashable, ...], compute: Callable[[], T]) -> T:
         """Return the result for ``key``, whose first part is its kind."""
-        known = self._kinds.setdefault(key[0], {})
-        if key not in known:
-            if len(known) >= _MOST.get(str(key[0]), _MOST_OTHERS):
-                del known[next(iter(known))]
-            known[key] = compute()
-        found: T = known[key]
+        if not self.knows(key):
+            self.keep(key, compute())
+        found: T = self._kinds[key[0]][key]
         return found
+
+    def knows(self, key: tuple[Hashable, ...]) -> bool:
+        """Whether there is a result for ``key``."""
+        return key in self._kinds.get(key[0], {})
+
+    def keep(self, key: tuple[Hashable, ...], result: object) -> None:
+        """Keep a result for ``key``."""
+        known = self._kinds.setdefault(key[0], {})
+        if len(known) >= _MOST.get(str(key[0]), _MOST_OTHERS):
+            del known[next(iter(known))]
+        known[key] = result

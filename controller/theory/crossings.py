@@ -59,14 +59,17 @@ class Loops:
         """Return the loops at ``index``."""
         return replace(self, chains=self.chains.take(index), period=self.period[index])
 
-    def responses(self, w: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    def responses(
+        self, w: FloatArray, lead: FloatArray | None = None
+    ) -> tuple[ComplexArray, ComplexArray]:
         """Return F = -1/G and D, filtered, at frequencies [rad/sample], loops × frequencies.
 
         ``w`` may have fewer rows, for loops that repeat every so many: so has the difference then.
+        ``lead`` is one more than the whole delay of each row, where they differ, rows × 1.
         """
         half = _turned(0.5 * w)
         turned = half if self.samples == 1 else _turned(0.5 * self.samples * w)
-        late = _turned((self.whole + 1.0) * w)
+        late = _turned((self.whole + 1.0 if lead is None else lead) * w)
         times = max(self.period.size // max(len(w), 1), 1)
         every = np.split(np.arange(self.period.size), times)
         inverse = [self.take(part)._inverse(half, late) for part in every]

@@ -6,7 +6,9 @@ and one delay take milliseconds.
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -28,46 +30,69 @@ _BESIDE = 18
 """Frequencies on either side of a resonance, from 0.4 of it to 0.3 of its damping ratio"""
 
 
+class Servos(NamedTuple):
+    """Two-mass servos of one delay; arrays of shape (n,)."""
+
+    inertia: FloatArray
+    """Of the motor's side [kg·m²]"""
+    damping: FloatArray
+    """Viscous friction of the motor's side [N·m·s/rad]. With the shape (ends, n) each limit is the
+    least over the servo's dampings, those between one and the next included"""
+    load_inertia: FloatArray
+    transmission_stiffness: FloatArray
+    transmission_damping: FloatArray
+    delay: float
+    """[s]"""
+
+
 class FlexibleScan:
     """Two-mass servos of one period, delay and number of velocity samples."""
 
-    def __init__(
-        self,
-        inertia: FloatArray,
-        damping: FloatArray,
-        load_inertia: FloatArray,
-        transmission_stiffness: FloatArray,
-        transmission_damping: FloatArray,
+    def __init__(self, parts: _Parts, ceiling: FloatArray, floor: FloatArray) -> None:
+        self._parts, self._ceiling, self._floor = parts, ceiling, floor
+
+    @classmethod
+    def of(
+        cls,
+        groups: Sequence[Servos],
         period: float,
-        delay: float,
         samples: int,
         encoder: str,
         velocity_filter: VelocityFilter | None = None,
-    ) -> None:
-        """Prepare; arguments as of ``flexible.flexible_boundary``, the first five of shape (n,).
+    ) -> list[FlexibleScan]:
+        """Return the scans of several groups, computed together: most have few servos.
 
-        ``damping`` may have the shape (ends, n): each limit is then the least over the servo's
-        dampings, those between one and the next included.
+        Args:
+            groups: Servos of each delay; with the same number of dampings.
+            period: T [s].
+            samples: N of the velocity difference.
+            encoder: The side that is measured: ``output`` or ``motor``.
+            velocity_filter: Filter of the velocity that damps; None: none.
         """
-        servo = (inertia, damping, load_inertia, transmission_stiffness, transmission_damping)
-        chain, shape = two_masses(*servo, encoder=encoder)
-        late = delay / period
-        whole = math.floor(late)
+        every = [np.concatenate([group[i] for group in groups], axis=-1) for i in range(5)]
+        sizes = [group.inertia.size for group in groups]
+        inertia, _, load_inertia, stiffness, transmission_damping = every
+        chain, shape = two_masses(*every, encoder=encoder)
+        late = np.repeat([group.delay / period for group in groups], sizes)
+        whole = np.floor(late)
         times = np.full(math.prod(shape), period)
-        loops = Loops(
-            sampled(chain, times, np.full(times.size, late - whole)),
-            times,
-            whole,
-            samples,
-            velocity_filter,
+        fraction = np.broadcast_to(late - whole, shape).ravel()
+        chains = sampled(chain, times, fraction)
+        loops = Loops(chains, times, 0, samples, velocity_filter)
+        with_both = np.sqrt(stiffness * (1.0 / inertia + 1.0 / load_inertia))
+        near = np.stack([with_both, np.sqrt(stiffness / load_inertia)], axis=1)
+        ratios = 0.5 * (transmission_damping / stiffness)[:, None] * near
+        ends = np.cumsum([0, *sizes])
+        spans = [slice(*pair) for pair in itertools.pairwise(ends.tolist())]
+        w = np.concatenate(
+            [
+                _grid(near[own] * period, float(late[own][0]), velocity_filter, ratios[own])
+                for own in spans
+            ]
         )
-        with_both = np.sqrt(transmission_stiffness * (1.0 / inertia + 1.0 / load_inertia))
-        alone = np.sqrt(transmission_stiffness / load_inertia)
-        near = np.stack([with_both, alone], axis=1)
-        damper = transmission_damping / transmission_stiffness
-        w = _grid(near * period, late, velocity_filter, 0.5 * damper[:, None] * near)
-        self._parts = _Parts.of(*loops.responses(w))
-        self._ceiling, self._floor = self._parts.dampings()
+        parts = _Parts.of(*loops.responses(w, whole[:, None] + 1.0))
+        ceiling, floor = parts.dampings()
+        return [cls(parts.take(own), ceiling[own], floor[own]) for own in spans]
 
     def ceilings(self) -> FloatArray:
         """Return the virtual damping above which no stiffness from 0 on is stable [N·m·s/rad]."""
@@ -97,6 +122,10 @@ class _Parts(NamedTuple):
         """Return the parts; the rows of F are servos, then the same with other dampings."""
         parts = (np.ascontiguousarray(each) for each in (f.real, f.imag, d.real, d.imag))
         return cls(*(each.reshape(-1, *d.shape) for each in parts))
+
+    def take(self, servos: slice) -> _Parts:
+        """Return the parts of some servos."""
+        return _Parts(*(each[:, servos] for each in self))
 
     def dampings(self) -> tuple[FloatArray, FloatArray]:
         """Return the least ceiling and the greatest floor of the virtual damping."""

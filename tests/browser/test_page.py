@@ -159,11 +159,11 @@ def test_a_knob_raises_the_stiffness_to_the_clamp_and_says_why(tab: Tab, tmp_pat
                 ask(tab, "wall.stiffness", 5000)
                 words = tab.wait(
                     "(() => { const text = document.querySelector('#rows .answer').textContent;"
-                    " return ['the guard commands', 'not applied']"
+                    " return ['the guard allows', 'not applied']"
                     ".some((each) => text.includes(each)) && text; })()",
                     40.0,
                 )
-        assert "the guard commands" in words and "5000" in words
+        assert "the guard allows" in words and "5000" in words
         tab.wait("document.getElementById('reasons').textContent.includes('5000')")
         tab.wait(
             "[...document.querySelectorAll('#marks li.change')].some((mark) => "

@@ -248,8 +248,8 @@ OSCILLATES: tuple[str, ...] = (
 @pytest.mark.parametrize(
     ("sets", "duration", "begins"),
     [
-        (LOSES, 1.0, "the guard commands"),
-        (LOSES, 1.3, "the guard commands"),
+        (LOSES, 1.0, "the guard allows"),
+        (LOSES, 1.3, "the guard allows"),
         (OSCILLATES, 3.0, "the wall has"),
     ],
 )

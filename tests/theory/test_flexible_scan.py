@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.theory.flexible import flexible_boundary, flexible_ceiling
-from haptic_wall.controller.theory.flexible_scan import FlexibleScan
+from haptic_wall.controller.theory.flexible_scan import FlexibleScan, Servos
 
 
 @pytest.mark.parametrize("encoder", ["output", "motor"])
@@ -24,7 +24,7 @@ def test_random_servos(encoder: str, period: float, delay: float, thorough: bool
     stiffness = moving * rate**2
     damping = 2 * between(0.003, 0.2) * moving * rate
     servo = (inertia, inertia * between(0.05, 7.0), load, stiffness, damping)
-    scan = FlexibleScan(*servo, period, delay, 1, encoder)
+    (scan,) = FlexibleScan.of([Servos(*servo, delay)], period, 1, encoder)
     ceiling = flexible_ceiling(*servo, period, delay, encoder=encoder)
     assert np.all(scan.ceilings() < 1.025 * ceiling)
     assert np.all(scan.ceilings() > 0.95 * ceiling)

@@ -14,7 +14,7 @@ from haptic_wall.controller.theory import flexible_boundary, flexible_ceiling
 from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.chain import one_mass
 from haptic_wall.controller.theory.checks import FloatArray
-from haptic_wall.controller.theory.flexible_scan import FlexibleScan
+from haptic_wall.controller.theory.flexible_scan import FlexibleScan, Servos
 from haptic_wall.controller.theory.velocity_filter import FilterKind, VelocityFilter
 
 PERIOD = 1e-3
@@ -98,7 +98,9 @@ def test_limits_agree_with_dense_eigenvalues(kind: FilterKind, wholly: bool) -> 
         boundary = flexible_boundary(*servo, b, *loop, encoder=encoder, velocity_filter=filtered)
         limit = float(boundary.stiffness)
         m, own, j, c, d = (np.array([x]) for x in servo)
-        scan = FlexibleScan(m, own, j, c, d, PERIOD, delay, samples, encoder, filtered)
+        (scan,) = FlexibleScan.of(
+            [Servos(m, own, j, c, d, delay)], PERIOD, samples, encoder, filtered
+        )
         if limit > 0.0:
             found += 1
             assert all(radius(share * limit, b) < 1.0 for share in (0.01, 0.3, 0.7, 1 - 1e-5))

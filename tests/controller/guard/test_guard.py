@@ -248,7 +248,7 @@ def test_a_finer_encoder_is_named_where_the_encoder_binds() -> None:
     [
         (4e-3, 4e-3, 0.5e-3, "an inserted delay of 2 ms instead of 4 ms"),
         (1e-3, 0.0, 5e-3, "a lag of the device of 2.5 ms instead of 5 ms"),
-        (0.0, 0.0, 0.0, "half the period"),
+        (0.0, 0.0, 0.0, "a period of 0.5 ms instead of 1 ms"),
     ],
 )
 def test_the_largest_part_of_the_delay_is_named(

@@ -109,7 +109,9 @@ def cases(thorough: bool, wholly: bool) -> list[Case]:
         with pytest.MonkeyPatch.context() as patch:
             # What would raise the limit has tests of its own, and takes two thirds of the time.
             if i % 5:
-                patch.setattr("haptic_wall.controller.guard.guard.improvements", lambda *_: [()])
+                patch.setattr(
+                    "haptic_wall.controller.guard.reasons.improvements", lambda *_, **__: []
+                )
             (decision,) = decide(request, settings, situation, [late * period])
         found.append(Case(decision, situation, late * period))
     return found
@@ -123,7 +125,7 @@ def test_commanded_is_margin_times_the_smallest_limit_and_no_less(cases: list[Ca
         least = min(v for v in values if v is not None)
         assert d.stiffness == pytest.approx(MARGIN * least, rel=1e-3)
         assert d.binding is not None
-        assert getattr(d.limits, d.binding) == least
+        assert d.limits[d.binding] == least
 
 
 def test_commanded_damping_is_what_was_asked_or_the_share_of_the_ceiling_or_of_a_count(

@@ -5,7 +5,7 @@ import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
@@ -331,7 +331,7 @@ def test_the_report_of_a_run_that_ends_in_a_probe_names_what_holds_apart_from_it
     assert rows["stiffness"][-1] == pytest.approx(0.25 * rows["stiffness"][0])
     assert guard["commanded"]["stiffness"] == pytest.approx(rows["stiffness"][0])
     assert not_none(result.oscillation)["reduced_to"] == {"stiffness": 1.0, "damping": 1.0}
-    assert f"the guard commands {rows['stiffness'][0]:.4g}" in guard["reasons"][0]
+    assert f"the guard allows {rows['stiffness'][0]:.4g}" in guard["reasons"][0]
 
 
 def test_a_wall_that_waits_comes_on_without_a_blow_when_the_shaft_is_brought_to_it() -> None:
@@ -371,11 +371,9 @@ def test_decisions_for_slow_replies_are_computed_with_the_torque_off(
         torque_on[0] = False
         return real_stop(servo)
 
-    def decided(
-        config: Config, servo: Servo, simulated: bool, *, program: bool = False
-    ) -> GainSchedule:
+    def decided(config: Config, servo: Servo, simulated: bool, **given: Any) -> GainSchedule:
         when.append(torque_on[0])
-        return guard_schedule(config, servo, simulated, program=program)
+        return guard_schedule(config, servo, simulated, **given)
 
     monkeypatch.setattr(DynamixelServo, "start", start)
     monkeypatch.setattr(DynamixelServo, "stop", stop)
