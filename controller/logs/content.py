@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.logs.blocks import Block
 from haptic_wall.controller.logs.pieces import End, Event, Head, Piece, fault_of_change
 from haptic_wall.controller.runtime.telemetry import FLOAT_FIELDS, INT_FIELDS, ROW

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.logs.pieces import Damage, End, Event, Head, Misplaced, Piece
 from haptic_wall.controller.logs.rows import LogRows, gathered
 from haptic_wall.controller.logs.walls import told_in

@@ -113,7 +113,7 @@ def _besides_the_guard(
         yield ServedSlower(
             decision.period, period, tick.missed, failed, counts.cycles, config.servo.is_emulated
         )
-    reduced = 1.0 if watch.own is None else watch.own.reduced[0]
+    reduced = watch.backstop.reduced[0]
     if reduced < 1.0 and math.isfinite(watch.first_alarm_s):
         yield Derated(
             watch.frequency_hz,
