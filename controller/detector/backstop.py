@@ -413,14 +413,6 @@ class Backstop:
         self._settled = False
         if not self._gives_way(0):
             self._ask(damping)
-        elif self._thrown >= self._tuning.throws_loaded and self._bounced():
-            self._alarm(Cause.BEYOND_HANDS)
-            self.failed = True
-
-    def _bounced(self) -> bool:
-        """Whether the last four contacts were as short as bounces."""
-        longest = max(one.duration for one in self._contacts.last)
-        return longest < 0.5 * self._tuning.bounce * self._slowest
 
     def _made_by_hand(self) -> bool:
         """Whether the last hand that a probe found made a motion like this."""

@@ -81,7 +81,7 @@ class Probe:
             return Verdict.WALL
         if amplitude < tuning.collapsed:
             return Verdict.STOPPED if self._first > tuning.quicker else Verdict.CHANGED
-        if ratio >= tuning.longest and not seen.contacts:
+        if ratio >= tuning.largest and not seen.contacts:
             return Verdict.CHANGED
         return Verdict.HAND
 
@@ -95,15 +95,14 @@ class Probe:
             contacts: They were contacts with a one-sided wall.
         """
         tuning, first = self._tuning, self._first
-        longest, largest, heaviest = tuning.longest, tuning.largest, tuning.heaviest_probed
+        largest, heaviest = tuning.largest, tuning.heaviest_probed
         if contacts:
             long = min(first, second) > tuning.contact and first + second > tuning.contacts
-            longest = largest = tuning.largest_contact
-            heaviest = tuning.heaviest_contact
+            largest, heaviest = tuning.largest_contact, tuning.heaviest_contact
         elif inertia > tuning.explained and amplitude < tuning.grown:
             long = min(first, second) > tuning.explained_each
             long = long and first + second > tuning.explained_both
         else:
             long = first > tuning.first and second > tuning.second and first + second > tuning.both
         explained = tuning.lightest_probed < inertia < heaviest
-        return long and second < longest and amplitude < largest and explained
+        return long and max(second, amplitude) < largest and explained

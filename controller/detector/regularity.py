@@ -197,7 +197,7 @@ class Regularity:
         """Whether the motion is regular above the threshold, and does not die by itself."""
         last, tuning, sizes = self.motion.last, self._settings.tuning, self._streak_sizes
         least, threshold = min(one.amplitude for one in last), self._settings.threshold
-        enough = tuning.regular if least > 2.0 * threshold else tuning.regular_small
+        enough = tuning.regular if least > 2.0 * threshold else tuning.loss_half_cycles
         if self.streak < enough or least < threshold:
             return False
         before, now = 0.5 * (sizes[0] + sizes[1]), 0.5 * (sizes[-1] + sizes[-2])

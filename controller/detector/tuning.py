@@ -37,8 +37,6 @@ class Tuning:
     """The smoothed gain takes this fraction of a new gain: a mean over some two contacts [1]."""
     thrown: float = 0.2
     """A contact throws the shaft back above this logarithm of exit speed over entry speed [1]."""
-    bounce: float = 1.5
-    """A bounce lasts at most so many half-cycles of the heaviest believed servo [1]."""
 
     # Regular motion
     large_counts: float = 10.0
@@ -56,14 +54,13 @@ class Tuning:
     """The logarithm of the ratio of its durations a cycle apart is below this [1]."""
     regular: int = 2
     """A motion is regular after so many such half-cycles in a row [1]."""
-    regular_small: int = 6
-    """Below two thresholds after so many: rounding hides a slow decay [1]."""
     loss: float = 0.005
     """A regular motion dies by itself if it loses more than this fraction a cycle [1]"""
     loss_counts: float = 0.45
     """and more than this in all: two mean amplitudes are off by 0.25 together [counts]"""
     loss_half_cycles: int = 6
-    """within at most so many half-cycles [1]."""
+    """within at most so many half-cycles. Below two thresholds it is regular after so many, because
+    rounding hides a slow decay [1]."""
     least_gain: float = -0.05
     """Contacts die by themselves if the logarithm of exit over entry speed is below this [1]."""
     throws: int = 3
@@ -134,12 +131,10 @@ class Tuning:
     """At a one-sided wall either contact is longer than this [1],"""
     contacts: float = 3.5
     """and their sum longer than this [1]."""
-    longest: float = 3.2
-    """A longer second half-cycle is another motion's [1]."""
     largest: float = 3.2
-    """A motion of a larger amplitude is another one [1]."""
+    """A longer second half-cycle, or a larger amplitude, is another motion's [1],"""
     largest_contact: float = 6.0
-    """A longer second or deeper contact is a push from outside [1]."""
+    """of contacts above this: a push from outside [1]."""
     lightest_probed: float = 0.5
     """The torque explains a motion if its apparent inertia is above this [1]"""
     heaviest_probed: float = 1.6
@@ -174,8 +169,6 @@ class Tuning:
     regular_long: int = 20
     """So many regular half-cycles end the run there; a hand's motion is probed again after so
     many [1]."""
-    throws_loaded: int = 12
-    """So many contacts in a row that throw the shaft back end the run there [1]."""
 
     # After an alarm
     steps: int = 3

@@ -112,7 +112,7 @@ def test_where_it_may_not_act_it_neither_probes_nor_reduces() -> None:
 
 def test_a_hands_motion_is_probed_again_after_ten_seconds_or_if_it_goes_on_regularly() -> None:
     own = Backstop(SETTINGS)
-    asked = []
+    asked: list[int] = []
     for k in range(12_000):
         size = 0.1 * (1.0 + 0.01 * math.sin(k * 2e-3))
         away = round(size * math.sin(math.tau * 2.0 * k * 1e-3) / COUNT) * COUNT
