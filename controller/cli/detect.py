@@ -36,8 +36,10 @@ _LIGHTEST, _MOST = 1e-12, 1e6
 @click.command()
 @click.argument("log", type=click.Path(path_type=Path))
 @click.option("--inertia", type=_NUMBER, metavar="m", help="Inertia of the servo [kg·m²].")
-@click.option("--damping", type=_NUMBER, metavar="b", help="Viscous friction [N·m·s/rad].")
-@click.option("--coulomb", type=_NUMBER, metavar="c", help="Coulomb friction [N·m].")
+@click.option(
+    "--damping", type=_NUMBER, metavar="b", help="Viscous friction [N·m·s/rad]; reported only."
+)
+@click.option("--coulomb", type=_NUMBER, metavar="c", help="Coulomb friction [N·m]; reported only.")
 @click.option(
     "--delay", type=_NUMBER, metavar="S", help="Delay from a sample until its torque acts [s]."
 )
@@ -74,7 +76,7 @@ def command(
     A CSV needs the columns time_s and position_rad. With torque_nm, the torque commanded at each
     sample, the detector separates an oscillation that the wall feeds from the motion of a hand. A
     log has the parameters of servo and wall in its configuration; the options replace them, or give
-    those of a CSV. Without options the wall of a CSV is estimated from torque and position.
+    those of a CSV.
     """
     from haptic_wall.controller.logs.detected import NO_WALL, detect_all
     from haptic_wall.controller.logs.file import is_log

@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 
 from haptic_wall.controller.cli.working import CLEAR, columns_of, in_foreground
-from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.laws.wall import SIGNS
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_CONTACT,

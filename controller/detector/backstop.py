@@ -5,6 +5,9 @@ show which; a change of the wall does. So the wall is probed: at a turning point
 the limit of that torque, and the damping are all reduced to a quarter. A motion that the wall makes
 then becomes slower: twice as slow for a linear spring. A hand's motion keeps its period. The result
 uses no belief about the servo.
+
+A two-sided wall, and a one-sided one under a steady push, is watched by its half-cycles; bouncing
+off a one-sided wall by its contacts.
 """
 
 from __future__ import annotations
@@ -12,23 +15,23 @@ from __future__ import annotations
 import math
 from enum import IntEnum
 
-from haptic_wall.controller.detector.backstop_settings import BackstopSettings
-from haptic_wall.controller.detector.evidence import (
+from haptic_wall.controller.detector.contacts import Contacts
+from haptic_wall.controller.detector.half_cycles import HalfCycles
+from haptic_wall.controller.detector.load_hold import LoadHold
+from haptic_wall.controller.detector.probe import Probe, Verdict, alike
+from haptic_wall.controller.detector.regularity import (
     NEVER,
+    Regularity,
     Sighting,
-    alike,
+    apart,
     beyond_hands,
-    explains,
     is_limit_cycle,
     lasts,
     saturates,
     sighting,
 )
-from haptic_wall.controller.detector.half_cycles import Repeated
-from haptic_wall.controller.detector.known_hand import KnownHand
-from haptic_wall.controller.detector.load_hold import LoadHold
-from haptic_wall.controller.detector.persistence import Persistence
-from haptic_wall.controller.detector.probe import Probe, Verdict
+from haptic_wall.controller.detector.settings import WatchSettings
+from haptic_wall.controller.laws.wall import Derating
 
 
 class Phase(IntEnum):
@@ -38,7 +41,7 @@ class Phase(IntEnum):
     PROBING = 1
     REDUCED = 2
     RETURNING = 3
-    """Back-off: the gains return as soon as the wall's spring is at rest."""
+    """The gains return as soon as the wall's spring is at rest."""
 
 
 class Cause(IntEnum):
@@ -56,154 +59,249 @@ class Backstop:
     """Finds persisting motion, probes the wall, reduces it, and gives up if that fails.
 
     Attributes:
+        derating: What it leaves of the law; the law shares it.
+        half_cycles: The motion between turning points.
         phase: Its state.
-        stiffness_scale: Of the elastic torque and of its limit [1].
-        damping_scale: Of the damping [1].
-        damping: B without this object's scale [N·m·s/rad]; set by the caller.
         alarm: The wall feeds the motion.
         failed: Reducing does not help: the run must end.
-        moved: Number of probes that found a hand.
         probes: Number of probes.
-        reductions: Number of alarms.
-        returned: Number of wrong alarms, whose reduction was undone.
-        suspected: The caller has reduced the wall, and asks whether the wall moves the shaft: the
-            next motion is probed. May be set at any time.
-        small_cycle: The last alarm was about a steady motion below the threshold.
-        backlash: The last answered motion was small and neither grew nor saturated the torque: most
-            likely a limit cycle of backlash.
+        hands: Number of probes that found a hand.
+        alarms: Number of alarms.
+        backlash: The last alarm was about a small motion that neither grew nor saturated the
+            torque: most likely a limit cycle of backlash.
     """
 
     __slots__ = (
-        "_asks_again",
+        "_asked",
         "_begun",
-        "_bounce",
+        "_bounces",
         "_cause",
+        "_contacts",
         "_count",
         "_elongation",
-        "_evidence",
-        "_gaining",
         "_hand",
         "_hold",
-        "_lasting",
-        "_motion",
-        "_probe",
-        "_probing",
+        "_inside",
         "_settings",
         "_settled",
+        "_small_cycle",
         "_step",
         "_stiffness",
-        "_still",
         "_stop",
         "_stops",
+        "_swings",
+        "_thrown",
         "_time",
         "_tuning",
-        "_whole",
         "alarm",
+        "alarms",
         "backlash",
-        "damping",
-        "damping_scale",
+        "derating",
         "failed",
-        "moved",
+        "half_cycles",
+        "hands",
         "phase",
+        "probe",
         "probes",
-        "reductions",
-        "returned",
-        "small_cycle",
-        "stiffness_scale",
-        "suspected",
     )
 
-    def __init__(
-        self, settings: BackstopSettings, motion: Repeated, hold: LoadHold | None = None
-    ) -> None:
-        """Start to watch.
-
-        Args:
-            settings: Thresholds and permitted actions.
-            motion: The observed motion; its owner reports each end to ``update``.
-            hold: Holds the load while the wall is softer; None: nothing does.
-        """
+    def __init__(self, settings: WatchSettings) -> None:
+        """Start to watch the whole wall."""
         self._settings = settings
-        self._hold = hold
-        self._motion = motion
-        tuning = settings.tuning
-        self._tuning, self._evidence = tuning.backstop, tuning.evidence
-        self._probing, self._still = tuning.probe, tuning.half_cycles.still
-        self._bounce = tuning.contacts.bounce
-        self._lasting = Persistence(settings)
-        self._time = self._begun = 0.0
-        self._stiffness = self._elongation = self.damping = 0.0
-        self._stops = 0
-        self._asks_again = False
-        self._count = self._step = self._whole = self._gaining = 0
-        self._cause = Cause.STOPPED
-        self._probe = Probe(settings.threshold, tuning, contacts=settings.bounces)
-        self._hand = KnownHand(self._tuning)
-        self._stop = NEVER
-        self.phase = Phase.WATCHING
-        self.stiffness_scale = self.damping_scale = 1.0
-        self.alarm = self.failed = self.small_cycle = self.backlash = False
-        self._settled = False
-        self.suspected = False
-        self.moved = self.probes = self.reductions = self.returned = 0
+        self._tuning = tuning = settings.tuning
+        self.half_cycles = HalfCycles(settings.period, settings.position_step, tuning)
+        self._swings = Regularity(self.half_cycles, settings, contacts=False)
+        self._contacts = Contacts(settings.position_step, tuning)
+        self._bounces = Regularity(self._contacts, settings, contacts=True)
+        self._asked = self._swings
+        self._inside = True
+        self._hold = LoadHold(self.half_cycles, settings)
+        self.derating = Derating()
+        self.probe = Probe(tuning)
+        self.phase, self._cause = Phase.WATCHING, Cause.STOPPED
+        self._time = self._begun = self._stiffness = self._elongation = 0.0
+        self._stops = self._count = self._step = self._thrown = 0
+        self._hand = self._stop = NEVER
+        self.alarm = self.failed = self.backlash = False
+        self._settled = self._small_cycle = False
+        self.probes = self.hands = self.alarms = 0
 
-    def update(self, span: float, elongation: float, stiffness: float, *, ended: bool) -> None:
+    def update(
+        self, away: float, torque: float, span: float, stiffness: float, damping: float = 0.0
+    ) -> None:
         """Take a sample.
 
         Args:
+            away: Position, counted from that of the wall [rad].
+            torque: Sent with the last sample [N·m].
             span: Time since the last sample [s].
-            elongation: Elongation of the wall's spring, signed [rad].
-            stiffness: K without this object's scale [N·m/rad].
-            ended: A half-cycle, or a contact, has ended.
+            stiffness: K without the derating [N·m/rad].
+            damping: B without the derating [N·m·s/rad].
         """
+        settings = self._settings
         self._time += span
         self._stiffness = stiffness
-        phase, last = self.phase, self._elongation
-        lets_go = abs(elongation) < abs(last)
-        self._elongation = elongation
-        hold = self._hold
-        if hold is not None and hold.torque and hold.left(elongation, soft=phase == Phase.REDUCED):
-            hold.leave()
-            if phase == Phase.PROBING:
-                self._answer(Verdict.HAND if hold.inside else Verdict.CHANGED)
-        if phase == Phase.WATCHING:
-            if self.suspected and lets_go and not (ended or self._settings.bounces):
-                self._probe_a_suspicion(begun=True)
-        elif phase == Phase.PROBING:
-            if self._probe.still(self._motion):
-                self._stopped()
-        elif phase == Phase.RETURNING:
-            self._return(elongation, last)
-        elif self._motion.elapsed > self._still * self._motion.interval:
-            self._died()  # the reduced wall is at rest
+        ended = self.half_cycles.update(away, torque, span)
+        bounced, elongation = False, away
+        if settings.side:
+            depth = away * settings.side
+            if depth <= 0.0:  # a half-cycle with a part outside is no evidence about the spring
+                elongation = 0.0
+                if self._inside:
+                    self._swings.forget()
+                self._inside = False
+            whole = ended and self._inside
+            if ended:
+                self._inside = depth > 0.0
+                if not whole:
+                    self._swings.forget()
+            ended = whole
+            bounced = self._contacts.update(depth, torque * settings.side, span)
+        elif settings.elongation is not None:
+            elongation = settings.elongation(away)
+        last, self._elongation = self._elongation, elongation
+        if self.phase != Phase.WATCHING:
+            self._answer_time(elongation, last)
         if ended:
-            self._ended()
-        if self.phase == Phase.WATCHING and self._motion.gaining != self._gaining:
-            self._gaining = self._motion.gaining
-            if self._gaining >= self._tuning.throws:
-                self._probe_what_throws()
+            self._ended(self._swings, damping)
+        if bounced:
+            self._ended(self._bounces, damping)
+        if self.phase == Phase.WATCHING and self._contacts.gaining != self._thrown:
+            self._thrown = self._contacts.gaining
+            if self._thrown >= self._tuning.throws:
+                self._probe_what_throws(damping)
+        if self.derating.scale != 1.0:
+            self._follow_load(away, torque, span, ended=ended)
+
+    def _answer_time(self, elongation: float, last: float) -> None:
+        """Answer what takes no half-cycle: rest, and a load that has gone.
+
+        Args:
+            elongation: Of the spring, signed [rad].
+            last: At the last sample [rad].
+        """
+        hold = self._hold
+        if hold.torque and hold.left(elongation, soft=self.phase == Phase.REDUCED):
+            hold.leave()
+            if self.phase == Phase.PROBING:
+                self._answer(Verdict.HAND if hold.inside else Verdict.CHANGED)
+        motion = self._asked.motion
+        if self.phase == Phase.PROBING:
+            if self.probe.still(self._asked):
+                self._stopped()
+        elif self.phase == Phase.RETURNING:
+            self._return(elongation, last)
+        elif self.phase == Phase.REDUCED and motion.elapsed > self._tuning.still * motion.interval:
+            self._died()
+
+    def _follow_load(self, away: float, torque: float, span: float, *, ended: bool) -> None:
+        """Hold the load as it is now, except in a probe.
+
+        Args:
+            away: Position, counted from the wall's surface [rad].
+            torque: Sent with the last sample [N·m].
+            span: Time since the last sample [s].
+            ended: A half-cycle has ended inside of the wall.
+        """
+        hold = self._hold
+        if self.phase != Phase.PROBING:
+            returning, scale = self.phase == Phase.RETURNING, self.derating.scale
+            hold.follow(
+                away, torque, span, self._stiffness, scale, ended=ended, returning=returning
+            )
+        now = self.derating
+        now.carried, now.carried_to, now.soft_to = hold.torque, hold.reach, hold.deep
+
+    def _scale(self, stiffness: float, damping: float) -> None:
+        """Set the scales of the wall [1]."""
+        now = self.derating
+        now.scale, now.damping_scale = stiffness, damping
+        now.elastic_limit = stiffness * self._settings.torque_limit
+        if stiffness == 1.0:
+            self._hold.drop()
+            self._hold.whole = True
+            now.carried = now.carried_to = 0.0
 
     @property
     def steady(self) -> bool:
         """Whether the motion is more regular than a hand's; or regular, and must not be probed."""
-        return self._lasting.steady
+        if self._swings.steady:
+            return True
+        if self._settings.acts:
+            return False
+        threshold, enough = self._settings.threshold, self._tuning.regular_long
+        both = self._swings, self._bounces
+        return any(one.streak >= enough and one.size >= threshold for one in both)
 
     @property
-    def asked(self) -> Sighting:
-        """Return the motion before the last probe or alarm."""
-        return self._probe.before
+    def grows(self) -> bool:
+        """Whether a motion that the believed servo makes becomes larger, evenly."""
+        return self._swings.grows
 
-    def _missing(self, elongation: float) -> float:
-        """Return the torque by which the whole spring's differs from the present one's [N·m].
+    @property
+    def decays(self) -> bool:
+        """Whether a motion that the believed servo makes becomes smaller."""
+        return self._swings.decays
+
+    @property
+    def reduced(self) -> tuple[float, float]:
+        """Return the scales of stiffness and damping, without those of a probe that goes on."""
+        if self.phase == Phase.PROBING:
+            return 1.0, 1.0
+        return self.derating.scale, self.derating.damping_scale
+
+    @property
+    def seen(self) -> Sighting | None:
+        """Return the motion: that on the whole wall which has led to the reduction, if it is one.
+
+        None: no cycle is known.
+        """
+        if self.alarm and self.phase == Phase.REDUCED:
+            return self.probe.before
+        last = self._asked.motion.last if self.alarm else self.half_cycles.last
+        return sighting(last, self._time) if len(last) > 1 else None
+
+    def is_faster(self, half_cycle: float) -> bool:
+        """Whether the shaft turns around sooner than a half-cycle of this length [s]."""
+        motion = self.half_cycles
+        return len(motion.last) > 1 and max(motion.interval, motion.elapsed) < half_cycle
+
+    def raise_again(self) -> None:
+        """Restore the gains as soon as the spring is at rest, and restart the watch."""
+        self.phase = Phase.RETURNING
+        self.alarm = self._small_cycle = False
+        self._hand = self._stop = NEVER
+        self._swings.streak = self._bounces.streak = 0
+
+    def resume(self) -> None:
+        """Restart the watch after a pause without torque; reductions stay."""
+        self.half_cycles.forget()
+        self._swings.forget()
+        self._contacts.forget()
+        self._bounces.forget()
+        self._count = 0
+        self.alarm = False
+        self._hold.drop()
+        if self.phase == Phase.PROBING:
+            self.phase = Phase.RETURNING
+
+    def change(self, settings: WatchSettings, moved_by: float) -> None:
+        """Go on with the motion at another law; what was seen of it stays.
 
         Args:
-            elongation: Elongation of the spring [rad].
+            settings: Settings of the law.
+            moved_by: Way from the position of the law before [rad].
         """
-        missing = (1.0 - self.stiffness_scale) * self._stiffness * elongation
-        hold = self._hold
-        if hold is not None:
-            missing += hold.acts(elongation, self._stiffness, self.stiffness_scale)
-        return missing
+        side = settings.side != self._settings.side
+        self._settings = settings
+        self._hold.change(settings)
+        self.half_cycles.shift(moved_by)
+        self._contacts.shift(moved_by * settings.side)
+        if side:
+            self._inside = True
+            self._contacts = Contacts(settings.position_step, settings.tuning)
+            self._bounces = Regularity(self._contacts, settings, contacts=True)
+            self._thrown = 0
 
     def _return(self, elongation: float, last: float) -> None:
         """Restore the gains where that does not change the torque: the spring is at rest there.
@@ -217,214 +315,137 @@ class Backstop:
         if missing * self._missing(last) < 0.0:
             most *= self._tuning.rest_between
         least = self._tuning.rest_counts * self._settings.position_step
-        softer = 1.0 - self.stiffness_scale
+        softer = 1.0 - self.derating.scale
         if abs(missing) <= max(most, least * softer * self._stiffness):
-            self.stiffness_scale = self.damping_scale = 1.0
+            self._scale(1.0, 1.0)
             self.phase = Phase.WATCHING
-            self._whole = -1  # the present half-cycle began on a softer wall
+            self._contacts.gaining = self._thrown = 0  # these began on a softer wall
 
-    def _take_load(self) -> None:
-        """Hold the load of the last cycle from now on."""
-        if self._hold is not None:
-            self._hold.begin(self._stiffness)
+    def _missing(self, elongation: float) -> float:
+        """Return the torque by which the whole spring's differs from the present one's [N·m]."""
+        scale = self.derating.scale
+        held = self._hold.acts(elongation, self._stiffness, scale)
+        return (1.0 - scale) * self._stiffness * elongation + held
 
-    def raise_again(self) -> None:
-        """Restore the gains as soon as the spring is at rest, and restart the watch."""
-        self.phase = Phase.RETURNING
-        self.alarm = self.small_cycle = self.suspected = False
-        self._hand.forget()
-        self._stop = NEVER
-        self._lasting.streak = 0
-
-    def resume(self) -> None:
-        """Restart the watch after a pause; reductions stay."""
-        self._lasting.streak = self._count = 0
-        self.alarm = False
-        if self._hold is not None:
-            self._hold.drop()
-        if self.phase == Phase.PROBING:
-            self.phase = Phase.RETURNING
-
-    def _ended(self) -> None:
-        """Process the end of a half-cycle or contact."""
-        motion, settings = self._motion, self._settings
-        self._count += 1
-        size = min(motion.amplitude, motion.amplitude_2)
-        self._lasting.take(motion, self._time)
-        self._whole += 1
+    def _ended(self, seen: Regularity, damping: float) -> None:
+        """Process the end of a half-cycle or contact; ``damping``: B [N·m·s/rad]."""
+        seen.take(self._time)
         if self.phase == Phase.WATCHING:
-            if self.suspected:
-                self._probe_a_suspicion(begun=False)
-            elif self._asks_again and self._whole > 1:
-                self._ask_again(size)
-            if self.phase == Phase.WATCHING:
-                self._watch(size)
-        elif self.phase == Phase.PROBING:
-            self._answer(self._probe.ended(motion, sighting(motion, self._time)))
+            self._watch(seen, damping)
+            return
+        if self.phase == Phase.REDUCED and not self.alarm and seen is not self._asked:
+            self._asked, self._cause = seen, Cause.STOPPED  # this motion goes on instead
+        if seen is not self._asked:
+            return
+        if self.phase == Phase.PROBING:
+            self._answer(self.probe.ended(seen, self._time))
         elif self.phase == Phase.REDUCED:
-            self._judge()
-        elif self.steady and size >= settings.threshold:
-            self._begun = self._lasting.since
-            self._probe.before = sighting(motion, self._time)
+            self._judge(seen)
+        elif seen.steady and seen.size >= self._settings.threshold:
+            self._take_up(seen)
             self._alarm(Cause.BEYOND_HANDS)  # the wall still waits for its spring to be at rest
 
-    def _watch(self, size: float) -> None:
-        """React to a regular motion that does not decay.
-
-        Args:
-            size: Smaller amplitude of the last two half-cycles [rad].
-        """
-        motion, settings = self._motion, self._settings
-        if size < settings.threshold:
-            regular = self.steady
-        else:
-            before = min(motion.amplitude_3, motion.amplitude_4)
-            even = self._lasting.streak >= self._tuning.regular and before >= settings.threshold
-            even = even and not self._lasting.dies
-            regular = even or saturates(motion, settings.torque_limit, self._evidence)
-        if regular and motion.gain > self._tuning.least_gain:
-            self._consider()
-        elif size >= settings.threshold and self._goes_on_beyond_hands():
-            self._lasting.since = self._time
-            self._consider()
-        else:
+    def _watch(self, seen: Regularity, damping: float) -> None:
+        """React to a motion that does not decay: alarm, probe, or wait."""
+        settings, last = self._settings, seen.motion.last
+        large = seen.size >= settings.threshold
+        regular = seen.steady
+        if large:
+            saturated = saturates(last, settings.torque_limit, self._tuning)
+            regular = seen.repeats or saturated
+        beyond = large and not seen.contacts and beyond_hands(last, self._tuning)
+        size = 0.5 * (last[-1].amplitude + last[-2].amplitude) if beyond else 0.0
+        if regular and seen.motion.gain > self._tuning.least_gain:
+            self._consider(seen, damping, beyond=beyond)
+        elif seen.goes_on_beyond_hands(size):
+            self._consider(seen, damping, beyond=True)
+        elif seen is self._asked:
             self.alarm = False
 
-    def _goes_on_beyond_hands(self) -> bool:
-        """Whether a motion beyond hands persists."""
-        seen = sighting(self._motion, self._time)
-        return self._lasting.goes_on(seen.amplitude, beyond_hands=self._beyond_hands(seen))
+    def _take_up(self, seen: Regularity) -> None:
+        """Store the motion on the whole wall, before an alarm or a probe."""
+        self._asked = seen
+        self._begun = seen.since
+        last = seen.motion.last
+        self._settled = is_limit_cycle(last, self._settings.torque_limit, self._tuning)
+        self.probe.before = sighting(last, self._time)
 
-    def _consider(self) -> None:
-        """Decide how to react to a regular motion that does not decay."""
-        motion, settings, lasting = self._motion, self._settings, self._lasting
-        self._begun = lasting.since
-        self._settled = is_limit_cycle(motion, settings.torque_limit, self._evidence)
-        self._probe.before = seen = sighting(motion, self._time)
-        if self._beyond_hands(seen):
+    def _consider(self, seen: Regularity, damping: float, *, beyond: bool) -> None:
+        """Decide how to react to a regular motion that does not decay.
+
+        Args:
+            seen: The motion.
+            damping: B [N·m·s/rad].
+            beyond: No hand makes it.
+        """
+        settings, tuning = self._settings, self._tuning
+        self._take_up(seen)
+        large = self.probe.before.amplitude >= settings.threshold
+        loaded = self._gives_way(0)
+        if beyond:
             self._alarm(Cause.BEYOND_HANDS)
-            self.failed = settings.acts and self._loaded
+            self.failed = settings.acts and loaded
         elif not settings.acts:
             return
-        elif self._loaded:
-            servos = settings.light < seen.inertia < settings.heavy
-            own = servos and lasting.streak >= self._tuning.regular_long
-            weight = seen.inertia > settings.light and lasting.gentle >= self._tuning.gentle_loaded
-            if (self.steady or own or weight) and seen.amplitude >= settings.threshold:
+        elif loaded:
+            if large and (seen.steady or seen.streak >= tuning.regular_long):
                 self._alarm(Cause.BEYOND_HANDS)
                 self.failed = True  # a softer wall would give way
-        elif self.steady and self._hand.made(seen) and seen.amplitude >= settings.threshold:
+        elif seen.steady and self._made_by_hand() and large:
             self._alarm(Cause.BEYOND_HANDS)  # a probe took it for a hand's; no hand is so regular
-        elif lasting.nearly_steady:
+        elif seen.nearly_steady:
             return
-        elif self._hand.holds_off(seen):
-            if lasting.streak and lasting.streak % self._tuning.regular_long == 0:
-                self._ask(within=False)  # a hand seldom goes on so regularly
-        elif (
-            self.steady
-            or lasting.streak >= self._tuning.regular_unlikely
-            or settings.light < seen.inertia < settings.heavy
-        ):
-            self._ask(within=False)
+        elif self._held_off() and self._made_by_hand():
+            if seen.streak and seen.streak % tuning.regular_long == 0:
+                self._ask(damping)  # a hand seldom goes on so regularly
+        else:
+            self._ask(damping)
 
-    def _probe_a_suspicion(self, *, begun: bool) -> None:
-        """Probe a motion as soon as the wall is suspected.
-
-        Args:
-            begun: A half-cycle has begun some time ago; its length is no evidence.
-        """
-        motion, settings = self._motion, self._settings
-        known = min(motion.known, self._whole)
-        if not settings.acts or known < 1 or motion.amplitude < settings.small or self._loaded:
-            return
-        seen = sighting(motion, self._time)
-        if known < 2:
-            seen = Sighting(2.0 * motion.duration, motion.amplitude, motion.inertia, self._time)
-        if self._hand.recent(seen):
-            return
-        self._begun = self._time - motion.elapsed - motion.duration
-        self._settled = is_limit_cycle(motion, settings.torque_limit, self._evidence)
-        self._probe.before = seen
-        large = known > 1 and min(motion.amplitude, motion.amplitude_2) >= settings.threshold
-        if large and lasts(motion, self._evidence) and self._beyond_hands(seen):
-            self._alarm(Cause.BEYOND_HANDS)
-            return
-        self._ask(within=begun)
-
-    def _ask_again(self, size: float) -> None:
-        """Probe a motion once more, after a doubtful answer.
-
-        Args:
-            size: Smaller amplitude of the last two half-cycles [rad].
-        """
-        self._asks_again = False
-        if size >= self._settings.threshold and not self._loaded:
-            self._probe.before = sighting(self._motion, self._time)
-            self._ask(within=False)
-
-    def _probe_what_throws(self) -> None:
+    def _probe_what_throws(self, damping: float) -> None:
         """Probe a wall that returns the shaft faster, contact by contact, regular or not."""
-        seen = sighting(self._motion, self._time)
-        if (
-            not self._settings.acts
-            or self._motion.amplitude < self._settings.small
-            or self._whole < 2
-            or self._hand.holds_off(seen)
-        ):
+        seen, settings = self._bounces, self._settings
+        last = self._contacts.last
+        if not settings.acts or not last or last[-1].amplitude < settings.small:
             return
-        self._begun = self._lasting.since
+        self._take_up(seen)
+        if self._held_off() and self._made_by_hand():
+            return
         self._settled = False
-        self._probe.before = seen
-        if not self._loaded:
-            self._ask(within=False)
-        elif self._gaining >= self._tuning.throws_loaded and self._bounced:
-            self._alarm(Cause.BEYOND_HANDS)
-            self.failed = True
+        if not self._gives_way(0):
+            self._ask(damping)
 
-    @property
-    def _bounced(self) -> bool:
-        """Whether the last four contacts were as short as bounces."""
-        motion = self._motion
-        longest = max(motion.duration, motion.duration_2, motion.duration_3, motion.duration_4)
-        return longest < 0.5 * self._bounce * self._slowest
-
-    @property
-    def _loaded(self) -> bool:
-        """Whether the wall holds a load that would push through the probed wall."""
-        return self._gives_way(0)
-
-    def _gives_way(self, steps: int) -> bool:
-        """Whether the load would push through a wall reduced ``steps`` times."""
-        load, limit = abs(self._motion.load), self._settings.torque_limit
-        holds = self._hold is not None and self._hold.permitted
-        if holds and not self._settings.bounces:
-            return load > self._tuning.loaded * limit
-        return load > self._tuning.loaded_contacts * self._probing.scale**steps * limit
-
-    @property
-    def _softest(self) -> bool:
-        """Whether the wall cannot be reduced further, or would give way to its load."""
-        return self._step >= self._tuning.steps or self._gives_way(self._step)
-
-    def _beyond_hands(self, seen: Sighting) -> bool:
-        pull = min(self._motion.pull, self._motion.pull_2, self._motion.pull_3)
-        return not self._settings.bounces and beyond_hands(
-            seen.cycle, seen.amplitude, pull, self._evidence
+    def _made_by_hand(self) -> bool:
+        """Whether the last hand that a probe found made a motion like this."""
+        hand, now = self._hand, self.probe.before
+        return (
+            hand is not NEVER
+            and apart(now.cycle, hand.cycle) < self._tuning.other_period
+            and now.amplitude < self._tuning.other_amplitude * hand.amplitude
         )
 
-    def _ask(self, *, within: bool) -> None:
-        """Start a probe; ``within`` a half-cycle that has begun before."""
+    def _held_off(self) -> bool:
+        """Whether a probe found a hand not long ago."""
+        return self._time - self._hand.at < self._tuning.held_off_s
+
+    def _gives_way(self, steps: int) -> bool:
+        """Whether the load would push through a wall reduced ``steps`` times; 0: in a probe."""
+        load, limit = abs(self._asked.motion.load), self._settings.torque_limit
+        tuning = self._tuning
+        if self._hold.permitted and not self._asked.contacts:
+            return load > tuning.loaded * limit
+        return load > tuning.loaded_contacts * tuning.scale**steps * limit
+
+    def _ask(self, damping: float) -> None:
+        """Start a probe at a turning point, or after a contact; ``damping``: B [N·m·s/rad]."""
         self.phase = Phase.PROBING
-        self._asks_again = False
         self.probes += 1
-        self._take_load()
-        self._probe.begin(self._motion, within=within)
-        self.stiffness_scale = self._probing.scale
+        self._hold.begin(self._stiffness)
+        self.probe.begin()
         # Damping that acts late stiffens the wall by up to B w, and would hide the softer spring.
         # Whole, it slows down a shaft whose load is let go.
-        loaded = self._hold is not None and self._hold.torque
-        stiffens = self.damping * math.pi > self._stiffness * self._motion.duration
-        self.damping_scale = 1.0 if loaded and not stiffens else self._probing.scale
+        stiffens = damping * math.tau > self._stiffness * self.probe.before.cycle
+        scale = self._tuning.scale
+        self._scale(scale, 1.0 if self._hold.torque and not stiffens else scale)
 
     def _answer(self, verdict: Verdict) -> None:
         """React to the verdict of a probe."""
@@ -432,156 +453,103 @@ class Backstop:
             self._alarm(Cause.LONGER)
         elif verdict == Verdict.STOPPED:
             self._stopped()
-        elif verdict == Verdict.HAND or (verdict == Verdict.CHANGED and self.suspected):
-            self._somebody_moves_it()
-        elif verdict in (Verdict.CHANGED, Verdict.DOUBTFUL):
+        elif verdict == Verdict.HAND:
+            self.hands += 1
+            self._hand = self.probe.before._replace(at=self._time)
             self.phase = Phase.RETURNING
-            self._asks_again = verdict == Verdict.DOUBTFUL
+        elif verdict == Verdict.CHANGED:
+            self.phase = Phase.RETURNING
 
     def _stopped(self) -> None:
         """Process a motion that has stopped in the probe.
 
         It was the wall's if it returns and stops again.
         """
-        before = self._probe.before
-        recent = self._time - self._stop.at < self._tuning.again_s
-        again = recent and alike(before, self._stop, self._probing)
+        before, tuning = self.probe.before, self._tuning
+        recent = self._time - self._stop.at < tuning.again_s
+        again = recent and alike(before, self._stop, tuning)
         self._stops = self._stops + 1 if recent else 1
-        many = self._stops >= self._tuning.stops and before.amplitude >= self._settings.threshold
-        if again or many:
+        large = before.amplitude >= self._settings.threshold
+        if again or (self._stops >= tuning.stops and large):
             self._stops = 0
             self._alarm(Cause.STOPPED)
             return
         self._stop = before._replace(at=self._time)
-        if before.amplitude < self._settings.threshold and not self.suspected:
+        if not large:
             self.backlash = self._settled  # it was as regular as a machine's
-        self.suspected = False
         self.phase = Phase.RETURNING
 
     def _alarm(self, cause: Cause) -> None:
         """Reduce the wall; keep the damping if the probe took longer: the spring is the cause."""
-        self.reductions += not self.alarm
+        settings, before = self._settings, self.probe.before
+        self.alarms += not self.alarm
         self.alarm = True
-        self.suspected = False
-        self.small_cycle = self._probe.before.amplitude < self._settings.threshold
-        small = self._probe.before.amplitude < self._tuning.backlash * self._settings.threshold
+        self._small_cycle = before.amplitude < settings.threshold
+        small = before.amplitude < self._tuning.backlash * settings.threshold
         self.backlash = small and self._settled
-        if not self._settings.acts:
+        if not settings.acts:
             return
         self._cause = cause
         if self.phase == Phase.WATCHING:
-            self._take_load()
+            self._hold.begin(self._stiffness)
         self.phase = Phase.REDUCED
         self._step, self._count = 1, 0
-        self.stiffness_scale = self._probing.scale
-        self.damping_scale = self._probing.scale if cause == Cause.STOPPED else 1.0
+        scale = self._tuning.scale
+        self._scale(scale, scale if cause == Cause.STOPPED else 1.0)
 
-    def _judge(self) -> None:
-        """Continue to reduce a persisting motion; restore the gains if a hand makes it."""
-        motion, settings = self._motion, self._settings
-        size = min(motion.amplitude, motion.amplitude_2)
-        if size < (settings.small if self.small_cycle else settings.threshold):
+    def _judge(self, seen: Regularity) -> None:
+        """Continue to reduce a persisting motion."""
+        settings, tuning = self._settings, self._tuning
+        last, size = seen.motion.last, seen.size
+        self._count += 1
+        if size < (settings.small if self._small_cycle else settings.threshold):
             self._died()
             return
-        if self._count < 2:
+        if self._count < 2 or len(last) < 4:
             return
-        shrinks = motion.amplitude < self._evidence.dying * motion.amplitude_3
-        if shrinks and motion.amplitude_2 <= motion.amplitude_4:
+        shrinks = last[3].amplitude < tuning.dying * last[1].amplitude
+        if shrinks and last[2].amplitude <= last[0].amplitude:
             self.alarm = False
             return
-        if self.small_cycle and size >= settings.threshold:
-            self.small_cycle = False  # it has become a large motion, whose time begins now
+        large = size >= settings.threshold
+        if self._small_cycle and large:
+            self._small_cycle = False  # it has become a large motion, whose time begins now
             self._begun = self._time
-        evenly = self._settings.tuning.steadiness.half_cycles
-        if self.small_cycle and not (lasts(motion, self._evidence) and self._count >= evenly):
+        if self._small_cycle and not (lasts(last, tuning) and self._count >= tuning.steady):
             return
         self.alarm = True
-        seen = sighting(motion, self._time)
-        if self._hand_after_all(seen):
-            self._was_wrong()
-        elif size >= settings.threshold and self._own(seen) and self._is_last():
-            if self._count >= self._tuning.reduced_half_cycles:
-                self.failed = not settings.bounces or motion.gain > self._tuning.reduced_gain
-        elif self._softest:
-            as_large = seen.amplitude > self._tuning.hand_smallest * self._probe.before.amplitude
-            hand = as_large and not (self.small_cycle or self._beyond_hands(seen))
-            if hand and self._count >= self._tuning.hand_half_cycles:
-                self._was_wrong()
-        else:
-            self.damping_scale = self._probing.scale**self._step
+        softest = self._step >= tuning.steps or self._gives_way(self._step)
+        late = not seen.contacts and self._time - self._begun > min(
+            tuning.cycles * self._slowest, tuning.longest_s
+        )
+        if large and (softest or late) and self._own(seen):
+            if self._count >= tuning.reduced_half_cycles:
+                self.failed = not seen.contacts or seen.motion.gain > tuning.reduced_gain
+        elif not softest:
+            self._hold.begin(self._stiffness)
+            self._scale(tuning.scale ** (self._step + 1), tuning.scale**self._step)
             self._step += 1
-            self._take_load()
-            self.stiffness_scale = self._probing.scale**self._step
             self._count = 0
 
-    def _hand_after_all(self, seen: Sighting) -> bool:
-        """Whether the motion on the reduced wall is as fast and about as large as a hand's.
-
-        Args:
-            seen: The motion now.
-        """
-        tuning = self._tuning
-        ratio = seen.cycle / self._probe.before.cycle
-        if self._motion.amplitude < tuning.hand_smallest * self._probe.before.amplitude:
-            return False
-        least, most = tuning.hand_shortest, tuning.hand_longest
+    def _own(self, seen: Regularity) -> bool:
+        """Whether the wall certainly makes this motion."""
+        if self._cause == Cause.STOPPED:
+            return seen.steady
+        last, tuning = seen.motion.last, self._tuning
+        inertia, before = sighting(last, self._time).inertia, self.probe.before.inertia
+        explained = tuning.lightest_probed * before < inertia < tuning.heaviest_probed * before
         if self._cause == Cause.LONGER:
-            return least < ratio < (most if self._step == 1 else tuning.hand_longest_later)
-        return (
-            self._cause == Cause.STOPPED
-            and not self.steady
-            and self._lasting.streak >= tuning.regular
-            and least < ratio < most
-        )
-
-    def _own(self, seen: Sighting) -> bool:
-        """Whether the wall certainly makes this motion.
-
-        Args:
-            seen: The motion now.
-        """
-        before = self._probe.before
-        explained = explains(seen.inertia, before.inertia, self._probing)
-        if self._cause == Cause.LONGER:
-            tuning = self._tuning
-            ratios = tuning.own_first, tuning.own_second, tuning.own_third
-            longer = seen.cycle / before.cycle > ratios[min(self._step, 3) - 1]
-            return explained and longer and self._lasting.streak > 0
-        if self._cause == Cause.BEYOND_HANDS:
-            return explained or self.steady or self._beyond_hands(seen)
-        return self.steady
-
-    def _is_last(self) -> bool:
-        """Whether no further reduction is possible, or no time is left."""
-        return self._softest or (not self._settings.bounces and self._late())
-
-    def _late(self) -> bool:
-        """Whether the time within which the motion must decay is nearly over."""
-        tuning = self._tuning
-        allowed = min(tuning.cycles * self._slowest, tuning.longest_s)
-        return self._time - self._begun > tuning.hurry * allowed
+            return explained and seen.streak > 0
+        return explained or seen.steady or (not seen.contacts and beyond_hands(last, tuning))
 
     @property
     def _slowest(self) -> float:
         """Return the period of the slowest motion at K [s]."""
         stiffness = self._stiffness
-        return math.tau * math.sqrt(self._settings.heaviest / stiffness) if stiffness > 0 else 1e9
+        return math.tau * math.sqrt(self._settings.heavy / stiffness) if stiffness > 0 else 1e9
 
     def _died(self) -> None:
         """Process the rest of the reduced wall; the next motion has its own time and evidence."""
         self.alarm = False
         self._begun = self._time
         self._count = 0
-
-    def _was_wrong(self) -> None:
-        """Undo the alarm."""
-        self.alarm = self.small_cycle = self.backlash = False
-        self.returned += 1
-        self._somebody_moves_it()
-
-    def _somebody_moves_it(self) -> None:
-        """Restore the gains, and ignore this motion for a while."""
-        self.moved += 1
-        self.suspected = False
-        self._hand.found(self._probe.before, self._time)
-        self.phase = Phase.RETURNING

@@ -11,12 +11,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptic_wall.controller.detector.acting import ActingTorque
-from haptic_wall.controller.detector.backstop_settings import BackstopSettings, sizes
 from haptic_wall.controller.detector.envelope import Piece, pieces
-from haptic_wall.controller.detector.oscillation import Detector, DetectorSettings, State
-from haptic_wall.controller.detector.own_motion import OwnMotion
-from haptic_wall.controller.detector.tuning import TUNING, RecordingTuning
+from haptic_wall.controller.detector.settings import WatchSettings
+from haptic_wall.controller.detector.state import State
+from haptic_wall.controller.detector.tuning import TUNING
+from haptic_wall.controller.detector.watch import Watch
+from haptic_wall.controller.laws.wall import Wall
 
 Array = NDArray[np.float64]
 
@@ -30,7 +30,21 @@ _MANY: Final = 10.0
 """Cycles that no hand makes so evenly"""
 _UNKNOWN: Final = 8.5
 """The same where a record has no torque and nothing else"""
-_ROUNDING = 1e-9
+_GAP_S: Final = 0.05
+"""After a longer gap the motion is judged anew: turning points at 10 Hz may have passed unseen."""
+_COUNT_STEPS: Final = 20
+"""So many steps of the position are at least needed to tell a count."""
+_ALARM_COUNTS: Final = 3.5
+"""A sustained oscillation is an alarm from this amplitude on: a lightly damped wall of any
+stiffness keeps up one or two counts."""
+_LIGHTEST, _HEAVIEST = 1.0 / 1.3, 1.4
+"""The torque moves the servo if the inertia seems to be between these ratios to the believed one,
+which may be wrong by a fifth,"""
+_INERTIA_COUNTS: Final = 1.0
+"""and so many counts over the amplitude: its square is known to that."""
+_LOSS, _LOSS_COUNTS = 0.02, 0.35
+"""It brakes a motion if it takes more than this fraction of m ω, and so much by the counts."""
+_ROUNDING: Final = 1e-9
 """Steps that are smaller than this fraction of the largest are rounding errors [1]"""
 
 
@@ -82,6 +96,18 @@ class DetectionRecord:
 
 
 @dataclass(frozen=True, slots=True)
+class Known:
+    """What is known of a record's servo; NaN: not known."""
+
+    period: float
+    """T [s]"""
+    inertia: float = math.nan
+    """In commanded torque [kg·m²]"""
+    position_step: float = math.nan
+    """Encoder count [rad]; 0: not quantised"""
+
+
+@dataclass(frozen=True, slots=True)
 class KnownWall:
     """Known parameters of the rendered wall; NaN: not known."""
 
@@ -101,7 +127,7 @@ def detect(
     times: Array,
     positions: Array,
     torques: Array | None,
-    settings: DetectorSettings,
+    settings: Known,
     *,
     lag: float = 0.0,
     stiffness: ArrayLike = math.nan,
@@ -132,15 +158,13 @@ def detect(
         )
     if n > 1 and not np.all(np.diff(times) > 0):
         raise ValueError("times do not increase; give the samples in order of time")
-    tuning, period, step = settings.tuning, settings.period, settings.position_step
+    period, step = settings.period, settings.position_step
     if math.isnan(step):
-        step = position_step(positions, tuning.recording)
+        step = position_step(positions)
     settings = replace(settings, position_step=step)
     known = wall or KnownWall(stiffness)
     stiff = np.broadcast_to(np.asarray(known.stiffness, float), (n,))
-    state, frequency, amplitude, alarm = _ticked(
-        times, positions, torques, settings, known, stiff, 0.0 if math.isnan(lag) else lag
-    )
+    state, frequency, amplitude, alarm = _ticked(times, positions, torques, settings, known)
     judged = np.zeros(n, dtype=np.bool_)
     found = []
     growth = np.full(n, np.nan)
@@ -168,15 +192,13 @@ def detect(
     for piece, verdict, inside, size in found:
         state[inside], amplitude[inside] = verdict, size
         frequency[inside] = piece.rate.imag / math.tau
-        large = size >= tuning.belief.alarm_counts * step
+        large = size >= _ALARM_COUNTS * step
         alarm[inside] = large & (verdict >= State.SUSTAINED)
     growth[state == State.QUIET] = np.nan
     return DetectionRecord.of(times, state, frequency, amplitude, growth, alarm)
 
 
-def growths(
-    times: Array, positions: Array, torques: Array | None, settings: DetectorSettings
-) -> Array:
+def growths(times: Array, positions: Array, torques: Array | None, settings: Known) -> Array:
     """Return the growth of the oscillation at each sample, by ``pieces`` [1/s]; NaN: there is none.
 
     Args:
@@ -193,12 +215,12 @@ def growths(
 
 
 def _stretches(
-    times: Array, positions: Array, torques: Array | None, settings: DetectorSettings
+    times: Array, positions: Array, torques: Array | None, settings: Known
 ) -> Iterator[tuple[NDArray[np.intp], Array, Array, Array | None]]:
     """Yield the samples between two gaps, their ticks; positions and torques at every tick."""
     period = settings.period
     seen = np.flatnonzero(np.isfinite(positions))
-    gaps = np.diff(times[seen]) > max(settings.tuning.recording.gap_s, 2.0 * period)
+    gaps = np.diff(times[seen]) > max(_GAP_S, 2.0 * period)
     for some in np.split(seen, np.flatnonzero(gaps) + 1) if seen.size else ():
         ticks = (times[some] - times[some[0]]) / period
         grid = np.arange(round(float(ticks[-1])) + 1.0)
@@ -228,40 +250,42 @@ def _ticked(
     times: Array,
     positions: Array,
     torques: Array | None,
-    settings: DetectorSettings,
+    settings: Known,
     wall: KnownWall,
-    stiffness: Array,
-    lag: float,
 ) -> tuple[NDArray[np.int8], Array, Array, NDArray[np.bool_]]:
-    """Run the detector of a run over the samples: state, frequency, amplitude, alarm."""
-    n = len(times)
-    detector = _detector(settings, wall, lag)
-    own = _own_motion(settings, wall.side)
+    """Run the watch of a run over the samples: state, frequency, amplitude, alarm."""
+    n, period = len(times), settings.period
+    known = not math.isnan(settings.inertia)
+    watch = Watch(
+        WatchSettings(
+            period,
+            settings.position_step,
+            side=wall.side,
+            light=settings.inertia if known else 0.0,
+            heavy=settings.inertia if known else math.inf,
+            passive=not known or torques is None,
+            tuning=replace(TUNING, regular_long=TUNING.steady),
+        )
+    )
     surface = wall.surface if math.isfinite(wall.surface) else 0.0
-    acting = ActingTorque(lag / settings.period)
+    law = Wall(0.0, 0.0, surface, "both")
     state, alarm = np.zeros(n, dtype=np.int8), np.zeros(n, dtype=np.bool_)
     frequency, amplitude = np.full(n, np.nan), np.zeros(n)
-    commanded = [math.nan] * n if torques is None else np.asarray(torques, float).tolist()
-    stiff = stiffness.tolist()
+    commanded = [0.0] * n if torques is None else np.nan_to_num(torques).tolist()
     when, where = np.asarray(times, float).tolist(), np.asarray(positions, float).tolist()
     last: float | None = None
     for k in range(n):
         if math.isfinite(where[k]):
             gap = 0.0 if last is None else when[k] - last
-            periods = max(1, round(gap / settings.period))
             last = when[k]
-            if gap > max(settings.tuning.recording.gap_s, 2.0 * settings.period):
-                detector.restart()
-                own.resume()
-            detector.stiffness = stiff[k]
-            detector.update(where[k], acting.push(commanded[k], periods), periods)
-            own.update(where[k] - surface, 0.0, periods * settings.period, math.nan)
-        state[k], alarm[k] = detector.state, detector.alarm or own.alarm
-        frequency[k], amplitude[k] = detector.frequency_hz, detector.amplitude
-        if (own.alarm or own.steady) and state[k] < State.SUSTAINED:
-            # Motion that neither the believed values nor a hand explains.
-            state[k] = State.GROWING if own.alarm else State.SUSTAINED
-            frequency[k], amplitude[k] = own.frequency_hz, own.amplitude
+            if gap > max(_GAP_S, 2.0 * period):
+                watch.resume()
+            watch.passed(max(1, round(gap / period)))
+            watch.sample(where[k], law, math.nan)
+        watch.sent(commanded[k])
+        if watch.current:
+            state[k], alarm[k] = watch.current, watch.alarm
+            frequency[k], amplitude[k] = watch.seen
     return state, frequency, amplitude, alarm
 
 
@@ -283,7 +307,7 @@ def _rendered(piece: Piece, wall: KnownWall, stiffness: float) -> complex:
 def _judged(
     piece: Piece,
     samples: int,
-    settings: DetectorSettings,
+    settings: Known,
     step: float,
     pull: complex,
     lag: float,
@@ -312,9 +336,7 @@ def _judged(
     return State.SUSTAINED if many or (known and whole) else State.QUIET
 
 
-def _moves(
-    piece: Piece, settings: DetectorSettings, step: float, pull: complex, lag: float
-) -> bool:
+def _moves(piece: Piece, settings: Known, step: float, pull: complex, lag: float) -> bool:
     """Whether the torque moves the servo like this, without a hand.
 
     ``torque = J a + b v``, for the torque that acts: a sample's is held for a period after the lag.
@@ -326,48 +348,19 @@ def _moves(
         pull *= cmath.exp(-rate * (lag + 0.5 * settings.period))
     inertia = (growth * pull.imag / speed - pull.real) / abs(rate) ** 2
     damping = pull.imag / speed - 2.0 * growth * inertia
-    tuning, fine = settings.tuning.energy, step / piece.amplitude
-    room = tuning.inertia_counts * fine
+    fine = step / piece.amplitude
+    room = _INERTIA_COUNTS * fine
     share = inertia / settings.inertia if settings.inertia > 0.0 else 1.0
-    moves = inertia > 0.0 and tuning.lightest - room < share < tuning.heaviest + room
-    pays = not late or damping > -(tuning.loss + tuning.loss_counts * fine) * inertia * speed
+    moves = inertia > 0.0 and _LIGHTEST - room < share < _HEAVIEST + room
+    pays = not late or damping > -(_LOSS + _LOSS_COUNTS * fine) * inertia * speed
     return moves and pays
 
 
-def _own_motion(settings: DetectorSettings, side: int) -> OwnMotion:
-    """Return the watch for motion that no hand explains, for any servo: a record is not probed."""
-    step = settings.position_step
-    step = step if step > 0.0 else 0.0
-    threshold, small = sizes(step, settings.tuning)
-    watched = BackstopSettings(
-        period=settings.period,
-        position_step=step,
-        threshold=threshold,
-        small=small,
-        light=0.0,
-        heavy=math.inf,
-        heaviest=math.inf,
-        rest_torque=0.0,
-        torque_limit=math.inf,
-        acts=False,
-        tuning=settings.tuning,
-    )
-    return OwnMotion(watched, None, side)
-
-
-def _detector(settings: DetectorSettings, wall: KnownWall, lag: float) -> Detector:
-    detector = Detector(settings)
-    balance = detector.balance
-    balance.surface, balance.side, balance.lag = wall.surface, wall.side, lag + wall.inserted
-    balance.virtual_damping = wall.virtual_damping
-    return detector
-
-
-def position_step(positions: Array, tuning: RecordingTuning = TUNING.recording) -> float:
+def position_step(positions: Array) -> float:
     """Return the encoder step [rad] if all positions differ by multiples of one step; else 0."""
     steps = np.abs(np.diff(positions[np.isfinite(positions)]))
     steps = steps[steps > _ROUNDING * np.max(steps, initial=0.0)]
-    if steps.size < tuning.count_steps:
+    if steps.size < _COUNT_STEPS:
         return 0.0
     # Files are rounded to some digits, which limits the precision of the smallest difference.
     smallest = float(np.median(steps[steps < 1.5 * steps.min()]))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from haptic_wall.controller.detector.half_cycles import HalfCycles
-from haptic_wall.controller.detector.tuning import HoldTuning
+from haptic_wall.controller.detector.settings import WatchSettings
 from haptic_wall.controller.laws.wall import held_torque
 
 
@@ -31,6 +31,7 @@ class LoadHold:
 
     __slots__ = (
         "_high",
+        "_least",
         "_limit",
         "_load",
         "_low",
@@ -48,26 +49,28 @@ class LoadHold:
         "whole",
     )
 
-    def __init__(
-        self, motion: HalfCycles, torque_limit: float, tuning: HoldTuning, *, one_sided: bool
-    ) -> None:
+    def __init__(self, motion: HalfCycles, settings: WatchSettings) -> None:
         """Hold nothing.
 
         Args:
             motion: The observed motion.
-            torque_limit: Torque limit of the servo [N·m].
-            tuning: Numbers for the hold.
-            one_sided: As of the class.
+            settings: Those of the watch.
         """
         self._motion = motion
-        self._limit = torque_limit
-        self._tuning = tuning
-        self.one_sided = one_sided
+        self._tuning = settings.tuning
         self.inside = False
-        self.whole = self.permitted = True
+        self.whole = True
         self.torque = self.reach = self.deep = self._load = 0.0
         self._place = self._rested = self._low = self._high = 0.0
         self._since_rest = 0
+        self.change(settings)
+
+    def change(self, settings: WatchSettings) -> None:
+        """Hold the load of another law from now on."""
+        self._limit = settings.torque_limit
+        self._least = settings.tuning.hold_least * self._limit
+        self.one_sided = settings.side != 0
+        self.permitted = settings.elongation is None
 
     def begin(self, stiffness: float) -> None:
         """Hold the load of the last cycle from now on; on a softer wall, what is held already.
@@ -79,12 +82,13 @@ class LoadHold:
             stiffness: K of the whole spring [N·m/rad].
         """
         motion, load = self._motion, self.torque
-        turned = motion.turned, motion.turned_2, motion.turned_3
+        last = list(motion.last)[-2:]
+        turned = [place for one in last for place in (one.start, one.end)] or [0.0]
         if self.whole:
-            self._since_rest = known = motion.known
+            self._since_rest = known = len(motion.last)
             load = motion.mean_torque(known) if known >= 2 and self.permitted else 0.0
             side = math.copysign(1.0, load)
-            depth = self._room - 0.5 * side * (motion.turned + motion.turned_2)
+            depth = self._room - side * (0.5 * (last[-1].start + last[-1].end) if last else 0.0)
             load = side * min(abs(load), stiffness * max(depth, 0.0))
             self._low, self._high = min(turned), max(turned)
         self._load = load = load if abs(load) > self._least else 0.0
@@ -120,33 +124,30 @@ class LoadHold:
         self._rested += span
         if stiffness * abs(away - self._place) > self._least:
             self._place, self._rested = away, 0.0
-        rests = self._rested * math.sqrt(scale) > self._tuning.rests_s  # it swings so much slower
-        if rests and motion.settled > self._tuning.settled:
+        rests = self._rested * math.sqrt(scale) > self._tuning.hold_rests_s  # it swings slower
+        if rests and motion.settled > self._tuning.hold_settled:
             self._load = torque
             self._since_rest = -1  # the half-cycle with the rest in it is no part of a motion
             self._low = self._high = away
         elif ended:
             self._since_rest += 1
             self._extend()
-            known = min(motion.known, self._since_rest)
+            known = min(len(motion.last), self._since_rest)
             load = motion.mean_torque(known) if known >= 2 else self._load
             clear = returning or abs(load - self.torque) > self._least
             self._load = load if clear else self.torque
         elif self.inside and away * self.torque > 0.0:
             self._load = 0.0  # the load has gone, or the next cycle tells its torque
         change = self._load - self.torque
-        if not (returning or abs(change) > self._tuning.slack * self._limit * scale):
+        if not (returning or abs(change) > self._tuning.hold_slack * self._limit * scale):
             change = 0.0  # the spring about what is held carries it
-        share = min(span / self._tuning.follows_s, 1.0)
+        share = min(span / self._tuning.hold_follows_s, 1.0)
         self._hold(self.torque + share * change, stiffness)
 
     @property
-    def _least(self) -> float:
-        return self._tuning.least * self._limit
-
-    @property
     def _room(self) -> float:
-        return self._tuning.room * max(self._motion.amplitude, self._motion.amplitude_2)
+        last = list(self._motion.last)[-2:]
+        return self._tuning.hold_room * max((one.amplitude for one in last), default=0.0)
 
     def _extend(self) -> None:
         """Let the motion since the last rest reach to the last turning point.
@@ -154,7 +155,7 @@ class LoadHold:
         The load's motion that was clear of the surface does not pass it: a shaft that turns around
         on the other side has lost the load.
         """
-        turned = self._motion.turned
+        turned = self._motion.last[-1].end
         if not (self.inside and turned * self.torque > 0.0):
             self._low, self._high = min(self._low, turned), max(self._high, turned)
 
@@ -168,7 +169,7 @@ class LoadHold:
         if stiffness <= 0.0:
             return
         place = -torque / stiffness
-        spare = 0.5 * self._tuning.room * (self._high - self._low)
+        spare = 0.5 * self._tuning.hold_room * (self._high - self._low)
         self.torque = torque
         if torque > 0.0:
             self.reach = max(place, self._high) + spare
@@ -179,7 +180,7 @@ class LoadHold:
     def leave(self) -> None:
         """Hold nothing any more: the load has gone, and the motion until now was its motion."""
         self.drop()
-        self._motion.known = 0
+        self._motion.last.clear()
 
     def drop(self) -> None:
         """Hold nothing any more."""

@@ -1,83 +1,287 @@
-"""Judges whether amplitudes grow, or stay, more regularly than a hand can make them.
-
-Amplitudes are natural logarithms, one per half-cycle, in order. The functions are called only at
-the end of a streak of half-cycles, so that most ticks do not need them.
-"""
+"""Judges a motion by its half-cycles: regular, saturated, steady, beyond hands, the servo's own."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from itertools import islice
 from typing import NamedTuple
 
-from haptic_wall.controller.detector.tuning import BeliefTuning, Rules
+from haptic_wall.controller.detector.half_cycles import HalfCycle, Motion
+from haptic_wall.controller.detector.settings import WatchSettings
+from haptic_wall.controller.detector.tuning import Tuning
+
+_SIZES = 25
+"""Amplitudes over which growth and decay are looked for"""
+_DECAYS = 0.01
+"""A motion decays if the logarithm of its amplitude has fallen by this over them [1]."""
 
 
-class Line(NamedTuple):
-    """A straight line through equidistant values."""
+class Sighting(NamedTuple):
+    """A motion at one time."""
 
-    slope: float
-    """Change from one value to the next"""
-    scatter: float
-    """Root mean square of the residuals"""
-    error: float
-    """Standard error of the slope"""
-
-
-def line(values: deque[float], n: int) -> Line:
-    """Fit a straight line to the last n >= 3 values."""
-    last = list(islice(values, len(values) - n, None))
-    middle, mean = 0.5 * (n - 1), sum(last) / n
-    spread = n * (n * n - 1.0) / 12.0
-    slope = sum((i - middle) * value for i, value in enumerate(last)) / spread
-    left = sum((value - mean - slope * (i - middle)) ** 2 for i, value in enumerate(last))
-    return Line(slope, math.sqrt(left / n), math.sqrt(left / (n * spread)))
+    cycle: float
+    """Its period [s]"""
+    amplitude: float
+    """[rad]"""
+    inertia: float
+    """Apparent [kg·m²]"""
+    at: float
+    """[s]"""
 
 
-def grows_evenly(
-    sizes: deque[float],
-    rules: Rules,
-    streak: int,
-    least: float,
-    allowed: float,
-) -> bool:
-    """Whether the amplitude grows along a straight line.
+NEVER = Sighting(1.0, 1.0, 1.0, -math.inf)
+
+
+def sighting(last: deque[HalfCycle], at: float) -> Sighting:
+    """Return the motion of the last two half-cycles.
 
     Args:
-        sizes: Amplitudes.
-        rules: Numbers of half-cycles, ascending, and the growth over so many that is enough.
-        streak: HalfCycleSums that may be looked at.
-        least: Smallest amplitude at which growth is judged.
-        allowed: Largest scatter.
+        last: Half-cycles or contacts.
+        at: The present time [s].
     """
-    for count, growth in rules:
-        if streak < count:
-            return False
-        if sizes[-count] > least:
-            found = line(sizes, count)
-            if found.slope * count > growth and found.scatter < allowed:
-                return True
-    return False
+    new, old = last[-1], last[max(-2, -len(last))]
+    return Sighting(
+        new.duration + old.duration,
+        0.5 * (new.amplitude + old.amplitude),
+        0.5 * (new.inertia + old.inertia),
+        at,
+    )
 
 
-def goes_on(sizes: deque[float], allowed: float, tuning: BeliefTuning) -> bool:
-    """Whether all the amplitudes are equal, or grow; ``allowed``: largest scatter."""
-    found = line(sizes, len(sizes))
-    return found.slope > -2.0 * found.error - tuning.no_loss and found.scatter < allowed
+def apart(one: float, other: float) -> float:
+    """Return the absolute logarithm of the ratio of two positive values."""
+    return abs(math.log(one / other))
 
 
-def bounces_grow(sizes: deque[float], streak: int, tuning: BeliefTuning) -> bool:
-    """Whether each bounce off a wall that never pulls is higher than the one before, or as high.
+def lasts(last: deque[HalfCycle], tuning: Tuning) -> bool:
+    """Whether the last two half-cycles kept their amplitude over a cycle."""
+    return (
+        len(last) == 4
+        and last[3].amplitude > tuning.kept * last[1].amplitude
+        and last[2].amplitude > tuning.kept * last[0].amplitude
+    )
 
-    Every other half-cycle is compared, because the way out of the wall equals the way back. The
-    contact begins at another phase of the period each time, so that the growth is not as even as
-    that of an oscillation.
+
+def same_period(last: deque[HalfCycle], tuning: Tuning) -> bool:
+    """Whether the last two half-cycles lasted as long as those a cycle before."""
+    return (
+        len(last) == 4
+        and apart(last[3].duration, last[1].duration) < tuning.regular_period
+        and apart(last[2].duration, last[0].duration) < tuning.regular_period
+    )
+
+
+def saturates(last: deque[HalfCycle], limit: float, tuning: Tuning) -> bool:
+    """Whether the last three half-cycles saturated the torque to either side, without decay.
+
+    Args:
+        last: Half-cycles.
+        limit: Limit of the torque [N·m].
+        tuning: Numbers of the detector.
     """
-    count = tuning.bounces
-    if streak < count or len(sizes) <= count:
+    if len(last) < 3:
         return False
-    last = list(islice(sizes, len(sizes) - count - 1, None))
-    pairs = zip(last, last[2:], strict=False)
-    least = -tuning.bounces_back
-    return last[-1] - last[0] > tuning.bounces_grown and all(b - a > least for a, b in pairs)
+    new, old = last[-1], last[-3]
+    return (
+        min(new.pull, last[-2].pull, old.pull) > tuning.saturated * limit
+        and new.amplitude > tuning.kept * old.amplitude
+        and apart(new.duration, old.duration) < tuning.saturated_period
+    )
+
+
+def is_limit_cycle(last: deque[HalfCycle], limit: float, tuning: Tuning) -> bool:
+    """Whether the motion neither grows nor saturates: something other than the limit bounds it.
+
+    Args:
+        last: Half-cycles.
+        limit: Limit of the torque [N·m].
+        tuning: Numbers of the detector.
+    """
+    return (
+        len(last) == 4
+        and apart(last[3].amplitude, last[1].amplitude) < tuning.settled
+        and apart(last[2].amplitude, last[0].amplitude) < tuning.settled
+        and last[3].pull < tuning.saturated * limit
+    )
+
+
+def beyond_hands(last: deque[HalfCycle], tuning: Tuning) -> bool:
+    """Whether no hand moves a shaft like the last two half-cycles, of a degree or so at least."""
+    if len(last) < 3:
+        return False
+    cycle = last[-1].duration + last[-2].duration
+    speed = 0.5 * (last[-1].amplitude + last[-2].amplitude) * math.tau / cycle
+    pull = min(last[-1].pull, last[-2].pull, last[-3].pull)
+    return (
+        cycle * tuning.hands_hz < 1.0
+        or speed * math.tau / cycle > tuning.hands_acceleration
+        or pull * speed > tuning.hands_power * cycle**3
+    )
+
+
+class Regularity:
+    """Follows a motion, half-cycle by half-cycle or contact by contact.
+
+    Attributes:
+        motion: The motion.
+        contacts: It consists of contacts.
+        streak: Number of half-cycles in a row that neither decay nor change their period.
+        since: When the streak began [s].
+        steady: The motion is more regular than a hand's.
+        decays: The believed servo makes it, and it becomes smaller.
+        grows: The believed servo makes it, and it becomes larger, evenly.
+    """
+
+    __slots__ = (
+        "_beyond",
+        "_even",
+        "_first",
+        "_largest",
+        "_largest_before",
+        "_settings",
+        "_sizes",
+        "_streak_sizes",
+        "_way",
+        "contacts",
+        "decays",
+        "grows",
+        "motion",
+        "since",
+        "steady",
+        "streak",
+    )
+
+    def __init__(self, motion: Motion, settings: WatchSettings, *, contacts: bool) -> None:
+        """Start without a motion."""
+        self.motion, self.contacts = motion, contacts
+        self._settings = settings
+        tuning = settings.tuning
+        self._streak_sizes: deque[float] = deque(maxlen=tuning.loss_half_cycles + 2)
+        self._sizes: deque[float] = deque(maxlen=_SIZES)
+        self._first: list[HalfCycle | None] = [None, None]
+        self._way = self._even = self._beyond = self.streak = 0
+        self._largest, self._largest_before = 0.0, math.inf
+        self.since = 0.0
+        self.steady = self.decays = self.grows = False
+
+    def forget(self) -> None:
+        """Discard what was seen; ``since`` stays."""
+        self.motion.last.clear()
+        self._sizes.clear()
+        self.streak = self._even = 0
+        self.steady = self.decays = self.grows = False
+
+    def take(self, at: float) -> None:
+        """Judge the motion, whose last half-cycle has just ended; ``at``: the time now [s]."""
+        last, settings = self.motion.last, self._settings
+        tuning, new = settings.tuning, last[-1]
+        self._count_even(new)
+        self.steady = self._even >= tuning.steady and self.size >= settings.small
+        regular = same_period(last, tuning)
+        self.streak = self.streak + 1 if regular and lasts(last, tuning) else 0
+        self._streak_sizes.append(new.amplitude)
+        while not regular and len(self._streak_sizes) > 4:
+            self._streak_sizes.popleft()
+        if not self.streak:
+            self.since = at - new.duration - (last[-2].duration if len(last) > 1 else 0.0)
+        self._judge_own(new)
+
+    @property
+    def size(self) -> float:
+        """Return the smaller amplitude of the last two half-cycles [rad]; 0: there are fewer."""
+        last = self.motion.last
+        return min(last[-1].amplitude, last[-2].amplitude) if len(last) > 1 else 0.0
+
+    @property
+    def repeats(self) -> bool:
+        """Whether the motion is regular above the threshold, and does not die by itself."""
+        last, tuning, sizes = self.motion.last, self._settings.tuning, self._streak_sizes
+        least, threshold = min(one.amplitude for one in last), self._settings.threshold
+        enough = tuning.regular if least > 2.0 * threshold else tuning.loss_half_cycles
+        if self.streak < enough or least < threshold:
+            return False
+        before, now = 0.5 * (sizes[0] + sizes[1]), 0.5 * (sizes[-1] + sizes[-2])
+        cycles = 0.5 * (len(sizes) - 2)
+        rounding = tuning.loss_counts * self._settings.position_step
+        return before - now <= max(rounding, tuning.loss * cycles * now)
+
+    @property
+    def nearly_steady(self) -> bool:
+        """Whether it has been steady for half of what no hand is: a probe would disturb it."""
+        return not self.steady and 2 * self._even > self._settings.tuning.steady
+
+    def goes_on_beyond_hands(self, amplitude: float) -> bool:
+        """Return whether a motion beyond hands persists, regular or not: that of two modes is not.
+
+        Call it once a half-cycle.
+
+        Args:
+            amplitude: Of the motion; 0: a hand may make it [rad].
+        """
+        if not amplitude:
+            self._beyond = 0
+            self._largest, self._largest_before = 0.0, math.inf
+            return False
+        tuning = self._settings.tuning
+        self._beyond += 1
+        self._largest = max(self._largest, amplitude)
+        if self._beyond % tuning.beyond_half_cycles:
+            return False
+        goes_on = self._largest > tuning.dying * self._largest_before
+        self._largest, self._largest_before = 0.0, self._largest
+        return goes_on
+
+    def _count_even(self, new: HalfCycle) -> None:
+        """Count a half-cycle like the first one in its direction; else restart the count."""
+        self._way ^= 1
+        first, settings = self._first[self._way], self._settings
+        if self._even > 1 and first is not None:
+            tuning = settings.tuning
+            amplitude = max(
+                tuning.steady_amplitude * first.amplitude,
+                tuning.steady_counts * settings.position_step,
+            )
+            duration = max(
+                tuning.steady_duration * first.duration, tuning.steady_periods * settings.period
+            )
+            if (
+                abs(new.amplitude - first.amplitude) <= amplitude
+                and abs(new.duration - first.duration) <= duration
+            ):
+                self._even += 1
+                return
+            self._even = 0
+        self._first[self._way] = new
+        self._even += 1
+
+    def _judge_own(self, new: HalfCycle) -> None:
+        """Judge whether the believed servo alone makes the motion, and how that changes."""
+        settings, sizes = self._settings, self._sizes
+        tuning = settings.tuning
+        low, high = tuning.lightest * settings.light, tuning.heaviest * settings.heavy
+        if self.contacts or not low < new.inertia < high:
+            sizes.clear()
+            self.decays = self.grows = False
+            return
+        sizes.append(math.log(new.amplitude))
+        self.decays = len(sizes) > 2 and sizes[-1] < sizes[max(-9, -len(sizes))] - _DECAYS
+        self.grows = self._grows()
+
+    def _grows(self) -> bool:
+        """Whether the amplitudes grow evenly by enough, or have stayed for as long as is known."""
+        sizes, tuning = self._sizes, self._settings.tuning
+        if len(sizes) == _SIZES and sizes[-1] >= sizes[0]:
+            return math.exp(sizes[0]) >= self._settings.threshold
+        least = tuning.grows_counts * self._settings.position_step
+        for count in range(tuning.grows_half_cycles, len(sizes)):
+            first, middle = sizes[-count - 1], sizes[-count // 2 - 1]
+            grown, last = sizes[-1] - first, sizes[-1] - middle
+            part = (count + 1) // 2 / count
+            if (
+                grown > tuning.grows
+                and math.exp(first) > least
+                and last > tuning.grows_evenly * part * grown
+                and grown - last > tuning.grows_evenly * (1.0 - part) * grown
+            ):
+                return True
+        return False

@@ -213,6 +213,8 @@ class Wall:
                 derating.carried, derating.carried_to, away, self.stiffness, derating.scale
             )
             torque += held
+        elif self.held:
+            self.held = 0.0
         torque -= (self.damping + self.injected) * derating.damping_scale * velocity
         clip = self.clip
         if torque > clip:

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP
 from haptic_wall.hw.servo import Outcome
 

@@ -10,14 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.detector.detection import DetectionRecord, KnownWall, detect
-from haptic_wall.controller.detector.oscillation import DetectorSettings, State
-from haptic_wall.controller.detector.servo_fit import FittedServo, fitted_servo
-from haptic_wall.controller.detector.wall_fit import fitted_wall
+from haptic_wall.controller.detector.detection import DetectionRecord, Known, KnownWall, detect
+from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.logs.recording import Part, Recording
 
-_LATE = 0.01
-"""Smallest delay that is reported [periods]"""
 SLICES = 2500
 """Number of slices of a picture's time axis; of each slice the extremes are kept."""
 _WHOLE = 4 * SLICES
@@ -34,8 +30,6 @@ class Detected:
     """[s]"""
     known: dict[str, float] = field(default_factory=dict)
     """Servo parameters that the detector used, from the first recording"""
-    estimated: bool = False
-    """Whether some of ``known`` was estimated"""
     wall: dict[str, float] = field(default_factory=dict)
     """Wall parameters that the detector used, from the first part: ``stiffness``,
     ``virtual_damping``, ``wall_position``"""
@@ -81,7 +75,7 @@ def detect_all(
         recordings: Recordings of one motion.
         given: ``inertia``, ``damping``, ``coulomb``, ``lag`` in place of the recordings' values;
             None: use theirs.
-        wall: In place of the recordings' wall, or of the one estimated from torque and position.
+        wall: In place of the recordings' wall.
     """
     detected = Detected()
     more = 0
@@ -90,7 +84,8 @@ def detect_all(
             name: getattr(recording.known, name) if value is None else value
             for name, value in given.items()
         }
-        known["lag"] = 0.0 if math.isnan(known["lag"]) else known["lag"]
+        if not math.isnan(known["inertia"]) and math.isnan(known["lag"]):
+            known["lag"] = 0.0
         if not detected.known:
             detected.period, detected.known = recording.period, known
             detected.position_step = recording.known.position_step
@@ -98,10 +93,8 @@ def detect_all(
         room = max(0, _NOTES - len(detected.notes))
         detected.notes += new[:room]
         more += len(new[room:])
-        unknown = math.isnan(known["inertia"])
         for part in recording.parts:
-            servo = _servo(detected, recording, part, given) if unknown else known
-            _see(detected, recording, part, servo, wall)
+            _see(detected, recording, part, known, wall)
     if detected.parts > _DRAWN:
         detected.notes.append(f"the picture shows only the first {_DRAWN} stretches")
     if more:
@@ -116,13 +109,7 @@ def _see(
     known: dict[str, float],
     given: GivenWall,
 ) -> None:
-    settings = DetectorSettings(
-        period=recording.period,
-        inertia=known["inertia"],
-        damping=known["damping"],
-        coulomb=known["coulomb"],
-        position_step=recording.known.position_step,
-    )
+    settings = Known(recording.period, known["inertia"], recording.known.position_step)
     wall = _wall(detected, recording, part, given)
     record = detect(part.times, part.positions, part.torques, settings, lag=known["lag"], wall=wall)
     new = np.flatnonzero(part.times >= recording.since_s)
@@ -132,56 +119,12 @@ def _see(
     add(detected, *_taken(part, record, new), goes_on=goes_on, of=recording.of)
 
 
-def _servo(
-    detected: Detected, recording: Recording, part: Part, given: Mapping[str, float | None]
-) -> dict[str, float]:
-    """Complete the given parameters of a servo with estimates from torque and motion."""
-    told = {name: math.nan if value is None else value for name, value in given.items()}
-    found = None
-    if part.torques is not None:
-        found = fitted_servo(part.positions, part.torques, recording.period)
-    estimated = with_fit(told, found)
-    if found is not None and not detected.estimated:
-        detected.estimated = True
-        detected.known = estimated
-        late = estimated["lag"] / recording.period > _LATE
-        detected.notes.append(
-            f"torque and motion are those of a servo of {estimated['inertia']:.3g} kg·m²"
-            + (f" with a lag of {1e3 * estimated['lag']:.3g} ms" if late else "")
-        )
-    return estimated
-
-
-def with_fit(told: Mapping[str, float], found: FittedServo | None) -> dict[str, float]:
-    """Complete the known parameters of a servo with the estimate.
-
-    Args:
-        told: ``inertia``, ``damping``, ``coulomb``, ``lag``; NaN: not known.
-        found: The estimate; None: there is none.
-    """
-    known = dict(told)
-    if found is not None and math.isnan(known["inertia"]):
-        known["inertia"] = found.inertia
-        late, damping = not math.isnan(known["lag"]), known["damping"]
-        if not late:
-            known["lag"] = found.lag(0.0 if math.isnan(damping) else damping)
-        if math.isnan(damping):
-            known["damping"] = found.damping(known["lag"])
-    return known
-
-
 def _wall(detected: Detected, recording: Recording, part: Part, given: GivenWall) -> KnownWall:
-    """Return the wall as given by the user, as recorded, or as estimated, in this order."""
+    """Return the wall as given by the user, else as recorded."""
     knows = recording.known
+    wall = KnownWall()
     if part.stiffness is not None:
         wall = KnownWall(part.stiffness, knows.virtual_damping, knows.surface, knows.side)
-    else:
-        found = None
-        if part.torques is not None and None in (given.stiffness, given.surface):
-            found = fitted_wall(part.positions, part.torques, recording.period)
-        wall = found or KnownWall()
-        if found is not None and not detected.wall:
-            detected.notes.append(_estimated(found))
     told = {name: getattr(given, name) for name in ("stiffness", "virtual_damping", "surface")}
     wall = replace(wall, **{name: value for name, value in told.items() if value is not None})
     if not detected.wall:
@@ -191,16 +134,6 @@ def _wall(detected: Detected, recording: Recording, part: Part, given: GivenWall
             "wall_position": wall.surface,
         }
     return wall
-
-
-def _estimated(wall: KnownWall) -> str:
-    sides = {0: "two-sided", 1: "above its position", -1: "below its position"}
-    late = f", with an inserted delay of {1e3 * wall.inserted:.4g} ms" if wall.inserted else ""
-    return (
-        f"torque and position are those of a wall, {sides[wall.side]}:"
-        f" {float(np.asarray(wall.stiffness)):.4g} N·m/rad,"
-        f" {wall.virtual_damping:.3g} N·m·s/rad, at {round(wall.surface, 9) + 0.0:.4g} rad{late}"
-    )
 
 
 def add(

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.detector.detection import DetectionRecord, growths
-from haptic_wall.controller.detector.oscillation import DetectorSettings, State
-from haptic_wall.controller.detector.watch import Watch, WatchSettings
+from haptic_wall.controller.detector.detection import DetectionRecord, Known, growths
+from haptic_wall.controller.detector.settings import WatchSettings
+from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.logs.recording import Part
 from haptic_wall.controller.runtime.changeover import adopt
@@ -44,8 +44,6 @@ class LaterWall:
 
     law: Law
     settings: WatchSettings
-    another: bool
-    """As of ``Watch.change``"""
     before_age_s: float | None
     """As of ``Replay``"""
 
@@ -78,6 +76,7 @@ class Replay:
     ) -> None:
         self.watch = watch
         self._law = law
+        law.derating = watch.backstop.derating
         self._period_ns = period_ns
         self._before_age_s = before_age_s
         self._later = later
@@ -92,7 +91,7 @@ class Replay:
         """Whether the replay adds the sample age of the rows to the watch's lag."""
         return self._before_age_s is not None
 
-    def see(self, rows: NDArray[np.void], part: Part, known: DetectorSettings) -> DetectionRecord:
+    def see(self, rows: NDArray[np.void], part: Part, known: Known) -> DetectionRecord:
         """Feed the next rows to the watch; return the detection record of each row.
 
         Args:
@@ -106,11 +105,11 @@ class Replay:
         watch = self.watch
         for k, row in enumerate(zip(*(rows[name].tolist() for name in _FIELDS), strict=True)):
             self._take(*row)
-            if watch.current or (k and alarm[k - 1]):
-                state[k] = watch.current
-                frequency[k], amplitude[k], alarm[k] = watch.seen
+            if watch.current:
+                state[k], alarm[k] = watch.current, watch.alarm
+                frequency[k], amplitude[k] = watch.seen
         growth = growths(part.times, part.positions, part.torques, known)
-        growth[state == State.QUIET] = np.nan
+        growth[state == 0] = np.nan
         return DetectionRecord.of(part.times, state, frequency, amplitude, growth, alarm)
 
     def _take(
@@ -150,8 +149,7 @@ class Replay:
         watch.sent(torque)
         if flags & FLAG_RAISED:
             watch.raise_again()
-        now = law.derating
-        now.scale, now.damping_scale, law.held = watch.scale, watch.damping_scale, held
+        law.held = held
         self._last = seq, deadline_ns
         self._left = stiffness, damping, delay_s
 
@@ -164,7 +162,7 @@ class Replay:
         adopt(later.law, self._law)
         way = later.law.position - self._law.position
         self._law, self._before_age_s, settings = later.law, later.before_age_s, later.settings
-        self.watch.change(settings, way, another=later.another)
+        self.watch.change(settings, way)
 
     def _sample(self, position: float, outcome: int, measured: float, periods: int) -> None:
         watch, law = self.watch, self._law

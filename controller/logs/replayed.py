@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from itertools import chain, pairwise
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.detector.detection import position_step
-from haptic_wall.controller.detector.oscillation import DetectorSettings, State
-from haptic_wall.controller.detector.watch import Watch, WatchSettings
+from haptic_wall.controller.detector.detection import Known, position_step
+from haptic_wall.controller.detector.settings import WatchSettings
+from haptic_wall.controller.detector.state import State
+from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.errors import ConfigError, LogFormatError
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.logs.detected import Detected, add
@@ -24,7 +25,6 @@ from haptic_wall.controller.logs.replay import LaterWall, Replay
 from haptic_wall.controller.logs.walls import Walls, walls_of
 from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
 from haptic_wall.controller.runtime.watch_settings import watch_settings
-from haptic_wall.controller.settings.changes import moved_by
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.printable import in_line
 from haptic_wall.controller.theory.checks import FloatArray
@@ -41,7 +41,6 @@ class _Facts:
     torque_limit: float = math.inf
     stall_torque: float = math.inf
     position_step: float = 0.0
-    torque_step: float = 0.0
 
 
 def replayed(path: Path, given: Mapping[str, float | None]) -> Detected | None:
@@ -98,7 +97,6 @@ def _facts(log: LogReader, first: NDArray[np.void]) -> _Facts:
         torque_limit=_above_0(told.get("torque_limit"), math.inf),
         stall_torque=_above_0(told.get("stall_torque"), math.inf),
         position_step=math.tau / counts,
-        torque_step=_above_0(told.get("torque_step"), 0.0),
     )
 
 
@@ -112,10 +110,9 @@ def _replay(
     walls: Walls, facts: _Facts, started_at: float, given: Mapping[str, float | None]
 ) -> tuple[Replay, Detected]:
     made = [_wall(config, facts, started_at, given) for config in walls.configs]
-    another = [False, *(moved_by(*pair) is None for pair in pairwise(walls.configs))]
     law, settings, before_age_s = made[0]
     later = {
-        seq: LaterWall(law, settings, another[index], before_age_s)
+        seq: LaterWall(law, settings, before_age_s)
         for index, (seq, (law, settings, before_age_s)) in enumerate(
             zip(walls.since, made, strict=True)
         )
@@ -124,14 +121,12 @@ def _replay(
     watch = Watch(settings)
     if before_age_s is None:
         watch.set_age(0.0)
-    detector = settings.detector
+    config = walls.configs[0]
     detected = Detected(
-        period=detector.period,
+        period=settings.period,
         known={
-            "inertia": detector.inertia,
-            "damping": detector.damping,
-            "coulomb": detector.coulomb,
-            "lag": settings.lag + settings.inserted,
+            **_servo(config, given),
+            "lag": settings.lag + config.delay.steps * settings.period,
         },
         wall={"stiffness": math.nan, "virtual_damping": math.nan, "wall_position": law.position},
         position_step=facts.position_step,
@@ -153,20 +148,26 @@ def _wall(
         problem = in_line(str(error.problem), 1000)
         raise LogFormatError(f"law and servo of the log do not agree: {problem}") from error
     law.position = config.surface(started_at)
-    settings = watch_settings(config, facts, law)
-    believed = settings.detector
-    inertia, damping, coulomb = given["inertia"], given["damping"], given["coulomb"]
-    known = replace(
-        believed,
-        inertia=believed.inertia if inertia is None else inertia,
-        damping=believed.damping if damping is None else damping,
-        coulomb=believed.coulomb if coulomb is None else coulomb,
-    )
-    settings = replace(settings, detector=known)
+    settings, inserted = watch_settings(config, facts, law), config.delay.steps * config.period_s
+    if given["inertia"] is not None:
+        settings = replace(settings, light=given["inertia"], heavy=given["inertia"])
     lag = given["lag"]
     if lag is not None:
-        return law, replace(settings, lag=max(0.0, lag - settings.inserted)), None
-    return law, settings, settings.inserted + config.belief().delay.high
+        return law, replace(settings, lag=max(0.0, lag - inserted)), None
+    return law, settings, inserted + config.belief().delay.high
+
+
+def _servo(config: Config, given: Mapping[str, float | None]) -> dict[str, float]:
+    """Return the believed servo in commanded torque, with the given values in their place."""
+    belief = config.belief()
+    gain = belief.torque_gain.value
+    values = {
+        "inertia": belief.inertia.value / gain,
+        "damping": belief.damping.value / gain,
+        "coulomb": belief.coulomb.value / gain,
+    }
+    told = {name: given[name] for name in values}
+    return values | {name: value for name, value in told.items() if value is not None}
 
 
 def _seen(replay: Replay, detected: Detected, blocks: Iterable[NDArray[np.void]]) -> Detected:
@@ -191,7 +192,7 @@ def _seen(replay: Replay, detected: Detected, blocks: Iterable[NDArray[np.void]]
             torques=block["torque"].astype(np.float64),
             stiffness=block["stiffness"].astype(np.float64),
         )
-        known = DetectorSettings(detected.period, position_step=detected.position_step)
+        known = Known(detected.period, position_step=detected.position_step)
         add(detected, part, replay.see(block, part, known), goes_on=goes_on)
     if failed:
         detected.notes.append(f"{failed} readings failed or were late and are left out")

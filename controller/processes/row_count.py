@@ -7,7 +7,7 @@ import os
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.laws.engagement import place_text
 from haptic_wall.controller.processes.plan import Plan, Tell
 from haptic_wall.controller.runtime.statistics import RunStatistics

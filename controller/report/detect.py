@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from haptic_wall.controller.detector.detection import DetectionRecord
-from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.logs.recording import Part
 from haptic_wall.controller.report.dense_picture import line, outline
 from haptic_wall.controller.report.style import BLUE, GREY, INK, ORANGE, PAGE, grid, picture

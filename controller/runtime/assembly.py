@@ -269,7 +269,7 @@ def tick_parts(
     if not (law.guarded or real):
         driven = math.inf  # a program may drive a simulated shaft
     filtered = config.velocity_filter()
-    gains = Gains(schedule, law, max(1, round(RAMP_S / period)), servo.facts.torque_limit)
+    gains = Gains(schedule, law, max(1, round(RAMP_S / period)))
     rest_torque = engage_torque(safety.engage_torque, servo.facts.stall_torque)
     return TickParts(
         clock=clock,

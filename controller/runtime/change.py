@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
-from haptic_wall.controller.detector.watch import WatchSettings
+from haptic_wall.controller.detector.settings import WatchSettings
 from haptic_wall.controller.guard.guard import Decision
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.hw.servo import Bus, Facts
@@ -96,8 +96,6 @@ class Change:
     placed: bool = False
     """Whether the start position was added to the law's position, where ``wall.reference`` says
     so"""
-    another: bool = False
-    """Whether it is another law, not the same one with other gains or at another position"""
 
     def complete(self) -> None:
         """Compute the fields that are not sent to the loop's process."""

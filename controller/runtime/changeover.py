@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
+from haptic_wall.controller.detector.backstop import Phase
 from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.wall import Law
@@ -103,12 +104,10 @@ class Changeover:
 
     def watched(self, watch: Watch, softer: bool) -> Obstacle:
         """Return the obstacle that the oscillation watch is, if it is one."""
-        own, found = watch.own, Obstacle.NONE
-        if own is None:
-            return found
-        if not softer and min(own.reduced) < 1.0:
+        backstop, found = watch.backstop, Obstacle.NONE
+        if not softer and min(backstop.reduced) < 1.0:
             found = Obstacle.REDUCED
-        elif own.probing or (not softer and (own.answering or own.suspected or watch.current)):
+        elif backstop.phase == Phase.PROBING or (not softer and watch.current):
             found = Obstacle.PROBED
         if found is not Obstacle.NONE:
             self.restart()  # of the ticks from here on no position is known

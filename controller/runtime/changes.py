@@ -59,7 +59,6 @@ class Changes:
             law=law if elsewhere or not law.linear else None,
             watch=watch_settings(new, servo.facts, law),
             moved=elsewhere,
-            another=way is None,
             softer=not elsewhere
             and old.wall.damping == new.wall.damping
             and old.delay.steps == new.delay.steps

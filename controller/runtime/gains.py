@@ -4,8 +4,8 @@ On the way down no pair of both may be unstable that need not be. At a lower K t
 are one interval up to the ceiling, so K goes down first, and then B. Where B is above the ceiling
 of what is allowed now, the stable stiffnesses may not begin at 0: both then go down together.
 
-Three things decide them: the guard's decision for the present sample age and interval, the derating
-after an oscillation, and whether the shaft is where K may be raised.
+Two things decide them: the guard's decision for the present sample age and interval, and whether
+the shaft is where K may be raised.
 """
 
 from __future__ import annotations
@@ -19,15 +19,12 @@ from haptic_wall.controller.laws.wall import Law
 
 
 class Gains:
-    """Sets stiffness, damping and their scales of the law; no other object does.
-
-    A law that the guard does not set is only scaled.
+    """Sets stiffness and damping of the law; the oscillation watch sets their scales.
 
     Args:
         schedule: The guard's decisions by sample age and served interval.
         law: The rendered law.
         ramp_ticks: Duration of a ramp to a lower stiffness [ticks].
-        torque_limit: Torque limit of the servo [N·m].
 
     Attributes:
         stiffness: At the end of the ramp, without scale [N·m/rad].
@@ -47,20 +44,16 @@ class Gains:
         "_ramp_left",
         "_ramp_ticks",
         "_stiffness_step",
-        "_torque_limit",
         "damping",
         "in_force",
         "schedule",
         "stiffness",
     )
 
-    def __init__(
-        self, schedule: GainSchedule, law: Law, ramp_ticks: int, torque_limit: float
-    ) -> None:
+    def __init__(self, schedule: GainSchedule, law: Law, ramp_ticks: int) -> None:
         self.schedule = schedule
         self._law = law
         self._ramp_ticks = ramp_ticks
-        self._torque_limit = torque_limit
         self._highest = max(decision.stiffness for decision in schedule.decisions)
         self._most = math.inf  # while a change waits that lowers K
         self._ramp_left = self._damping_wait = self._damping_left = 0
@@ -106,32 +99,6 @@ class Gains:
         self.stiffness = decision.stiffness
         self.damping = decision.damping
         self.in_force = True
-
-    def scale(
-        self,
-        stiffness_scale: float,
-        damping_scale: float,
-        carried: float,
-        carried_to: float,
-        soft_to: float,
-    ) -> None:
-        """Scale the law at once: the derating after an oscillation.
-
-        Args:
-            stiffness_scale: Of the stiffness, and of the largest torque of the spring up to
-                ``soft_to`` [1].
-            damping_scale: Of the damping [1].
-            carried: Torque about which the spring is softened [N·m].
-            carried_to: Distance from its zero up to which it is added in full [rad].
-            soft_to: Distance from its zero up to which the spring's torque is limited [rad].
-        """
-        law, now = self._law, self._law.derating
-        now.soft_to = soft_to
-        if carried != now.carried or carried_to != now.carried_to:
-            now.carried, now.carried_to, law.held = carried, carried_to, 0.0
-        if stiffness_scale != now.scale or damping_scale != now.damping_scale:
-            now.scale, now.damping_scale = stiffness_scale, damping_scale
-            now.elastic_limit = stiffness_scale * min(self._torque_limit, law.clip)
 
     def follow(self, age_ns: int, interval_ns: int, may_raise: bool) -> bool:
         """Count a tick's age and interval; move stiffness and damping along their ramp.

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from haptic_wall.controller.detector.watch import Watch, WatchSettings
+from haptic_wall.controller.detector.settings import WatchSettings
+from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.laws.passivity_control import PassivityControl
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.runtime.gains import Gains
@@ -21,7 +22,7 @@ class MotionWatch:
 
     Args:
         law: The rendered law; only this object sets its ``injected``.
-        gains: Scaled after an oscillation.
+        gains: The present decision.
         watch: The oscillation watch.
         driven: Finds a motion that the torque drives beyond the servo's own speed.
         passivity: Injects damping where the wall generates energy; None: none.
@@ -45,6 +46,7 @@ class MotionWatch:
         self._passivity = passivity
         self._most_injected = most_injected
         self.watch = watch
+        law.derating = watch.backstop.derating
 
     def follow_gains(self) -> None:
         """Use the sample age and the injected damping of the present decision."""
@@ -59,8 +61,6 @@ class MotionWatch:
         most_injected: Sequence[float],
         settings: WatchSettings,
         moved_by: float,
-        *,
-        another: bool,
     ) -> None:
         """Watch the motion on another law from now on.
 
@@ -70,11 +70,10 @@ class MotionWatch:
             most_injected: As of the class.
             settings: As of ``Watch.change``.
             moved_by: As of ``Watch.change``.
-            another: As of ``Watch.change``.
         """
         self._law = law
         self._most_injected = most_injected
-        self.watch.change(settings, moved_by, another=another)
+        self.watch.change(settings, moved_by)
         if self._passivity is not None:
             self._passivity.rebase(law.elongation(position))
 
@@ -107,9 +106,6 @@ class MotionWatch:
             trip = Trip.OVERSPEED
         elif watch.failed:
             trip = Trip.OSCILLATION
-        self._gains.scale(
-            watch.scale, watch.damping_scale, watch.carried, watch.carried_to, watch.soft_to
-        )
         injected = 0.0
         if self._passivity is not None:
             injected = self._passivity.update(

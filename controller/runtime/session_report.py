@@ -102,7 +102,7 @@ def _besides_the_guard(
     stiffness, damping = tick.commanded
     if decision.period > config.period_ns * 1e-9:
         yield _slower(config, decision, tick.missed, counts)
-    reduced = 1.0 if watch.own is None else watch.own.reduced[0]
+    reduced = watch.backstop.reduced[0]
     if reduced < 1.0 and math.isfinite(watch.first_alarm_s):
         yield (
             f"an oscillation of {watch.frequency_hz:.3g} Hz was found after "

@@ -126,9 +126,8 @@ class Tick:
         Ramps count as complete. Probes are excluded: one takes most of K for a cycle.
         """
         parts = self._parts
-        law, gains, own = parts.law, parts.gains, parts.motion.watch.own
-        now = law.derating
-        scale, damping_scale = (now.scale, now.damping_scale) if own is None else own.reduced
+        gains = parts.gains
+        scale, damping_scale = parts.motion.watch.backstop.reduced
         return gains.stiffness * scale, gains.damping * damping_scale
 
     @property
@@ -329,7 +328,6 @@ class Tick:
             change.injected,
             change.watch,
             law.position - before,
-            another=change.another,
         )
         if not self._on:
             parts.engagement.restart()

@@ -213,7 +213,6 @@ def _hand_cells(some: list[Tried]) -> list[object]:
         f"{hours:.2f}",
         f"{sum(one.probes for one in found) / hours:.0f}",
         _hourly(sum(one.softened for one in innocent), hours),
-        sum(one.suspected for one in innocent),
         _hourly(sum(one.trip is not None for one in found), hours),
     ]
 
@@ -230,7 +229,7 @@ def _table(found: Found[Job, Tried], name: str) -> Iterator[str]:
     if kind.hours is None:
         head, cells = "drawn|oscillate|in time|late by|never|unseen|trips|grow little", _wall_cells
     else:
-        head, cells = "hours|probes/h|softened/h|suspected|trips/h", _hand_cells
+        head, cells = "hours|probes/h|softened/h|trips/h", _hand_cells
     yield _line(name, head)
     yield "|".join(["", *["---"] * (head.count("|") + 2), ""])
     for place, axis in enumerate(kind.axes):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.experiments.sweep.decrement import reversals
 from haptic_wall.controller.guard.belief import Belief
 from haptic_wall.controller.theory.checks import FloatArray

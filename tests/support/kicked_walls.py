@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from haptic_wall.controller.detector.acting import ActingTorque
-from haptic_wall.controller.detector.oscillation import Detector, DetectorSettings
+from haptic_wall.controller.detector.settings import WatchSettings
+from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.experiments.maps.loop import Wall
 from haptic_wall.controller.experiments.maps.walls import Loop
+from haptic_wall.controller.laws.wall import Wall as Rendered
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from tests.support.operators import draw_grips, wanted_motion
 from tests.support.truth import COUNT
@@ -112,54 +114,38 @@ def steady_oscillation(position: FloatArray, period: float) -> tuple[float, floa
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """The detector's result on a trace."""
+    """The watch's result on a trace."""
 
-    detector: Detector
+    watch: Watch
     """In its final state"""
     alarms: list[int]
     """Samples at which an alarm began"""
 
 
-def listen(
-    one: Stiff,
-    trace: Trace,
-    belief: FloatArray,
-    *,
-    once: bool,
-) -> Heard:
-    """Run the detector over a trace, with wrong beliefs.
+def listen(one: Stiff, trace: Trace, belief: float, *, once: bool) -> Heard:
+    """Run the watch over a trace, where it may only report.
 
     Args:
         one: The simulated wall.
         trace: Its record.
-        belief: Factors on inertia, damping, Coulomb friction and delay.
+        belief: Factor on the inertia: the believed one is wrong.
         once: Stop at the first alarm.
     """
-    m, b, c, delay = belief.tolist()
-    settings = DetectorSettings(
-        PERIOD,
-        one.wall.body.inertia * m,
-        one.wall.body.forth * b,
-        one.wall.body.coulomb * c,
-        COUNT,
-        one.wall.limit,
-    )
-    lag = (one.wall.whole * PERIOD + one.wall.lag) * delay
-    detector = Detector(settings)
-    detector.stiffness = one.stiffness
-    balance = detector.balance
-    balance.virtual_damping = one.wall.virtual_damping
-    balance.surface, balance.side, balance.lag = 0.0, int(one.wall.one_sided), lag
-    acting = ActingTorque(lag / PERIOD)
+    side = int(one.wall.one_sided)
+    inertia = one.wall.body.inertia * belief
+    watch = Watch(WatchSettings(PERIOD, COUNT, side=side, light=inertia, heavy=inertia))
+    law = Rendered(one.stiffness, one.wall.virtual_damping, 0.0, "above" if side else "both")
     alarms: list[int] = []
     alarmed = False
     positions = (trace.counts * COUNT).tolist()
     for k, (position, torque) in enumerate(zip(positions, trace.torque.tolist(), strict=True)):
-        detector.update(position, acting.push(torque))
-        if detector.alarm is not alarmed:
-            alarmed = detector.alarm
+        watch.passed(1)
+        watch.sample(position, law, math.nan)
+        watch.sent(torque)
+        if watch.alarm is not alarmed:
+            alarmed = watch.alarm
             if alarmed:
                 alarms.append(k)
                 if once:
                     break
-    return Heard(detector, alarms)
+    return Heard(watch, alarms)

@@ -68,7 +68,7 @@ class Trial:
     held: FloatArray
     """Part of the commanded torque that holds a load while the wall is softer [N·m]"""
     state: IntArray
-    """State of the detector; see ``haptic_wall.controller.detector.oscillation.State``"""
+    """State of the detector; see ``haptic_wall.controller.detector.state.State``"""
     saturated: NDArray[np.bool_]
     """The torque was limited"""
     first_alarm_s: float
@@ -77,10 +77,8 @@ class Trial:
     """Name of the trip that ended the run; None: no trip"""
     oscillation: dict[str, object]
     """The run's report of the oscillation"""
-    taken_back: int = 0
-    """Alarms of the detector that a probe attributed to an operator"""
-    counts: tuple[int, int, int, int] = (0, 0, 0, 0)
-    """Counts of the backstop: probes, operators found, alarms, alarms taken back"""
+    counts: tuple[int, int, int] = (0, 0, 0)
+    """Counts of the backstop: probes, operators found, alarms"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +197,7 @@ def run_trial(
         rows, tail = telemetry.read(tail)
         blocks.append(rows)
     rows = np.concatenate(blocks)
-    own = parts.motion.watch.own
+    backstop = parts.motion.watch.backstop
     return Trial(
         period=config.period_s,
         output=np.array(servo.outputs[: rows.size]),
@@ -213,8 +211,7 @@ def run_trial(
         first_alarm_s=parts.motion.watch.first_alarm_s,
         trip=None if tick.trip is None else tick.trip.label,
         oscillation=oscillation_report(parts.motion.watch),
-        taken_back=parts.motion.watch.taken_back,
-        counts=(0, 0, 0, 0) if own is None else own.counts,
+        counts=(backstop.probes, backstop.hands, backstop.alarms),
     )
 
 

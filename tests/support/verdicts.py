@@ -172,8 +172,6 @@ class Held:
     probes: int
     softened: int
     """Alarms of the backstop"""
-    suspected: bool
-    """The detector that uses the believed servo raised an alarm that a probe took back"""
     trip: str | None
     goes_on: bool
     """After the first alarm the motion persists without the operator: the wall makes it"""
@@ -189,13 +187,12 @@ class Held:
 def held(case: Case) -> Held:
     """Run a case with an operator with ``reduce`` and judge it."""
     trial = case.run()
-    probes, _, softened, _ = trial.counts
+    probes, _, softened = trial.counts
     return Held(
         case=case,
         seconds=trial.output.size * trial.period,
         probes=probes,
         softened=softened,
-        suspected=trial.taken_back > 0,
         trip=trial.trip,
         goes_on=not math.isnan(trial.first_alarm_s) and _goes_on(case, trial),
     )

@@ -2,16 +2,10 @@
 
 import math
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from haptic_wall.controller.detector.backstop import Backstop, Phase
-from haptic_wall.controller.detector.backstop_settings import BackstopSettings
 from haptic_wall.controller.laws.wall import Side
 from tests.cases import sampled
 from tests.support.judges import called_quiet, own_oscillation
@@ -100,223 +94,6 @@ def test_a_hand_that_saturates_a_soft_wall_gets_it_back_at_the_surface(limit: fl
     assert (1.0 - 0.25) * 10.0 * abs(trial.measured[back]) <= 0.1 + 10.0 * 2 * math.tau / 4096
 
 
-class Motion(SimpleNamespace):
-    """What was seen of a motion, as a test says."""
-
-
-def motion(**given: Any) -> Motion:
-    values = {"known": 0, "elapsed": 0.0, "interval": 0.05, "gain": 0.1, "gaining": 0, "load": 0.0}
-    for name in ("duration", "amplitude", "inertia", "pull"):
-        for tail in ("", "_2", "_3", "_4"):
-            values[name + tail] = {"duration": 0.05, "inertia": 0.012}.get(name, 0.0)
-    return Motion(**{**values, **given})
-
-
-def backstop(seen: Motion, **given: Any) -> Backstop:
-    values = {
-        "period": 1e-3,
-        "position_step": math.tau / 4096,
-        "threshold": 0.015,
-        "small": 0.006,
-        "light": 0.005,
-        "heavy": 0.03,
-        "heaviest": 0.02,
-        "rest_torque": 0.1,
-        "torque_limit": 4.1,
-    }
-    return Backstop(BackstopSettings(**{**values, **given}), seen)
-
-
-def take(
-    stop: Backstop,
-    seen: Motion,
-    duration: float,
-    amplitude: float,
-    inertia: float = 0.012,
-    elongation: float = 0.2,
-) -> None:
-    """A half-cycle ends."""
-    for name in ("duration", "amplitude", "inertia", "pull"):
-        for new, old in (("_4", "_3"), ("_3", "_2"), ("_2", "")):
-            setattr(seen, name + new, getattr(seen, name + old))
-    seen.duration = seen.interval = duration
-    seen.amplitude, seen.inertia = amplitude, inertia
-    seen.known += 1
-    stop.update(duration, elongation, 10.0, ended=True)
-
-
-def probing(**given: Any) -> tuple[Backstop, Motion]:
-    """A backstop that has just begun to probe a regular motion."""
-    seen = motion()
-    stop = backstop(seen, **given)
-    until_probed(stop, seen)
-    return stop, seen
-
-
-def until_probed(stop: Backstop, seen: Motion) -> None:
-    """A regular motion, until it is probed."""
-    for _ in range(12):
-        if stop.phase == Phase.PROBING:
-            break
-        take(stop, seen, 0.1, 0.1)
-    assert stop.phase == Phase.PROBING
-    assert stop.stiffness_scale < 1.0
-
-
-def phase_of(stop: Backstop) -> Phase:
-    """The phase, which any update may change."""
-    return stop.phase
-
-
-def back(stop: Backstop) -> None:
-    """The spring comes to rest, and the gains return."""
-    assert phase_of(stop) == Phase.RETURNING
-    stop.update(1e-3, 0.0, 10.0, ended=False)
-    assert phase_of(stop) == Phase.WATCHING
-
-
-def test_a_motion_as_long_in_a_probe_is_a_hands_and_the_wall_comes_back_at_rest() -> None:
-    stop, seen = probing()
-    take(stop, seen, 0.1, 0.1, 0.003)
-    take(stop, seen, 0.1, 0.1, 0.003)
-    assert (stop.alarm, stop.moved) == (False, 1)
-    assert stop.stiffness_scale < 1.0, "the spring is loaded"
-    stop.update(1e-3, -0.2, 10.0, ended=False)
-    assert stop.stiffness_scale < 1.0
-    stop.update(1e-3, 0.001, 10.0, ended=False)
-    assert (stop.stiffness_scale, stop.damping_scale) == (1.0, 1.0)
-
-
-def test_a_motion_of_two_modes_that_no_hand_makes_is_seen_though_it_is_not_regular() -> None:
-    seen = motion()
-    stop = backstop(seen)
-    for k in range(40):
-        take(stop, seen, 0.07, (0.5, 0.4, 0.46)[k % 3])
-    assert stop.alarm
-
-
-def test_such_a_motion_that_dies_is_left_alone() -> None:
-    seen = motion()
-    stop = backstop(seen)
-    for k in range(40):
-        take(stop, seen, 0.07, (0.5, 0.4, 0.46)[k % 3] * 0.97**k)
-        assert not stop.alarm
-
-
-def test_the_wall_comes_back_to_a_motion_so_fast_that_no_sample_finds_it_at_rest() -> None:
-    stop, seen = probing()
-    for _ in range(2):
-        take(stop, seen, 0.1, 0.1, 0.003)
-    for elongation in (0.04, -0.02):  # 0.3 and 0.15 N·m of the 10 N·m/rad are missing
-        stop.update(1e-3, elongation, 10.0, ended=False)
-    assert stop.stiffness_scale == 1.0
-
-
-def test_a_motion_like_the_hands_is_not_probed_again_soon() -> None:
-    stop, seen = probing()
-    for _ in range(30):
-        take(stop, seen, 0.1, 0.1, 0.003, elongation=0.0)
-    assert stop.probes == 1
-
-
-def test_a_hands_motion_that_goes_on_more_regularly_than_hands_do_is_probed_again_at_once() -> None:
-    """An oscillation that was all but slow enough in its probe, with noise of the encoder."""
-    stop, seen = probing()
-    for _ in range(2):
-        take(stop, seen, 0.1, 0.1, 0.003)
-    assert stop.moved == 1
-    back(stop)
-    asked = 0
-    for i in range(40):
-        take(stop, seen, 0.1 + 0.003 * (-1) ** (i // 2), 0.1)
-        asked = asked or (i + 1 if stop.phase == Phase.PROBING else 0)
-    assert 12 <= asked <= 20
-
-
-def test_a_motion_that_is_only_a_little_slower_is_the_walls_if_the_torque_explains_it() -> None:
-    """A hand's motion seems lighter on a softer wall, or goes further."""
-    for inertia, amplitude, alarm in ((0.011, 0.1, True), (0.004, 0.1, False), (0.011, 0.2, False)):
-        stop, seen = probing()
-        take(stop, seen, 0.125, amplitude, inertia)
-        take(stop, seen, 0.127, amplitude, inertia)
-        assert not stop.alarm, "a second probe must confirm it"
-        if not alarm:
-            assert stop.moved == 1
-            continue
-        back(stop)
-        until_probed(stop, seen)
-        take(stop, seen, 0.125, amplitude, inertia)
-        take(stop, seen, 0.127, amplitude, inertia)
-        assert stop.alarm == alarm
-
-
-@pytest.mark.parametrize("ratios", [(1.15, 2.4), (1.15, 1.6), (2.0, 3.0), (3.1, 2.0)])
-def test_an_uneven_answer_is_no_alarm_until_a_second_probe_confirms_it(
-    ratios: tuple[float, float],
-) -> None:
-    """A hand's answer that is long by chance is seldom as even as a wall makes it."""
-    stop, seen = probing()
-    for ratio in ratios:
-        take(stop, seen, 0.1 * ratio, 0.1)
-    assert not stop.alarm
-    back(stop)
-    until_probed(stop, seen)
-    for ratio in ratios:
-        take(stop, seen, 0.1 * ratio, 0.1)
-    assert stop.alarm
-
-
-def test_a_doubtful_answer_is_asked_about_again_at_once_however_slow_the_motion_is() -> None:
-    seen = motion()
-    stop = backstop(seen)
-    while stop.phase != Phase.PROBING:
-        take(stop, seen, 0.6, 0.1)
-    for _ in range(2):
-        assert not stop.alarm
-        take(stop, seen, 0.6 * 1.15, 0.1)
-        take(stop, seen, 0.6 * 1.6, 0.1)
-        if not stop.alarm:
-            back(stop)
-            for _ in range(3):
-                take(stop, seen, 0.6, 0.1)
-            assert stop.phase == Phase.PROBING
-    assert stop.alarm
-
-
-@pytest.mark.parametrize("answers", [((1.15, 1.6), (1.04, 1.58)), ((2.5, 3.3), (2.5, 3.4))])
-def test_an_answer_like_a_doubtful_one_confirms_it(
-    answers: tuple[tuple[float, float], ...],
-) -> None:
-    """By itself it would be a hand's, or another motion's."""
-    stop, seen = probing()
-    for first, second in answers:
-        assert not stop.alarm
-        take(stop, seen, 0.1 * first, 0.1)
-        take(stop, seen, 0.1 * second, 0.1)
-        if not stop.alarm:
-            back(stop)
-            until_probed(stop, seen)
-    assert stop.alarm
-
-
-def test_three_stops_in_a_row_are_the_walls_whatever_the_motion() -> None:
-    """A load changes the period from one to the next."""
-    seen = motion()
-    stop = backstop(seen)
-    for duration in (0.1, 0.14, 0.2):
-        assert not stop.alarm
-        for _ in range(12):
-            take(stop, seen, duration, 0.1)
-            if stop.phase == Phase.PROBING:
-                break
-        seen.elapsed = 10.0
-        stop.update(1e-3, 0.2, 10.0, ended=False)
-        seen.elapsed = 0.0
-        if not stop.alarm:
-            back(stop)
-    assert stop.alarm
-
-
 @pytest.mark.whole
 def test_a_load_that_swings_the_shaft_at_one_hertz_is_not_asked_about_for_ever() -> None:
     """Its answers take longer than any without a load, so that none is clear."""
@@ -327,35 +104,6 @@ def test_a_load_that_swings_the_shaft_at_one_hertz_is_not_asked_about_for_ever()
     )
     assert not math.isnan(trial.first_alarm_s)
     assert np.ptp(trial.output[-1000:]) < 0.01
-
-
-def test_an_answer_of_a_motion_that_saturated_the_torque_is_clear() -> None:
-    """Its period is as the root of its amplitude over the torque; it dies in the probe."""
-    stop, seen = probing()
-    take(stop, seen, 0.134, 0.072)
-    take(stop, seen, 0.136, 0.064)
-    assert stop.alarm
-
-
-@pytest.mark.parametrize("ratios", [(13.5, 1.9), (1.7, 3.6), (8.0, 3.4)])
-def test_an_uneven_answer_of_contacts_is_no_alarm(ratios: tuple[float, float]) -> None:
-    stop, seen = probing(bounces=True)
-    for ratio in ratios:
-        take(stop, seen, 0.1 * ratio, 0.1)
-    assert not stop.alarm
-
-
-def test_two_probes_that_neither_show_a_hand_nor_exclude_it_are_the_walls() -> None:
-    """Somebody holds the shaft and makes it stiffer than the probed wall does."""
-    stop, seen = probing()
-    for k in range(200):
-        slower = 1.25 if stop.phase == Phase.PROBING else 1.0
-        amplitude = 0.1 if k % 5 else 0.105  # not as even as a machine's
-        take(stop, seen, 0.1 * slower, amplitude, 0.012 / slower**3, elongation=0.0)
-        if stop.alarm:
-            break
-    assert stop.alarm
-    assert stop.probes == 2
 
 
 def test_a_transmission_that_keeps_its_period_at_a_power_that_no_hand_has_is_found() -> None:
@@ -373,146 +121,6 @@ def test_a_transmission_that_keeps_its_period_at_a_power_that_no_hand_has_is_fou
     trial = run(truth.with_mode(22.3, 0.0104, 0.302), 0.2, kick=0.0379, duration_s=3.0)
     assert own_oscillation(trial, BENCH.belief).largest > math.radians(4.0)
     assert ended_or_died(trial)
-
-
-def test_a_suspicion_is_probed_as_soon_as_the_spring_lets_go_however_small_the_motion() -> None:
-    seen = motion()
-    stop = backstop(seen)
-    take(stop, seen, 0.1, 0.008)
-    stop.suspected = True
-    seen.elapsed = 0.05
-    stop.update(1e-3, 0.2, 10.0, ended=False)
-    assert phase_of(stop) == Phase.WATCHING, "the spring is being loaded"
-    stop.update(1e-3, 0.19, 10.0, ended=False)
-    assert stop.phase == Phase.PROBING
-    take(stop, seen, 0.15, 0.009)
-    take(stop, seen, 0.2, 0.01)
-    assert not stop.alarm, "the probe began within the first of these half-cycles"
-    take(stop, seen, 0.2, 0.01)
-    assert stop.alarm
-
-
-def test_a_suspicion_that_waits_hides_no_motion_that_is_beyond_hands() -> None:
-    stop, seen = probing()
-    for _ in range(2):
-        take(stop, seen, 0.1, 0.1, 0.003)
-    stop.update(1e-3, 0.0, 10.0, ended=False)
-    stop.suspected = True
-    for _ in range(60):
-        take(stop, seen, 0.1, 0.1, 0.003, elongation=0.0)
-    assert stop.probes == 1, "a hand was found not long ago"
-    assert stop.alarm, "but none is so even"
-
-
-def test_a_half_cycle_on_a_softer_wall_is_not_what_a_probe_is_compared_with() -> None:
-    stop, seen = probing()
-    for _ in range(2):
-        take(stop, seen, 0.1, 0.1, 0.003, elongation=0.2)
-    stop.suspected = True
-    stop.update(1e-3, 0.0, 10.0, ended=False)
-    assert phase_of(stop) == Phase.WATCHING
-    take(stop, seen, 0.2, 0.3)  # larger than the hand's, and so not left alone
-    stop.update(1e-3, -0.001, 10.0, ended=False)
-    assert phase_of(stop) == Phase.WATCHING
-    take(stop, seen, 0.1, 0.3)
-    assert stop.phase == Phase.PROBING
-
-
-def test_a_motion_that_takes_twice_as_long_in_a_probe_is_the_walls() -> None:
-    stop, seen = probing()
-    take(stop, seen, 0.2, 0.1)
-    take(stop, seen, 0.2, 0.1)
-    assert stop.alarm
-    assert stop.stiffness_scale < 1.0
-    stop.raise_again()
-    stop.update(1e-3, 0.2, 10.0, ended=False)
-    assert stop.stiffness_scale < 1.0, "given back only at rest"
-    stop.update(1e-3, 0.0, 10.0, ended=False)
-    assert stop.stiffness_scale == 1.0
-
-
-def test_a_rhythm_on_a_reduced_wall_that_its_torque_does_not_explain_ends_no_run() -> None:
-    """Steel springs ring at 19 Hz under a hand that knocks four times a second."""
-    stop, seen = probing()
-    take(stop, seen, 0.2, 0.1)
-    take(stop, seen, 0.2, 0.1)
-    assert stop.alarm
-    for _ in range(40):
-        take(stop, seen, 0.45, 0.1, 0.002)
-        assert not stop.failed
-
-
-def test_a_motion_on_a_reduced_wall_that_its_torque_explains_ends_the_run() -> None:
-    stop, seen = probing()
-    for _ in range(12):
-        take(stop, seen, 0.1 / math.sqrt(stop.stiffness_scale), 0.1)
-    assert stop.failed
-
-
-def test_a_small_cycle_that_becomes_a_hands_motion_on_the_softer_wall_ends_no_run() -> None:
-    """Its time to die begins when it is large: a small one had none."""
-    seen = motion()
-    stop = backstop(seen, threshold=0.15)
-    take(stop, seen, 0.1, 0.1)
-    stop.suspected = True
-    take(stop, seen, 0.1, 0.1)
-    assert phase_of(stop) == Phase.PROBING
-    for _ in range(3):
-        take(stop, seen, 0.2, 0.1)
-    assert stop.small_cycle
-    for _ in range(6):
-        take(stop, seen, 0.15, 0.4, 0.012 * 4.0 * stop.stiffness_scale)
-        assert not stop.failed
-    assert stop.returned == 1
-
-
-@pytest.mark.parametrize("rests", [True, False])
-def test_a_motion_long_after_the_one_that_died_has_a_time_of_its_own_to_die(rests: bool) -> None:
-    """A hand that moves the reduced wall half as fast as it oscillated ends no run."""
-    stop, seen = probing()
-    take(stop, seen, 0.2, 0.1)
-    take(stop, seen, 0.2, 0.1)
-    assert stop.alarm
-    if rests:
-        seen.elapsed = 60.0
-        stop.update(60.0, 0.0, 10.0, ended=False)
-        seen.elapsed = 0.0
-    else:
-        for _ in range(300):
-            take(stop, seen, 0.2, 0.001)
-    for _ in range(20):
-        take(stop, seen, 0.2, 0.1, 0.012 * 4.0 * stop.stiffness_scale)
-    assert not stop.failed
-    assert stop.returned == 1
-
-
-def test_a_wall_that_bears_a_load_is_not_probed_for_it_would_give_way() -> None:
-    seen = motion(load=1.2)
-    stop = backstop(seen)
-    for k in range(200):
-        take(stop, seen, 0.1, 0.1 + 0.005 * (k % 3))
-    assert (stop.probes, stop.alarm, stop.failed) == (0, False, False)
-
-
-def test_a_wall_that_bears_a_load_ends_the_run_if_it_swings_as_evenly_as_a_machine() -> None:
-    seen = motion(load=1.2)
-    stop = backstop(seen)
-    for _ in range(60):
-        take(stop, seen, 0.1, 0.1)
-    assert (stop.alarm, stop.failed) == (True, True)
-
-
-@pytest.mark.parametrize(("inertia", "half_cycles"), [(0.012, 23), (0.2, 27), (0.001, 0)])
-def test_a_wall_that_bears_a_load_ends_the_run_if_a_regular_motion_grows(
-    inertia: float, half_cycles: int
-) -> None:
-    seen = motion(load=1.2)
-    stop = backstop(seen)
-    for k in range(1, 60):
-        take(stop, seen, 0.1, 0.05 * 1.03**k, inertia)
-        if stop.failed:
-            break
-    assert (k if stop.failed else 0) == half_cycles
 
 
 def rests(trial: Trial, load: float) -> None:
@@ -588,9 +196,9 @@ def test_whoever_lets_go_in_a_probe_is_not_pushed(side: Side) -> None:
 
     def moved(operator: Operator) -> Trial:
         wall = WallAsked(19.0, 0.02, side)
-        return run_trial(VALUE, BENCH.sets, wall, operator, duration_s=2.2, position=0.0)
+        return run_trial(VALUE, BENCH.sets, wall, operator, duration_s=3.4, position=0.0)
 
-    stays = moved(leaning(0.82, 3.0))
+    stays = moved(leaning(0.82, 4.0))
     asked = int(np.flatnonzero(stays.stiffness < 19.0)[0])
     for later in (20, 80, 140):
         left = asked + later
@@ -615,10 +223,10 @@ def test_a_push_that_comes_in_a_probe_does_not_go_through(side: Side, then: floa
         wall = WallAsked(19.0, 0.02, side)
         return run_trial(VALUE, BENCH.sets, wall, operator, duration_s=duration_s)
 
-    asked = int(np.flatnonzero(moved(leaning(0.82, 3.0), 1.6).stiffness < 19.0)[0])
+    asked = int(np.flatnonzero(moved(leaning(0.82, 4.0), 2.6).stiffness < 19.0)[0])
     sways = leaning(0.82, 1e-3 * (asked + 100))
     pushes = [(0.0, 0.02, 0.0, 0.0, 4.1 * then)] * 5000
-    trial = moved(replace(sways, rows=[*sways.rows, *pushes]), 4.5)
+    trial = moved(replace(sways, rows=[*sways.rows, *pushes]), 5.5)
     assert trial.stiffness[asked + 150] == 4.75, "it is still probed"
     assert np.abs(trial.output).max() < 7.0 * 4.1 * then / 19.0, "27 turns and more"
     assert trial.output[-1] == pytest.approx(4.1 * then / 19.0, rel=0.1)
@@ -682,73 +290,6 @@ def test_a_reduced_wall_does_not_let_its_load_run_away(push: float, kick: float)
     assert np.abs(trial.output).max() < 2.0
 
 
-def test_a_wall_is_not_reduced_so_far_that_it_gives_way_to_its_load() -> None:
-    """It is judged after two cycles: a hand that pushes is still where the whole wall held it."""
-    stop, seen = probing()
-    for _ in range(2):
-        take(stop, seen, 0.2, 0.1)
-    assert stop.alarm
-    seen.load = 0.3
-    for _ in range(3):
-        take(stop, seen, 0.2, 0.1)
-        assert not stop.failed
-    for _ in range(27):
-        take(stop, seen, 0.2, 0.1)
-        assert stop.stiffness_scale == 0.25
-        assert stop.failed
-
-
-@pytest.mark.parametrize(("gain", "fails"), [(-0.02, False), (0.06, False), (0.15, True)])
-def test_contacts_left_hardly_faster_than_entered_end_no_run(gain: float, fails: bool) -> None:
-    """A hand that trembles or taps at a reduced wall puts its load there, contact by contact."""
-    stop, seen = probing(bounces=True)
-    take(stop, seen, 0.2, 0.1)
-    take(stop, seen, 0.2, 0.1)
-    assert stop.alarm
-    seen.load, seen.gain = 0.3, gain
-    for _ in range(30):
-        take(stop, seen, 0.2, 0.1)
-    assert stop.failed == fails
-
-
-def test_a_wall_that_waits_to_come_back_is_watched() -> None:
-    """A hand that leans on it keeps its spring loaded for as long as it likes."""
-    stop, seen = probing()
-    for _ in range(2):
-        take(stop, seen, 0.1, 0.1, 0.003)
-    for _ in range(60):
-        take(stop, seen, 0.1, 0.1, elongation=0.2)
-    assert stop.alarm
-
-
-@pytest.mark.parametrize(("load", "probed", "failed"), [(0.1, 1, False), (1.2, 0, True)])
-def test_contacts_left_faster_than_entered_are_probed_or_end_the_run(
-    load: float, probed: int, failed: bool
-) -> None:
-    seen = motion(load=load)
-    stop = backstop(seen, bounces=True)
-    for k in range(12):
-        assert not stop.failed, "a hand that taps the wall while it leans on it throws as often"
-        take(stop, seen, 0.1 + 0.03 * (k % 2), 0.05 + 0.01 * (k % 3), elongation=0.0)
-        seen.gaining += 1
-        stop.update(1e-3, 0.0, 10.0, ended=False)
-        assert stop.probes == probed * (k >= 2)
-    assert stop.failed == failed
-
-
-def test_a_contact_that_ends_as_a_probe_begins_is_not_taken_for_one_on_the_probed_wall() -> None:
-    """At 200 Hz a fast shaft passes surface and gate between two samples."""
-    seen = motion()
-    stop = backstop(seen, bounces=True)
-    for _ in range(3):
-        seen.gaining += 1
-        take(stop, seen, 0.1, 0.1, elongation=0.0)
-    assert stop.phase == Phase.PROBING
-    take(stop, seen, 0.2, 0.15)
-    take(stop, seen, 0.2, 0.15)
-    assert stop.alarm
-
-
 def test_a_hand_that_presses_the_wall_like_a_button_ends_no_run() -> None:
     """Its spring throws the shaft back, faster than the hand has pressed it in."""
     limit = 0.5
@@ -773,60 +314,6 @@ def test_a_wall_that_throws_the_shaft_back_is_found_within_five_contacts() -> No
     assert np.ptp(trial.output[-1000:]) < 0.02
 
 
-def test_where_it_may_not_act_it_neither_probes_nor_reduces() -> None:
-    seen = motion()
-    stop = backstop(seen, acts=False)
-    for k in range(200):
-        take(stop, seen, 0.02 if k > 100 else 0.1, 0.1)
-        assert stop.stiffness_scale == stop.damping_scale == 1.0
-    assert stop.probes == 0
-    assert stop.alarm
-
-
-@settings(max_examples=60)
-@given(
-    st.lists(
-        st.tuples(
-            st.sampled_from([0.02, 0.1, 0.11, 0.2, 0.4]),
-            st.sampled_from([0.002, 0.01, 0.05, 0.1]),
-            st.sampled_from([0.003, 0.012]),
-            st.sampled_from([0.0, 0.2, -0.2]),
-            st.integers(1, 5),
-        ),
-        max_size=40,
-    ),
-    st.booleans(),
-    st.booleans(),
-)
-def test_whatever_moves_the_scales_are_powers_of_a_quarter(
-    rows: list[tuple[float, float, float, float, int]], bounces: bool, suspected: bool
-) -> None:
-    seen = motion()
-    stop = backstop(seen, bounces=bounces)
-    stop.suspected = suspected
-    for duration, amplitude, inertia, elongation, times in rows:
-        for _ in range(times):
-            before = stop.stiffness_scale
-            take(stop, seen, duration, amplitude, inertia, elongation)
-            assert stop.stiffness_scale in SCALES
-            assert stop.damping_scale in SCALES
-            if stop.stiffness_scale > before:
-                assert elongation == 0.0, "a loaded spring is never made stiffer"
-
-
-@pytest.mark.parametrize(("amplitude", "returned"), [(0.015, 0), (0.1, 1)])
-def test_a_much_smaller_motion_with_the_old_period_is_no_hand_on_a_reduced_wall(
-    amplitude: float, returned: int
-) -> None:
-    stop, seen = probing()
-    for _ in range(2):
-        take(stop, seen, 0.2, 0.1)
-    for _ in range(6):
-        take(stop, seen, 0.1, amplitude + 0.001)
-    assert stop.reductions == 1
-    assert stop.returned == returned
-
-
 def test_a_saturated_oscillation_kept_up_by_the_softer_wall_does_not_get_the_wall_back() -> None:
     """Small, it has the period that it had large; a hand would be left alone for ten seconds."""
     bench = bench_of("xl330-m288")
@@ -834,7 +321,7 @@ def test_a_saturated_oscillation_kept_up_by_the_softer_wall_does_not_get_the_wal
     push = operator_of(0.0, 0.0, np.zeros(8000), push=-0.052)
     wall = WallAsked(12.03, 0.0025)
     trial = run_trial(truth, bench.sets, wall, push, duration_s=8.0, position=-0.3)
-    assert trial.counts[3] == 0
+    assert trial.stiffness[-1] < trial.stiffness[0]
     assert trial.trip or np.ptp(trial.output[-1000:]) < 0.05
 
 

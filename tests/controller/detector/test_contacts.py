@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_wall.controller.detector.contacts import Contacts
-from haptic_wall.controller.detector.evidence import lasts, same_period
+from haptic_wall.controller.detector.regularity import lasts, same_period
 from haptic_wall.controller.detector.tuning import TUNING
 from tests.typed import not_none
 
@@ -59,7 +59,7 @@ def bounces(
 def watched(
     samples: Iterable[tuple[float, float]], count: float = 0.0, span: float = PERIOD
 ) -> Contacts:
-    seen = Contacts(count, TUNING.contacts)
+    seen = Contacts(count, TUNING)
     for depth, torque in samples:
         seen.update(depth, torque, span)
     return seen
@@ -70,46 +70,46 @@ def watched(
 def test_a_bounce_lasts_half_a_cycle_of_the_spring(stiffness: float, speed: float) -> None:
     seen = watched(bounces(stiffness, speed, gravity=0.0))
     half = math.pi * math.sqrt(INERTIA / stiffness)
-    assert seen.known == 1
-    assert seen.duration == pytest.approx(half, abs=1.6 * PERIOD)
-    assert seen.amplitude == pytest.approx(speed * half / math.pi, rel=0.05)
+    assert len(seen.last) == 1
+    assert seen.last[-1].duration == pytest.approx(half, abs=1.6 * PERIOD)
+    assert seen.last[-1].amplitude == pytest.approx(speed * half / math.pi, rel=0.05)
 
 
 @pytest.mark.parametrize("stiffness", [2.0, 10.0, 30.0])
 def test_what_bounces_seems_as_heavy_as_it_is(stiffness: float) -> None:
     seen = watched(bounces(stiffness, 2.0, gravity=0.0))
-    assert seen.inertia == pytest.approx(INERTIA, rel=0.05)
+    assert seen.last[-1].inertia == pytest.approx(INERTIA, rel=0.05)
 
 
 def test_the_interval_is_from_exit_to_exit() -> None:
     """A throw with 2 rad/s at 2 rad/s² comes back after 2 s, and stays for half a cycle."""
     seen = watched(bounces(10.0, 2.0, 3))
-    assert seen.known == 3
-    assert seen.interval == pytest.approx(2.0 + seen.duration, rel=0.06)
-    assert seen.duration == pytest.approx(seen.duration_2, rel=0.1)
+    assert len(seen.last) == 3
+    assert seen.interval == pytest.approx(2.0 + seen.last[-1].duration, rel=0.06)
+    assert seen.last[-1].duration == pytest.approx(seen.last[-2].duration, rel=0.1)
 
 
 def test_a_wall_that_gives_as_it_takes_repeats_and_one_that_damps_does_not() -> None:
     even = watched(bounces(10.0, 1.0, 5, gravity=20.0))
-    assert lasts(even, TUNING.evidence)
-    assert same_period(even, TUNING.evidence)
-    assert not lasts(watched(bounces(10.0, 1.0, 5, gravity=20.0, damping=0.1)), TUNING.evidence)
+    assert lasts(even.last, TUNING)
+    assert same_period(even.last, TUNING)
+    assert not lasts(watched(bounces(10.0, 1.0, 5, gravity=20.0, damping=0.1)).last, TUNING)
     late = watched(bounces(10.0, 1.0, 5, gravity=20.0, lag=6))
-    assert lasts(late, TUNING.evidence)
-    assert late.amplitude > late.amplitude_3
+    assert lasts(late.last, TUNING)
+    assert late.last[3].amplitude > late.last[1].amplitude
 
 
 @pytest.mark.parametrize("depth", [0.5, 1.0])
 def test_a_touch_of_a_count_is_no_contact(depth: float) -> None:
     seen = watched([(-COUNT, 0.0), (depth * COUNT, 0.0)] * 20 + [(-COUNT, 0.0)], COUNT)
-    assert seen.known == 0
+    assert len(seen.last) == 0
 
 
 def test_a_start_inside_is_no_entry_but_ends_like_one() -> None:
     """Its first sample tells nothing of the time before."""
     seen = watched([(0.1, 0.0), (0.1, -1.0), (0.05, -1.0), (-0.1, -0.5)])
-    assert seen.known == 1
-    assert seen.duration == pytest.approx(2 * PERIOD)
+    assert len(seen.last) == 1
+    assert seen.last[-1].duration == pytest.approx(2 * PERIOD)
 
 
 @given(
@@ -122,7 +122,7 @@ def test_a_start_inside_is_no_entry_but_ends_like_one() -> None:
 def test_contacts_are_deeper_than_a_count_and_no_longer_than_what_passed(
     samples: list[tuple[float, float, int]], count: float
 ) -> None:
-    seen = Contacts(count, TUNING.contacts)
+    seen = Contacts(count, TUNING)
     total = inside = 0.0
     last = None
     for depth, torque, periods in samples:
@@ -133,13 +133,12 @@ def test_contacts_are_deeper_than_a_count_and_no_longer_than_what_passed(
         ended = seen.update(depth, torque, span)
         if ended:
             assert not_none(last) > 0.0 >= depth
-            assert seen.amplitude > count
-            assert 0.0 < seen.duration <= inside + 1e-12
-            assert seen.duration <= seen.interval + 1e-12
+            assert seen.last[-1].amplitude > count
+            assert 0.0 < seen.last[-1].duration <= inside + 1e-12
+            assert seen.last[-1].duration <= seen.interval + 1e-12
+            assert all(map(math.isfinite, seen.last[-1]))
         last = depth
         assert seen.elapsed <= total + 5e-3
-        assert math.isfinite(seen.inertia)
-        assert math.isfinite(seen.pull)
 
 
 def test_a_bounce_that_lost_speed_does_not_speak_for_small_contacts_after_it() -> None:
@@ -153,7 +152,7 @@ def test_a_bounce_that_lost_speed_does_not_speak_for_small_contacts_after_it() -
         else:
             depth = 30 * COUNT * math.sin(math.tau * 8.0 * k * PERIOD)
             seen.update(max(depth, -6 * COUNT), 0.0, PERIOD)
-    assert seen.known > 10
+    assert len(seen.last) == 4
     assert abs(seen.gain) < 0.02
 
 

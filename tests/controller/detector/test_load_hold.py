@@ -7,6 +7,7 @@ import pytest
 
 from haptic_wall.controller.detector.half_cycles import HalfCycles
 from haptic_wall.controller.detector.load_hold import LoadHold
+from haptic_wall.controller.detector.settings import WatchSettings
 from haptic_wall.controller.detector.tuning import TUNING
 
 STIFFNESS, LIMIT = 10.0, 4.0
@@ -14,7 +15,7 @@ STIFFNESS, LIMIT = 10.0, 4.0
 
 def swung(place: float, amplitude: float, cycles: float = 3.2, friction: float = 0.0) -> HalfCycles:
     """The half-cycles of a swing at 5 Hz about a place, that the spring alone moves."""
-    seen = HalfCycles(1e-3, 0.0, TUNING.half_cycles)
+    seen = HalfCycles(1e-3, 0.0, TUNING)
     for k in range(round(200 * cycles)):
         phase = math.tau * 5.0 * k * 1e-3
         away = place + amplitude * math.cos(phase)
@@ -24,7 +25,7 @@ def swung(place: float, amplitude: float, cycles: float = 3.2, friction: float =
 
 
 def holding(seen: HalfCycles, *, one_sided: bool = False) -> LoadHold:
-    hold = LoadHold(seen, LIMIT, TUNING.hold, one_sided=one_sided)
+    hold = LoadHold(seen, WatchSettings(1e-3, side=int(one_sided), torque_limit=LIMIT))
     hold.begin(STIFFNESS)
     return hold
 
@@ -43,7 +44,7 @@ def test_a_motion_before_a_pause_is_no_part_of_the_load() -> None:
     for k in range(240):
         away = 0.2 + 0.1 * math.cos(math.tau * 5.0 * k * 1e-3)
         seen.update(away, -STIFFNESS * away, 1e-3)
-    assert seen.known == 2
+    assert len(seen.last) == 2
     assert holding(seen).torque == pytest.approx(-2.0, abs=0.02)
 
 
@@ -59,7 +60,7 @@ def test_a_shaft_that_swings_about_the_surface_again_has_no_load_to_be_held() ->
     """Somebody pushed in the last cycle, and has let go: the spring does not carry the mean."""
     seen = swung(0.0, 0.1)
     assert abs(seen.mean_torque(4)) < 0.02
-    pushed = HalfCycles(1e-3, 0.0, TUNING.half_cycles)
+    pushed = HalfCycles(1e-3, 0.0, TUNING)
     for k in range(640):
         away = 0.1 * math.cos(math.tau * 5.0 * k * 1e-3)
         pushed.update(away, -STIFFNESS * away - 2.0, 1e-3)
@@ -130,7 +131,7 @@ def test_a_shaft_that_turns_around_beyond_the_surface_takes_no_held_torque_there
         away = 0.2 * math.cos(math.tau * 5.0 * k * 1e-3)
         ended = seen.update(away, -2.0, 1e-3)
         hold.follow(away, -2.0, 1e-3, STIFFNESS, 1 / 16, ended=ended, returning=False)
-    assert seen.turned < -0.15
+    assert seen.last[-1].end < -0.15
     assert hold.reach > 0.5 * reach, "full only where the load was"
     assert abs(hold.torque) < 0.95 * abs(torque), "the load has gone"
 

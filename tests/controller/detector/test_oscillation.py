@@ -7,17 +7,21 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.detector.acting import ActingTorque
-from haptic_wall.controller.detector.detection import detect, position_step
-from haptic_wall.controller.detector.oscillation import Detector, DetectorSettings, State
+from haptic_wall.controller.detector.detection import Known, detect, position_step
+from haptic_wall.controller.detector.settings import WatchSettings
+from haptic_wall.controller.detector.state import State
+from haptic_wall.controller.detector.watch import Watch
+from haptic_wall.controller.laws.wall import Wall
 from haptic_wall.controller.theory.checks import FloatArray
+from tests.typed import not_none
 
 PERIOD = 1e-3
 COUNT = 2.0 * math.pi / 4096
 MX64 = {"inertia": 0.011951, "damping": 0.011692, "coulomb": 0.0}
 
 
-def settings(**known: Any) -> DetectorSettings:
-    return DetectorSettings(PERIOD, **{**MX64, "position_step": COUNT, **known})
+def settings(**known: Any) -> Known:
+    return Known(PERIOD, **{"inertia": MX64["inertia"], "position_step": COUNT, **known})
 
 
 def free_oscillation(
@@ -36,85 +40,51 @@ def free_oscillation(
     return t, x, torque
 
 
-def watched(detector: Detector, x: FloatArray, torque: FloatArray) -> int | None:
-    """Feed it; the states seen and the sample of the first alarm."""
-    mean = 0.5 * (torque + np.concatenate([[0.0], torque[:-1]]))
-    first = None
-    for k, (position, acting) in enumerate(zip(x.tolist(), mean.tolist(), strict=True)):
-        detector.update(position, acting)
-        if detector.alarm and first is None:
+def heard(x: FloatArray, torque: FloatArray) -> tuple[Watch, int | None]:
+    """The watch of a run that only reports, and the sample of the first alarm."""
+    inertia = MX64["inertia"]
+    watch = Watch(WatchSettings(PERIOD, COUNT, light=inertia, heavy=inertia))
+    law, first = Wall(10.0, 0.0, 0.0, "both"), None
+    for k, (position, sent) in enumerate(zip(x.tolist(), torque.tolist(), strict=True)):
+        watch.passed(1)
+        watch.sample(position, law, math.nan)
+        watch.sent(sent)
+        if watch.alarm and first is None:
             first = k
-    return first
+    return watch, first
 
 
-@pytest.mark.parametrize("frequency", [2.0, 9.0, 28.0])
-@pytest.mark.parametrize("counts", [4.0, 40.0])
+@pytest.mark.parametrize("frequency", [2.0, 9.0, 14.0])
+@pytest.mark.parametrize("counts", [15.0, 40.0])
 def test_sustained_oscillation_is_seen_with_its_frequency_and_amplitude(
     frequency: float, counts: float
 ) -> None:
-    detector = Detector(settings())
-    detector.stiffness = MX64["inertia"] * (2.0 * math.pi * frequency) ** 2
-    _, x, torque = free_oscillation(frequency, 0.0, counts * COUNT, 40.0 / frequency)
-    assert watched(detector, x, torque) is not None
-    assert detector.state == State.SUSTAINED
-    assert detector.frequency_hz == pytest.approx(frequency, rel=0.03)
-    assert detector.amplitude == pytest.approx(counts * COUNT, rel=0.2)
+    _, x, torque = free_oscillation(frequency, 0.0, counts * COUNT, 15.0 / frequency)
+    watch, _ = heard(x, torque)
+    assert watch.state == watch.current == State.SUSTAINED
+    assert watch.frequency_hz == pytest.approx(frequency, rel=0.03)
+    assert watch.amplitude == pytest.approx(counts * COUNT, rel=0.2)
 
 
-def test_oscillation_of_a_count_is_sustained_but_no_alarm() -> None:
-    # A wall without friction keeps it up at any stiffness, by the encoder's steps alone.
-    detector = Detector(settings())
-    detector.stiffness = MX64["inertia"] * (2.0 * math.pi * 9.0) ** 2
-    _, x, torque = free_oscillation(9.0, 0.0, 1.4 * COUNT, 6.0)
-    assert watched(detector, x, torque) is None
-    assert detector.state == State.SUSTAINED
-
-
-def test_growing_oscillation_is_seen_before_it_doubles_and_its_rate_measured() -> None:
-    detector = Detector(settings())
-    detector.stiffness = MX64["inertia"] * (2.0 * math.pi * 10.0) ** 2
+def test_growing_oscillation_is_seen_before_it_doubles() -> None:
     t, x, torque = free_oscillation(10.0, 1.5, 20 * COUNT, 1.0)
-    first = watched(detector, x, torque)
-    assert t[first] < math.log(2.0) / 1.5
-    assert detector.state == State.GROWING
-    # Six counts in a hundred at each end of two cycles.
+    watch, first = heard(x, torque)
+    assert t[not_none(first)] < math.log(2.0) / 1.5
+    assert watch.state == State.GROWING
+
+
+def test_the_same_growth_under_a_hands_torque_is_quiet() -> None:
+    _, x, torque = free_oscillation(10.0, 1.5, 20 * COUNT, 1.0)
+    watch, first = heard(x[:600], 0.3 * torque[:600])
+    assert (watch.state, first) == (State.QUIET, None)
 
 
 def test_rest_and_flicker_of_a_count_are_quiet() -> None:
-    detector = Detector(settings())
-    detector.stiffness = 10.0
-    detector.balance.surface = 0.0
     flicker = np.where(np.random.default_rng(1).random(5000) < 0.5, COUNT, 0.0)
-    assert watched(detector, flicker, -10.0 * flicker) is None
-    assert detector.state == State.QUIET
-    assert detector.amplitude == 0.0
-    assert math.isnan(detector.frequency_hz)
-
-
-def test_alarm_ends_when_the_motion_ends() -> None:
-    detector = Detector(settings())
-    detector.stiffness = MX64["inertia"] * (2.0 * math.pi * 10.0) ** 2
-    _, x, torque = free_oscillation(10.0, 1.5, 20 * COUNT, 1.0)
-    watched(detector, x, torque)
-    assert detector.alarm
-    for _ in range(400):
-        detector.update(float(x[-1]), 0.0)
-    assert not detector.alarm
-    assert detector.state == State.QUIET
-
-
-def test_lost_samples_count_as_the_periods_that_passed() -> None:
-    detector = Detector(settings())
-    detector.stiffness = MX64["inertia"] * (2.0 * math.pi * 5.0) ** 2
-    _, x, torque = free_oscillation(5.0, 0.0, 40 * COUNT, 6.0)
-    kept = np.flatnonzero(np.random.default_rng(2).random(x.size) > 0.05)
-    last = 0
-    for k in kept.tolist():
-        mean = float(np.mean(torque[last : k + 1]))
-        detector.update(float(x[k]), mean, max(1, k - last))
-        last = k
-    assert detector.state == State.SUSTAINED
-    assert detector.frequency_hz == pytest.approx(5.0, rel=0.03)
+    watch, first = heard(flicker, -10.0 * flicker)
+    assert (watch.state, first) == (State.QUIET, None)
+    assert watch.amplitude == 0.0
+    assert math.isnan(watch.frequency_hz)
 
 
 class TestActingTorque:
@@ -149,16 +119,16 @@ class TestActingTorque:
 class TestRecord:
     def test_without_torque_the_motion_alone_is_judged(self) -> None:
         t, x, _ = free_oscillation(6.0, 0.0, 30 * COUNT, 6.0)
-        found = detect(t, x, None, DetectorSettings(PERIOD))
+        found = detect(t, x, None, Known(PERIOD))
         assert found.worst == State.SUSTAINED
         assert found.frequency_hz[found.worst_at] == pytest.approx(6.0, rel=0.03)
         assert found.amplitude[found.worst_at] == pytest.approx(30 * COUNT, rel=0.2)
 
     def test_without_a_model_the_wall_must_at_least_pay(self) -> None:
         t, x, torque = free_oscillation(6.0, 0.8, 30 * COUNT, 3.0)
-        assert detect(t, x, torque, DetectorSettings(PERIOD)).worst == State.GROWING
+        assert detect(t, x, torque, Known(PERIOD)).worst == State.GROWING
         absorbed = -2.0 * x - 0.05 * np.gradient(x, PERIOD)
-        assert detect(t, x, absorbed, DetectorSettings(PERIOD)).worst == State.QUIET
+        assert detect(t, x, absorbed, Known(PERIOD)).worst == State.QUIET
 
     def test_nan_and_gaps_are_left_out(self) -> None:
         t, x, torque = free_oscillation(6.0, 0.8, 30 * COUNT, 3.0)
@@ -177,17 +147,3 @@ class TestRecord:
         assert position_step(noisy) == pytest.approx(COUNT, rel=1e-6)
         _, smooth, _ = free_oscillation(6.0, 0.0, 30 * COUNT, 2.0, step=0.0)
         assert position_step(smooth) == 0.0
-
-
-def test_a_shaft_that_comes_in_with_a_speed_as_the_wall_comes_on_is_no_alarm() -> None:
-    """The torque begins during the motion: it seems to take less than the spring stores."""
-    stiffness = 24.0
-    detector = Detector(settings(coulomb=0.0615))
-    detector.stiffness, detector.balance.surface, detector.balance.lag = stiffness, 0.0, 1.3e-3
-    sent = [0.0, 0.0]
-    for k in range(300):
-        depth = 20.0 * COUNT + 1.5 * 0.02 * (1.0 - math.exp(-k / 20.0))  # a hand slows it down
-        position = round(depth / COUNT) * COUNT
-        detector.update(position, sent[-2])
-        assert not detector.alarm
-        sent.append(-stiffness * position)

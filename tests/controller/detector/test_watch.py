@@ -2,19 +2,14 @@
 
 import json
 import math
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from haptic_wall.controller.detector.backstop_settings import BackstopSettings
-from haptic_wall.controller.detector.oscillation import Detector, DetectorSettings
-from haptic_wall.controller.detector.own_motion import OwnMotion
-from haptic_wall.controller.detector.watch import Watch, WatchSettings
+from haptic_wall.controller.detector.settings import WatchSettings
+from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.laws.wall import Wall
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.processes.inline import run_inline
@@ -41,17 +36,6 @@ BASE = (
 DECEIVED = ("servo.delay=0.006", "model.delay=0.002", "wall.stiffness=10")
 ALLOWED = 0.8 * 4.6788
 SPRING = Wall(1.0, 0.0, 0.0, "both")
-BACKSTOP = BackstopSettings(
-    period=1e-3,
-    position_step=0.0,
-    threshold=0.017,
-    small=0.006,
-    light=0.005,
-    heavy=0.03,
-    heaviest=0.02,
-    rest_torque=0.1,
-    torque_limit=4.1,
-)
 
 
 def play(
@@ -158,7 +142,7 @@ def test_a_stable_wall_is_left_alone(tmp_path: Path) -> None:
 
 
 def test_the_measured_torque_is_believed_before_the_one_sent() -> None:
-    watch = Watch(WatchSettings(DetectorSettings(1e-3), "report", 0.0))
+    watch = Watch(WatchSettings(1e-3))
     watch.passed(1)
     watch.sent(1.0)
     watch.passed(1)
@@ -203,66 +187,6 @@ def test_beyond_the_peak_it_cannot_and_trips(tmp_path: Path) -> None:
     assert rows["damping"].max() <= 3.49, "no more damping than at the peak"
 
 
-def contact_with(
-    torque_in: float,
-    torque_out: float,
-    answer: Literal["reduce", "trip", "report"] = "reduce",
-    side: int = 1,
-    seconds: float = 0.05,
-    deepest: Callable[[Watch], object] | None = None,
-) -> Watch:
-    """The watch after a contact: 0.1 rad in and out again, with these measured torques [N·m].
-
-    ``deepest`` is called with the watch at the deepest point.
-    """
-    detector = DetectorSettings(1e-3)
-    watch = Watch(WatchSettings(detector, answer, 0.0, side=side, heavy=0.02))
-    watch.own = OwnMotion(BACKSTOP, replace(BACKSTOP, bounces=True), side)
-    wall = Wall(10.0, 0.0, 0.0, "above" if side == 1 else "below")
-    ticks = round(seconds * 1e3)
-    way = np.linspace(-0.01, 0.1, ticks)
-    for k, depth in enumerate([*way, *way[::-1]]):
-        watch.passed(1)
-        torque = (torque_in if k < ticks else torque_out) if depth > 0.0 else 0.0
-        watch.sample(side * depth, wall, -side * torque)
-        if k == ticks and deepest is not None:
-            deepest(watch)
-    return watch
-
-
-@pytest.mark.parametrize("side", [1, -1])
-def test_a_one_sided_wall_that_gives_more_than_it_took_ends_the_run(side: int) -> None:
-    """It takes 0.02 J and gives 0.2 J."""
-    assert contact_with(0.2, 2.0, side=side).failed
-    assert not contact_with(2.0, 0.2, side=side).failed, "it has taken energy"
-    assert not contact_with(2.0, 2.1, side=side).failed, "0.01 J is allowed"
-
-
-def test_a_contact_whose_first_half_is_forgotten_ends_no_run() -> None:
-    """The full wall is asked for, or an alarm is taken back, while the shaft is inside."""
-    assert not contact_with(2.0, 0.2, deepest=Watch.raise_again).failed
-    assert not contact_with(0.2, 2.0, deepest=Watch.raise_again).failed
-
-
-def test_a_contact_that_began_without_a_wall_ends_no_run(tmp_path: Path) -> None:
-    """The wall comes on, or is changed, around the shaft, and gives what it held."""
-    assert not contact_with(0.2, 2.0, deepest=Watch.resume).failed
-    ended, rows = play(
-        tmp_path, "wall.side=above", "wall.damping=0.2", "wall.stiffness=40", duration=1.0
-    )
-    assert ended.stop_reason == "duration"
-    assert rows["position"][-1] < 0.0
-
-
-def test_the_energy_of_a_contact_that_lasts_longer_than_a_bounce_is_a_hands() -> None:
-    """A bounce of 0.02 kg·m² on 10 N·m/rad lasts 0.14 s."""
-    assert not contact_with(0.0, 2.0, seconds=0.4).failed
-
-
-def test_a_report_ends_no_run_for_energy() -> None:
-    assert not contact_with(0.2, 2.0, answer="report").failed
-
-
 @pytest.mark.parametrize("kick", sampled([0.05, 0.3], 2))
 @pytest.mark.parametrize("damping", [0.0, 0.02])
 def test_a_wall_within_its_limit_that_dies_slowly_is_left_alone(
@@ -274,22 +198,3 @@ def test_a_wall_within_its_limit_that_dies_slowly_is_left_alone(
     seen = not_none(ended.result)["oscillation"]
     assert seen["first_alarm_s"] is None and seen["state"] == "decaying"
     assert set(rows["stiffness"]) == {rows["stiffness"][0]}, "not even probed"
-
-
-@pytest.mark.parametrize("ticks", [1, 5, 13])
-def test_a_change_of_the_stiffness_behind_a_turning_point_gives_no_energy(ticks: int) -> None:
-    """The spring stores less from then on: the torque of before is not held against it."""
-    count = math.tau / 4096
-    detector = Detector(DetectorSettings(1e-3, 0.012, 0.0, 0.0, count, 10.0))
-    detector.balance.surface = 0.0
-    detector.stiffness, speed, position, turned = 18.7, 0.0, 0.05, 0
-    for k in range(600):
-        torque, before = -detector.stiffness * position, speed
-        speed += torque / 0.012 * 1e-3
-        position += speed * 1e-3
-        if k > 100 and (turned or before * speed <= 0.0):
-            turned += 1
-        if turned == ticks:  # as a probe does
-            detector.stiffness = 18.7 / 4.0
-        detector.update(round(position / count) * count, torque)
-        assert not detector.alarm

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.logs import detected as seen
 from haptic_wall.controller.logs import recordings as log_recording
 from haptic_wall.controller.logs import windows as log_windows

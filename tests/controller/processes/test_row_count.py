@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.processes.plan import Plan
 from haptic_wall.controller.processes.row_count import BATCH, RowCount
 from haptic_wall.controller.runtime.telemetry import Row, Telemetry

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from haptic_wall.controller.detector.backstop import Phase
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.wall import Wall
@@ -326,8 +327,8 @@ def test_the_speed_is_not_taken_over_a_probe() -> None:
     target = Target(law, 16.0, 0.0, delay=5e-3, steps=0)
     for _ in range(20):
         assert changeover.obstacle(law, ring, target, 0.1, 0.0) is not Obstacle.NONE
-    own = SimpleNamespace(reduced=(1.0, 1.0), probing=True)
-    assert changeover.watched(SimpleNamespace(own=own), False) is Obstacle.PROBED  # type: ignore[arg-type]
+    backstop = SimpleNamespace(reduced=(1.0, 1.0), phase=Phase.PROBING)
+    assert changeover.watched(SimpleNamespace(backstop=backstop), False) is Obstacle.PROBED  # type: ignore[arg-type]
     found = [changeover.obstacle(law, ring, target, -0.04 + 0.004 * k, 0.0) for k in range(10)]
     assert found == [Obstacle.READING] * 8 + [Obstacle.ENERGY] * 2
 

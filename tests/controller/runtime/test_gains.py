@@ -35,7 +35,7 @@ def gains(*allowed: tuple[Any, ...], window: int = 100) -> tuple[Gains, Wall]:
     schedule = GainSchedule(
         [cast(Sequence[Decision], decisions)], AGES[: len(allowed)], [PERIOD_NS], 90.0, window
     )
-    return Gains(schedule, wall, RAMP, 5.0), wall
+    return Gains(schedule, wall, RAMP), wall
 
 
 def follow(made: Gains, ticks: int, age_ns: int = 0, may_raise: bool = True) -> int:
@@ -106,15 +106,6 @@ def test_a_longer_delay_that_allows_more_waits_for_a_moment_at_rest() -> None:
     assert (wall.stiffness, wall.damping) == (20.0, 0.1), "less damping at once, more K later"
     follow(made, 2, AGES[1])
     assert (wall.stiffness, wall.damping) == (40.0, 0.1)
-
-
-def test_a_scale_lowers_the_springs_largest_torque_too() -> None:
-    made, wall = gains((40.0, 0.2))
-    made.begin()
-    made.scale(0.25, 1.0, 0.0, 0.0, 0.0)
-    assert (wall.derating.scale, wall.derating.damping_scale) == (0.25, 1.0)
-    assert wall.derating.elastic_limit == 0.25 * 2.0, "of the clip, below the servo's limit"
-    assert wall.stiffness == 40.0
 
 
 def test_the_largest_rise_is_to_the_stiffest_of_all_decisions() -> None:

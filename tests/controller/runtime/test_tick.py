@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from haptic_wall.controller.detector.oscillation import DetectorSettings
-from haptic_wall.controller.detector.watch import Watch, WatchSettings
+from haptic_wall.controller.detector.settings import WatchSettings
+from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.guard.schedule import GainSchedule
 from haptic_wall.controller.guard.types import Decision
 from haptic_wall.controller.laws.delay import DelayRing
@@ -88,11 +88,9 @@ class ScriptedServo:
         return limited
 
 
-class ScaledWatch(Watch):
-    """Scales the wall as a test says, and counts the requests to raise it."""
+class CountingWatch(Watch):
+    """Counts the requests to raise the wall."""
 
-    scale = damping_scale = 1.0
-    soft_to = math.inf
     asked = 0
 
     def raise_again(self) -> None:
@@ -120,9 +118,9 @@ class Rig:
         self.wall = wall.get("law") or Wall(
             0.0, 0.0, 0.0, wall.get("side", "both"), wall.get("clip", math.inf)
         )
-        gains = Gains(self.schedule, self.wall, 50, ScriptedServo.facts.torque_limit)
+        gains = Gains(self.schedule, self.wall, 50)
         pipelined = wall.get("pipelined", False)
-        self.watch = ScaledWatch(WatchSettings(DetectorSettings(1e-3), "report", 0.0))
+        self.watch = CountingWatch(WatchSettings(1e-3))
         self.tick = Tick(
             TickParts(
                 clock=self.clock,
@@ -355,7 +353,10 @@ def test_stiffer_again_only_where_that_loads_the_spring_with_no_more_than_a_smal
 
 def reduced(rig: Rig, scale: float, damping_scale: float) -> Rig:
     """The watch scales the wall from now on."""
-    rig.watch.scale, rig.watch.damping_scale = scale, damping_scale
+    now = rig.watch.backstop.derating
+    now.scale, now.damping_scale = scale, damping_scale
+    rig.watch.backstop._hold.deep = math.inf
+    now.elastic_limit = scale * min(5.0, rig.wall.clip)
     return rig
 
 
@@ -372,7 +373,7 @@ def test_the_watch_scales_the_limit_of_the_elastic_torque_too() -> None:
     """Else a wall that saturates would be as stiff as before; deeper than the motion it rises."""
     rig = on(Rig([1.0] * 5, stiffness=100.0)).run(2)
     reduced(rig, 0.25, 0.25).run(2)
-    rig.watch.soft_to = 0.9
+    rig.watch.backstop._hold.deep = 0.9
     rig.run(1)
     assert rig.servo.sent == pytest.approx([-5.0, -5.0, -1.25, -1.25, -3.75])
     rig = on(Rig([1.0] * 4, stiffness=100.0, clip=2.0)).run(2)

@@ -1,0 +1,59 @@
+"""Settings of the oscillation watch: its knowledge, and its permitted actions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from haptic_wall.controller.detector.tuning import TUNING, Tuning
+
+Answer = Literal["report", "reduce", "trip"]
+
+
+@dataclass(frozen=True, slots=True)
+class WatchSettings:
+    """The watch's knowledge, and its permitted actions. Torques are commanded ones."""
+
+    period: float
+    """T [s]"""
+    position_step: float = 0.0
+    """Encoder count [rad]; 0: none"""
+    answer: Answer = "report"
+    """To an alarm: only report it, reduce the wall, or end the run. ``report`` never probes."""
+    side: int = 0
+    """0: the wall is two-sided; +1 or -1: it fills the positions above or below it"""
+    light: float = 0.0
+    """Least believed inertia, in commanded torque [kg·m²]"""
+    heavy: float = math.inf
+    """Largest believed inertia, in commanded torque [kg·m²]"""
+    lag: float = 0.0
+    """Believed lag, from sending a torque until it acts [s]"""
+    torque_limit: float = math.inf
+    """[N·m]"""
+    rest_torque: float = 0.0
+    """The gains return where the change of the elastic torque is less [N·m]."""
+    passive: bool = False
+    """Passivity control acts: growth alone is no alarm"""
+    elongation: Callable[[float], float] | None = None
+    """Elongation of a law that is not linear: that of a linear spring with the same energy, over
+    position [rad]. Such a law holds no load while it is softened."""
+    tuning: Tuning = TUNING
+
+    @property
+    def acts(self) -> bool:
+        """Whether the watch may change the wall, or end the run."""
+        return self.answer != "report"
+
+    @property
+    def threshold(self) -> float:
+        """Return the amplitude from which a motion is probed [rad]."""
+        tuning, step = self.tuning, self.position_step
+        return tuning.large_counts * step if step else tuning.large_rad
+
+    @property
+    def small(self) -> float:
+        """Return the amplitude from which a steady motion is probed [rad]."""
+        tuning, step = self.tuning, self.position_step
+        return tuning.small_counts * step if step else tuning.small_rad
