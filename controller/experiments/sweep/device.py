@@ -87,12 +87,12 @@ class BelievedLoop:
 
     def ceiling(self, delay: float) -> float:
         """Return the virtual damping above which nothing is stable [N·m·s/rad]."""
-        loop = (self.period, delay, self.samples, self.velocity_filter)
-        found = float(chain_ceiling(*one_mass(self.inertia, self.damping), *loop))
+        loop, late = (self.period, delay, self.samples), self.velocity_filter
+        found = float(chain_ceiling(*one_mass(self.inertia, self.damping), *loop, late))
         if self.load is not None:
             motor = self.inertia - self.load[0]
             masses = two_masses(motor, self.damping, *self.load, encoder=self.encoder)
-            found = min(found, float(chain_ceiling(*masses, *loop)))
+            found = min(found, float(chain_ceiling(*masses, *loop, late)))
         return found
 
 
