@@ -16,7 +16,6 @@ from haptic_wall.controller.bench.machine import (
     stolen_percent,
     versions,
 )
-from haptic_wall.controller.bench.rights import granted
 from haptic_wall.controller.bench.rows import Section
 from haptic_wall.controller.errors import HapticWallError
 from haptic_wall.controller.system.signals import interrupting
@@ -39,7 +38,7 @@ def measured(modules: Mapping[str, str], tell: Callable[[str], None]) -> dict[st
     """
     began, before = time.monotonic(), processor_time()
     report: dict[str, Any] = {
-        "machine": {**machine(), "load_average": load_average(), "realtime": granted()},
+        "machine": {**machine(), "load_average": load_average()},
         "versions": versions(),
         "interrupted": False,
         "sections": {},

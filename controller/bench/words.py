@@ -69,16 +69,3 @@ def stolen(percent: float | None) -> str:
     if percent is None:
         return "the host's share of the processors' time is not known"
     return f"{percent:.2g} % of the processors' time taken by the host"
-
-
-def rights(report: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the real-time settings: the granted ones, then each missing one with its remedy."""
-    settings = report["machine"]["realtime"]
-    got = [f"{setting['name']}: {setting['got']}" for setting in settings if setting["ok"]]
-    yield "real-time settings granted: " + (", ".join(got) or "none known")
-    for setting in settings:
-        if not setting["ok"]:
-            yield (
-                f"{setting['name']}: wanted {setting['wanted']}, {setting['got']};"
-                f" {setting['remedy']}"
-            )

@@ -122,7 +122,7 @@ def _packed(
     from haptic_wall.controller.experiments.acceptance.judged import FAILS, HOLDS, rows
     from haptic_wall.controller.report.acceptance.page import page
 
-    found = [row.report() for row in rows(predicted, real, twin)]
+    found = rows(predicted, real, twin)
     verdicts = [row["verdict"] for row in found]
     scrubber = bundle.Scrubber([out])
     config = asked.config

@@ -73,9 +73,6 @@ def _text(report: Mapping[str, Any]) -> str:
     lines = [words.hardware(report)]
     lines += _folded(words.installed(report), 0)
     lines.append(words.meanwhile(report))
-    if report["machine"]["realtime"]:
-        for line in words.rights(report):
-            lines += _folded(line, 0)
     for name, section in report["sections"].items():
         took = f"{section['seconds']:.0f} s, {words.stolen(section['steal_percent'])}"
         lines += ["", f"{words.title(name)} ({took})"]

@@ -262,6 +262,15 @@ def ask_to_move(servo: Servo, yes: bool) -> None:
     click.confirm(f"May servo {servo.id} at {servo.port} move?", abort=True, err=True)
 
 
+def say_swing(servo: Servo, far: float) -> None:
+    """Announce how far a sweep moves a real servo to both sides [rad]."""
+    say(
+        f"the shaft of servo {servo.id} at {servo.port} will swing to both sides of its position,"
+        f" by at most about {far:.2g} rad ({far * 57.3:.0f} degrees), with up to"
+        f" {servo.torque_limit:g} N·m, at rising stiffness; Ctrl-C ends the motion"
+    )
+
+
 def moving(config: Config, seconds: float) -> AbstractContextManager[Work]:
     """Show that a servo is being moved.
 

@@ -25,6 +25,7 @@ from haptic_wall.controller.cli.options import say
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.files import make_folder
+from haptic_wall.controller.system.signals import interrupting
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.maps.maps import (
@@ -42,13 +43,6 @@ _KICK = 0.01
 """Of a servo without friction, encoder and backlash, to which the kick does not matter [rad]."""
 _DAMPINGS = 12
 _ROWS = "map.rows"
-_NOT_MAPPED = (
-    "chain",
-    *("torque_constant", "current_bandwidth", "current_period", "dead_band", "back_emf"),
-    *("current_droop", "no_load_speed", "current_filter", "current_offset", "supply", "ambient"),
-    *("position", "hand", "hand_origin", "hand_direction"),
-)
-"""Truths of a servo that a report does not name"""
 
 
 @click.command()
@@ -123,7 +117,8 @@ def command(
         share = done / total
 
     def measure(folder: Path) -> CriticalMap:
-        return _computed(wanted, folder, resume, asked.force, workers, dask, progress)
+        with interrupting():
+            return _computed(wanted, folder, resume, asked.force, workers, dask, progress)
 
     seconds = _POINT_S * wanted.points
     carry_out(
@@ -176,7 +171,7 @@ def _report(found: CriticalMap) -> dict[str, Any]:
         "side": "one" if setting.one_sided else "both",
         "period_s": setting.period,
         "velocity_samples": setting.velocity_samples,
-        "servo": {k: v for k, v in asdict(setting.servo).items() if k not in _NOT_MAPPED},
+        "servo": asdict(setting.servo),
         "complete": found.complete,
         "points": list(_points(found)),
     }

@@ -15,6 +15,7 @@ from haptic_wall.controller.cli.experiment import (
     dask_option,
     experiment,
     folder_option,
+    say_swing,
 )
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
 from haptic_wall.controller.cli.numbers import numbers, periods, whole_periods
@@ -197,12 +198,7 @@ def _announce(config: Config, left: tuple[PlanePoint, ...], options: Options, do
         points = "1 point" if len(left) == 1 else f"{len(left)} points"
         say(f"{points}, {_span(expected_s(config, left, options))} in real time{hint}")
     if config.servo.kind == "hardware":
-        far = excursion(config, left, options)
-        say(
-            f"the shaft of servo {config.servo.id} at {config.servo.port} will swing to both sides"
-            f" of its position, by at most about {far:.2g} rad ({far * 57.3:.0f} degrees), with up"
-            f" to {config.servo.torque_limit:g} N·m, at rising stiffness; Ctrl-C ends the motion"
-        )
+        say_swing(config.servo, excursion(config, left, options))
 
 
 class _Progress:

@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from haptic_wall.controller.cli.experiment import Asked, carry_out, experiment, folder_option
+from haptic_wall.controller.cli.experiment import (
+    Asked,
+    carry_out,
+    experiment,
+    folder_option,
+    say_swing,
+)
 from haptic_wall.controller.cli.numbers import periods
 from haptic_wall.controller.cli.options import say
 from haptic_wall.controller.errors import UserError
@@ -129,11 +135,7 @@ def _announce(asked: Asked, chosen: Sequence[Width], seconds: float) -> None:
             ),
             default=0.0,
         )
-        say(
-            f"the shaft of servo {config.servo.id} at {config.servo.port} will swing to both sides"
-            f" of its position, by at most about {far:.2g} rad ({far * 57.3:.0f} degrees), with up"
-            f" to {config.servo.torque_limit:g} N·m; Ctrl-C ends the motion"
-        )
+        say_swing(config.servo, far)
 
 
 def _text(found: Found, files: list[Path]) -> str:

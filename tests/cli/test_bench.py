@@ -32,11 +32,6 @@ FOUND = Section(
     ("somebody is not installed",),
 )
 
-RIGHTS = [
-    {"name": "core", "wanted": "core 1", "got": "core 1", "ok": True, "remedy": ""},
-    {"name": "memory", "wanted": "all", "got": "refused: no", "ok": False, "remedy": "sudo this"},
-]
-
 
 @pytest.fixture(autouse=True)
 def little_work(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -59,7 +54,6 @@ def made_up(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[..., object]]
             monkeypatch.setitem(SECTIONS, name, "made_up")
 
     become(lambda: FOUND)
-    monkeypatch.setattr("haptic_wall.controller.bench.report.granted", lambda: RIGHTS)
     # What is made up takes less than the unit of the processors' time.
     times = (ProcessorTime(1000 * n, n) for n in itertools.count())
     monkeypatch.setattr("haptic_wall.controller.bench.report.processor_time", lambda: next(times))
@@ -77,9 +71,8 @@ def test_the_json_holds_machine_versions_and_every_section(cli: Cli) -> None:
     assert status == 0
     report = json.loads(out, parse_constant=pytest.fail)
     assert list(report["sections"]) == list(SECTIONS)
-    on = {"processor", "cores", "system", "kernel", "realtime", "load_average", "steal_percent"}
+    on = {"processor", "cores", "system", "kernel", "load_average", "steal_percent"}
     assert on == set(report["machine"])
-    assert report["machine"]["realtime"] == RIGHTS
     ours = {"haptic-wall", "python", "numpy", "scipy"}
     peers = {"control", "cyclictest", "dynamixel-sdk", "loop-rate-limiters", "rustypot"}
     assert ours | peers | {"numba"} == set(report["versions"])
@@ -106,10 +99,6 @@ def test_the_text_tells_every_figure_with_what_it_does_not_show(cli: Cli) -> Non
     assert "  423,000 settings/s  settings in a second\n" in out
     assert "  0.875  ratio\n    does not show anything else\n  somebody is not installed" in out
     assert "taken by the host" in out
-    assert (
-        "real-time settings granted: core: core 1\nmemory: wanted all, refused: no; sudo this"
-        in out
-    )
 
 
 @pytest.mark.parametrize(

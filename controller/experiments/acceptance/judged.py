@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from haptic_wall.controller.experiments.acceptance.predictions import at_kick
@@ -13,169 +12,116 @@ from haptic_wall.controller.experiments.commission.sequence import Ended
 _ERRORS = 2.0
 """Standard errors within which a prediction holds"""
 HOLDS, FAILS, OBSERVED, MISSING = "holds", "does not hold", "observed", "not measured"
-_UNITS = {
-    "inertia": "kg·m²",
-    "damping": "N·m·s/rad",
-    "coulomb": "N·m",
-    "delay": "s",
-    "torque_gain": "",
-    "backlash": "rad",
+_PARAMETERS = {
+    "inertia": ("inertia", "kg·m²"),
+    "damping": ("viscous friction", "N·m·s/rad"),
+    "coulomb": ("Coulomb friction", "N·m"),
+    "delay": ("delay of the servo, by its motions", "s"),
+    "torque_gain": ("torque gain", ""),
+    "backlash": ("backlash", "rad"),
 }
-_WORDS = {
-    "damping": "viscous friction",
-    "coulomb": "Coulomb friction",
-    "delay": "delay of the servo, by its motions",
-    "torque_gain": "torque gain",
-}
+_DEVICE, _STATIC = "delay of the servo, by further runs", "rendered over commanded stiffness"
+
+Figure = dict[str, float | None]
+"""``value``, ``stderr``, and ``kick_rad``: the amplitude for which a limit holds"""
 
 
-@dataclass(frozen=True, slots=True)
-class Figure:
-    """A measured figure."""
-
-    value: float
-    stderr: float | None = None
-    kick_rad: float | None = None
-    """Amplitude for which a limit holds"""
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One assumption."""
-
-    name: str
-    unit: str
-    step: str
-    low: float | None
-    """Predicted; None: nothing was predicted"""
-    high: float | None
-    real: Figure | None
-    emulated: Figure | None
-    verdict: str
-    note: str | None = None
-
-    def report(self) -> dict[str, Any]:
-        """Return JSON-ready values."""
-        return asdict(self)
-
-
-def rows(predictions: Mapping[str, Any], real: Ended, twin: Ended) -> list[Row]:
+def rows(predictions: Mapping[str, Any], real: Ended, twin: Ended) -> list[dict[str, Any]]:
     """Return every assumption with its prediction and its measurements.
 
     Args:
         predictions: As they were written before.
         real: The servo of CONFIG.
         twin: The emulated servo.
+
+    Returns:
+        For each ``name, unit, step, low, high`` (predicted; null: nothing was), ``real`` and
+        ``emulated`` (null: not measured), ``verdict`` and ``note``.
     """
-    found = [
-        *_parameters(predictions, real, twin),
-        *_delays(predictions, real, twin),
-        *_rendered(predictions, real, twin),
-        *_limits(predictions, real, twin),
-    ]
-    return [row for row in found if row.real is not None or row.emulated is not None or row.note]
+    here, there = dict(_figures(real)), dict(_figures(twin))
+    swept = real.data("sweep")
+    why = {_limit_name(point): _why(point) for point in (swept["points"] if swept else ())}
+    ended = real.outcomes.get("sweep")
+    early = f"the sweep ended before: {ended.reason}" if ended and ended.reason else None
+    found = []
+    for name, unit, step, wanted in _predicted(predictions):
+        figure, beside = here.get(name), there.get(name)
+        bounds: Mapping[str, Any] | None = wanted
+        note = why.get(name, early) if step == "sweep" else None
+        if step == "sweep":
+            kicks = (each["kick_rad"] for each in (figure, beside) if each is not None)
+            kick = next(filter(None, kicks), None)
+            bounds = None if kick is None else at_kick(wanted, kick)
+        verdict = _verdict(figure, bounds)
+        if verdict == FAILS and step == "sweep" and figure and bounds:
+            note = "; ".join(filter(None, (_side(figure, bounds), note)))
+        if figure is not None or beside is not None or note:
+            low, high = (bounds["low"], bounds["high"]) if bounds else (None, None)
+            row = {"name": name, "unit": unit, "step": step, "low": low, "high": high}
+            more = {"real": figure, "emulated": beside, "verdict": verdict, "note": note}
+            found.append(row | more)
+    return found
 
 
-def _row(
-    name: str,
-    unit: str,
-    step: str,
-    bounds: Mapping[str, float] | None,
-    real: Figure | None,
-    twin: Figure | None,
-    note: str | None = None,
-) -> Row:
-    low, high = (None, None) if bounds is None else (bounds["low"], bounds["high"])
-    if real is None:
-        verdict = MISSING
-    elif low is None or high is None:
-        verdict = OBSERVED  # nothing was predicted at its kick
-    else:
-        room = _ERRORS * (real.stderr or 0.0)
-        verdict = HOLDS if low - room <= real.value <= high + room else FAILS
-    return Row(name, unit, step, low, high, real, twin, verdict, note)
-
-
-def _estimate(found: Mapping[str, Any] | None) -> Figure | None:
-    if found is None or found.get("value") is None or not math.isfinite(found["value"]):
-        return None
-    return Figure(found["value"], found.get("stderr"))
-
-
-def _parameters(predictions: Mapping[str, Any], *measured: Ended) -> Iterator[Row]:
-    for name, unit in _UNITS.items():
-        real, twin = (_estimate((each.data("identify") or {}).get(name)) for each in measured)
-        words = _WORDS.get(name, name)
-        yield _row(words, unit, "identify", predictions["parameters"][name], real, twin)
-
-
-def _delays(predictions: Mapping[str, Any], *measured: Ended) -> Iterator[Row]:
-    data = [each.data("delay") for each in measured]
-    real, twin = (_estimate(each["parts"]["device"] if each else None) for each in data)
-    bounds = predictions["parameters"]["delay"]
-    yield _row("delay of the servo, by further runs", "s", "delay", bounds, real, twin)
+def _predicted(predictions: Mapping[str, Any]) -> Iterator[tuple[str, str, str, Any]]:
+    """Yield name, unit, step and bounds of each prediction; for a limit its bounds by the kick."""
+    for key, (name, unit) in _PARAMETERS.items():
+        yield name, unit, "identify", predictions["parameters"][key]
+    yield _DEVICE, "s", "delay", predictions["parameters"]["delay"]
     for inserted in predictions["inserted_delay"]:
-        found = [
-            next(
-                (
-                    _estimate(point["recovered"])
-                    for point in (each["points"] if each else ())
-                    if math.isclose(point["inserted"], inserted["inserted"], abs_tol=1e-9)
-                ),
-                None,
-            )
-            for each in data
-        ]
-        name = f"inserted delay of {1e3 * inserted['inserted']:g} ms, as measured"
-        yield _row(name, "s", "delay", inserted, found[0], found[1])
+        yield _inserted_name(inserted), "s", "delay", inserted
+    yield _STATIC, "", "rendered", predictions["static_stiffness_ratio"]
+    for point in predictions["critical_stiffness"]:
+        yield _limit_name(point), "N·m/rad", "sweep", point
 
 
-def _rendered(predictions: Mapping[str, Any], *measured: Ended) -> Iterator[Row]:
-    real, twin = (_static(each.data("rendered")) for each in measured)
-    bounds = predictions["static_stiffness_ratio"]
-    yield _row("rendered over commanded stiffness", "", "rendered", bounds, real, twin)
-
-
-def _static(rendered: Mapping[str, Any] | None) -> Figure | None:
-    for row in rendered["rows"] if rendered else ():
+def _figures(measured: Ended) -> Iterator[tuple[str, Figure]]:
+    """Yield what was measured, by the names of the predictions."""
+    identify, delay, rendered = (measured.data(s) or {} for s in ("identify", "delay", "rendered"))
+    estimates = [(name, identify.get(key)) for key, (name, _) in _PARAMETERS.items()]
+    if delay:
+        estimates.append((_DEVICE, delay["parts"]["device"]))
+        estimates += [(_inserted_name(each), each["recovered"]) for each in delay["points"]]
+    for name, each in estimates:
+        if each and each["value"] is not None and math.isfinite(each["value"]):
+            yield name, _figure(each["value"], each["stderr"])
+    for row in rendered.get("rows", ()):
         if row["name"] == "static stiffness" and row["rendered"] and row["commanded"]:
-            return Figure(
-                row["rendered"] / row["commanded"], (row["stderr"] or 0.0) / row["commanded"]
-            )
-    return None
+            error = (row["stderr"] or 0.0) / row["commanded"]
+            yield _STATIC, _figure(row["rendered"] / row["commanded"], error)
+    for point in (measured.data("sweep") or {"points": ()})["points"]:
+        if point["measured"] is not None:
+            figure = _figure(point["measured"], point["uncertainty"], point["kick_rad"])
+            yield _limit_name(point), figure
 
 
-def _limits(predictions: Mapping[str, Any], *measured: Ended) -> Iterator[Row]:
-    for wanted in predictions["critical_stiffness"]:
-        points = [_point(each.data("sweep"), wanted) for each in measured]
-        figures = [
-            None
-            if point is None or point["measured"] is None
-            else Figure(point["measured"], point["uncertainty"], point["kick_rad"])
-            for point in points
-        ]
-        real = figures[0]
-        kick = next((each.kick_rad for each in figures if each is not None and each.kick_rad), None)
-        bounds = None if kick is None else at_kick(wanted, kick)
-        note = _why(points[0], _reason(measured[0]))
-        name = (
-            f"critical stiffness at B {wanted['virtual_damping']:.3g} N·m·s/rad,"
-            f" {wanted['delay_steps']} periods inserted"
-        )
-        row = _row(name, "N·m/rad", "sweep", bounds, real, figures[1], note)
-        said = [_side(row), note] if row.verdict == FAILS else [note]
-        yield replace(row, note="; ".join(filter(None, said)) or None)
+def _figure(value: float, stderr: float | None, kick_rad: float | None = None) -> Figure:
+    return {"value": value, "stderr": stderr, "kick_rad": kick_rad}
 
 
-def _reason(measured: Ended) -> str | None:
-    outcome = measured.outcomes.get("sweep")
-    return None if outcome is None else outcome.reason
+def _inserted_name(inserted: Mapping[str, Any]) -> str:
+    return f"inserted delay of {1e3 * inserted['inserted']:g} ms, as measured"
 
 
-def _why(point: Mapping[str, Any] | None, ended: str | None) -> str | None:
+def _limit_name(point: Mapping[str, Any]) -> str:
+    return (
+        f"critical stiffness at B {point['virtual_damping']:.3g} N·m·s/rad,"
+        f" {point['delay_steps']} periods inserted"
+    )
+
+
+def _verdict(figure: Figure | None, bounds: Mapping[str, Any] | None) -> str:
+    if figure is None or figure["value"] is None:
+        return MISSING
+    if bounds is None:
+        return OBSERVED
+    room = _ERRORS * (figure["stderr"] or 0.0)
+    inside = bounds["low"] - room <= figure["value"] <= bounds["high"] + room
+    return HOLDS if inside else FAILS
+
+
+def _why(point: Mapping[str, Any]) -> str | None:
     """Return why a point has no figure, or what disturbed the figure that it has."""
-    if point is None:
-        return None if ended is None else f"the sweep ended before: {ended}"
     found = [point["reason"]] if point["reason"] else []
     if point["measured"] is not None:
         if point.get("disturbed"):
@@ -184,18 +130,8 @@ def _why(point: Mapping[str, Any] | None, ended: str | None) -> str | None:
     return "; ".join(found) or None
 
 
-def _side(row: Row) -> str:
+def _side(figure: Figure, bounds: Mapping[str, Any]) -> str:
     """Return on which side of its bounds a limit lies."""
-    if row.real is not None and row.high is not None and row.real.value > row.high:
+    if (figure["value"] or 0.0) > bounds["high"]:
         return "above, the safe side: the servo has more friction than believed"
     return "below: the guard allows too much; use the report's model, or lower guard.margin"
-
-
-def _point(sweep: Mapping[str, Any] | None, wanted: Mapping[str, Any]) -> Any:  # noqa: ANN401
-    for point in sweep["points"] if sweep else ():
-        if (point["virtual_damping"], point["delay_steps"]) == (
-            wanted["virtual_damping"],
-            wanted["delay_steps"],
-        ):
-            return point
-    return None

@@ -109,8 +109,8 @@ def run_steps(bench: StepContext) -> Ended:
         basis = fingerprint({"config": config.model_dump(mode="json")})
         before = earlier.get(step)
         # The testbed is examined again before new motions.
-        usable = complete or step != "doctor"
-        if usable and before and before.basis == basis and before.state == "done":
+        usable = complete or (step != "doctor" and before and before.state == "done")
+        if usable and before and before.basis == basis:
             bench.tell(f"{step}: kept from an earlier call")
             outcomes[step] = before
         elif not interrupted:

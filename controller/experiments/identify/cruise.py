@@ -93,28 +93,6 @@ def cruises(cruise: Cruise, bands: Sequence[Band], guess: Guess, bounds: Bounds)
     return _there_and_back(cruise, [_swept(cruise, band) for band in bands], guess, bounds)
 
 
-def damped_cruises(
-    cruise: Cruise, dampings: Sequence[float], guess: Guess, bounds: Bounds
-) -> list[Phase]:
-    """Return the program: each virtual damping on the way there and on the way back.
-
-    Args:
-        cruise: Cruise of the servo.
-        dampings: At least one damping [N·m·s/rad].
-        guess: Parameters for the spring that brings the shaft back to its start.
-        bounds: Limits.
-
-    Raises:
-        ValueError: A damping is not positive.
-    """
-    if min(dampings) <= 0.0:
-        raise ValueError(f"a cruise needs a positive virtual damping, got {min(dampings):g}")
-    damped = [
-        Phase(cruise.seconds, damping=b, bias=cruise.bias + b * cruise.speed) for b in dampings
-    ]
-    return _there_and_back(cruise, damped, guess, bounds)
-
-
 def _swept(cruise: Cruise, band: Band) -> Phase:
     return Phase(
         cruise.seconds,

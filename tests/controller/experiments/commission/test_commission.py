@@ -309,6 +309,26 @@ def test_what_is_interrupted_is_kept_and_resumed(desk: Desk, error: BaseExceptio
     assert called == ["delay", "rendered", "sweep"]
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('\\"torque_limit\\": 4.1', '\\"torque_limit\\": 41.0', "in more than the model"),
+        ('"step": "delay"', '"stop": "delay"', "commission.rows, line 4: found no result"),
+    ],
+)
+def test_what_was_kept_and_then_edited_is_refused(
+    old: str, new: str, told: str, desk: Desk
+) -> None:
+    """A folder of somebody else must not raise a torque limit."""
+    desk.take()
+    desk.report()
+    kept = desk.folder / "commission.rows"
+    assert old in kept.read_text()
+    kept.write_text(kept.read_text().replace(old, new))
+    assert call("commission", *SIMULATED, "--out", desk.folder) == 2
+    assert told in desk.capsys.readouterr().err
+
+
 def test_fresh_begins_anew(desk: Desk) -> None:
     desk.take()
     desk.report()
