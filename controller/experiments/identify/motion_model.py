@@ -43,6 +43,11 @@ class Motion:
     torque: FloatArray
     """Held from its instant to the next [N·m], shape (k,)"""
 
+    @property
+    def driven(self) -> bool:
+        """Return whether any torque was sent."""
+        return bool(np.any(self.torque != 0.0))
+
 
 def motion_of(rows: NDArray[np.void]) -> Motion:
     """Return the motion that the rows of a log record.
@@ -303,8 +308,8 @@ def _torques(
         sizes = {name: value[:, :, None] for name, value in used.items()}
         outside = weight + _wave(sizes, "cogging_sine", "cogging_cosine", turned)
     shape = (*lengths.shape[:3], 1)
-    every = (np.broadcast_to(each[..., None], shape) for each in (outside, weight))
-    return lengths, torques, *every
+    outside, weight = (np.broadcast_to(each[..., None], shape) for each in (outside, weight))
+    return lengths, torques, outside, weight
 
 
 def _wave(used: Values, sine: str, cosine: str, angle: FloatArray) -> FloatArray:
