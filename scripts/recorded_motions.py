@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from haptic_wall.controller.experiments.identify.motion_model import Motion
+from haptic_wall.controller.experiments.identify.motion import Motion
 from haptic_wall.controller.experiments.recorded.estimate import Pendulum
 from haptic_wall.controller.experiments.recorded.record import read_record
 from haptic_wall.controller.theory.checks import FloatArray

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from haptic_wall.controller.experiments.identify.motion_model import taken
+from haptic_wall.controller.experiments.identify.motion import taken
 from haptic_wall.controller.experiments.recorded.choice import error_of, predicted, start_with
 from haptic_wall.controller.experiments.recorded.estimate import identify_record
 from haptic_wall.controller.experiments.recorded.friction import FREE, MEANING, MODELS

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.experiments.identify.effects import NONE, Effects
-from haptic_wall.controller.experiments.identify.motion_model import Motion, Pieces, pieces_of
+from haptic_wall.controller.experiments.identify.motion import Motion, Pieces, pieces_of
 from haptic_wall.controller.experiments.identify.output_error import (
     OutputError,
     Prior,

@@ -32,7 +32,7 @@ from haptic_wall.controller.experiments.identify.fitting import (
     moving,
     white_part,
 )
-from haptic_wall.controller.experiments.identify.motion_model import Motion, Pieces
+from haptic_wall.controller.experiments.identify.motion import Motion, Pieces
 from haptic_wall.controller.experiments.identify.output_error import NO_PRIOR, Prior
 from haptic_wall.controller.experiments.identify.separable import Linear
 from haptic_wall.controller.theory.checks import FloatArray

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.signal import savgol_filter
 
-from haptic_wall.controller.experiments.identify.motion_model import Motion
+from haptic_wall.controller.experiments.identify.motion import Motion
 from haptic_wall.controller.theory.checks import FloatArray
 
 SMOOTH_S = 0.021

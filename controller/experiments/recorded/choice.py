@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.experiments.identify.motion_model import Motion, Pieces, taken
+from haptic_wall.controller.experiments.identify.motion import Motion, Pieces, taken
 from haptic_wall.controller.experiments.recorded.friction import MODELS
 from haptic_wall.controller.experiments.recorded.record import pieces_of
 from haptic_wall.controller.experiments.recorded.shooting import (

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptic_wall.controller.experiments.estimated import Estimated
-from haptic_wall.controller.experiments.identify.motion_model import Motion
+from haptic_wall.controller.experiments.identify.motion import Motion
 from haptic_wall.controller.experiments.identify.standard_errors import standard_covariance
 from haptic_wall.controller.experiments.recorded.choice import Judged, judged
 from haptic_wall.controller.experiments.recorded.friction import (

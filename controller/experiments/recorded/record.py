@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.detection import position_step
-from haptic_wall.controller.experiments.identify.motion_model import Motion, Pieces
-from haptic_wall.controller.experiments.identify.motion_model import pieces_of as cut_at
+from haptic_wall.controller.experiments.identify.motion import Motion, Pieces
+from haptic_wall.controller.experiments.identify.motion import pieces_of as cut_at
 from haptic_wall.controller.experiments.recorded.friction import LONGEST_DELAY_S
 from haptic_wall.controller.logs.csv_recording import columns_in_time
 from haptic_wall.controller.logs.csv_table import TORQUE

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptic_wall.controller.experiments.identify.motion_model import Motion, Pieces
+from haptic_wall.controller.experiments.identify.motion import Motion, Pieces
 from haptic_wall.controller.experiments.identify.output_error import OutputError, Sizes
 from haptic_wall.controller.experiments.identify.separable import Linear
 from haptic_wall.controller.experiments.identify.start import start_of

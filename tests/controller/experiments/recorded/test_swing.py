@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from haptic_wall.controller.experiments.identify.motion_model import Motion, Pieces, simulated
-from haptic_wall.controller.experiments.identify.motion_model import pieces_of as cut_at
+from haptic_wall.controller.experiments.identify.motion import Motion, Pieces
+from haptic_wall.controller.experiments.identify.motion import pieces_of as cut_at
+from haptic_wall.controller.experiments.identify.motion_model import simulated
 from haptic_wall.controller.experiments.recorded.estimate import Pendulum, identify_record
 from haptic_wall.controller.experiments.recorded.friction import GAUSSIAN, MODELS
 from haptic_wall.controller.experiments.recorded.record import pieces_of, record_of
