@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from haptic_wall.controller.experiments.identify.motion import Motion
 from haptic_wall.controller.experiments.recorded.estimate import Pendulum
-from haptic_wall.controller.experiments.recorded.record import Stretch, read_record
+from haptic_wall.controller.experiments.recorded.record import read_record
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.truth import TrueServo
@@ -27,19 +28,19 @@ FULL_PWM = 885.0
 """Present PWM of an XL330 at full voltage"""
 
 
-def drop(name: str) -> tuple[Stretch, ...]:
+def drop(name: str) -> tuple[Motion, ...]:
     """Return the free swing of a recording."""
     return read_record(FOLDER / f"{name}.csv").stretches
 
 
-def driven(name: str) -> Stretch:
+def driven(name: str) -> Motion:
     """Return a recording in position mode; its torque is the motor's mean voltage [V]."""
     rows = columns(name)
     duty = rows["load_raw"]
     duty = np.where(duty >= 2**15, duty - 2**16, duty) / FULL_PWM
     # the supply is measured in steps of 0.1 V, and jumps: its mean over 50 ms
     supply = np.convolve(np.pad(rows["supply_v"], 5, "edge"), np.full(11, 1 / 11), "valid")
-    return Stretch(rows["time_s"], rows["position_rad"], duty * supply, True)
+    return Motion(rows["time_s"], rows["position_rad"], rows["time_s"], duty * supply)
 
 
 def columns(name: str) -> dict[str, FloatArray]:

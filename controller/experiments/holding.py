@@ -40,8 +40,6 @@ class Hold:
     """[N·m·s/rad]"""
     position_step: float
     """One encoder count [rad]; 0: none"""
-    stays_off: float
-    """Distance from the centre at which friction may hold the shaft [rad]"""
 
     def phase(
         self,
@@ -92,13 +90,7 @@ def hold_of(config: Config, torque_limit: float, delay_steps: int) -> Hold:
     limits = _MARGIN * critical_stiffness(inertia, damping, dampings, period, delay, samples)
     limits = np.minimum(limits, stiffest)
     best = int(np.argmax(limits))
-    stiffness = float(limits[best])
-    return Hold(
-        stiffness,
-        float(dampings[best]),
-        float(step),
-        belief.coulomb.high / belief.torque_gain.low / stiffness if stiffness else np.inf,
-    )
+    return Hold(float(limits[best]), float(dampings[best]), float(step))
 
 
 def sample_age(config: Config) -> float:

@@ -28,7 +28,7 @@ def plot_recorded(found: Recorded, name: str, path: Path) -> None:
         figure.suptitle(_title(found, name), fontsize=8.5, ha="left", x=0.01)
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[2.4, 1.0])
         for stretch in found.stretches:
-            above.plot(stretch.time, stretch.position, color=style.INK, linewidth=0.7)
+            above.plot(stretch.sampled, stretch.position, color=style.INK, linewidth=0.7)
         for time, fitted, left, held in zip(
             shot.pieces.sampled, shot.fitted, -shot.linear.left, shot.pieces.held, strict=True
         ):

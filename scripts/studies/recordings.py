@@ -13,13 +13,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from haptic_wall.controller.experiments.identify.motion_model import taken
+from haptic_wall.controller.experiments.identify.motion import taken
 from haptic_wall.controller.experiments.recorded.choice import error_of, predicted, start_with
 from haptic_wall.controller.experiments.recorded.estimate import identify_record
 from haptic_wall.controller.experiments.recorded.friction import FREE, MEANING, MODELS
 from haptic_wall.controller.experiments.recorded.record import pieces_of, record_of
-from haptic_wall.controller.experiments.recorded.shooting import Shot, fit, fit_anywhere
-from haptic_wall.controller.experiments.recorded.start import start_of
+from haptic_wall.controller.experiments.recorded.shooting import (
+    Shot,
+    first_terms,
+    fit,
+    fit_anywhere,
+)
 from scripts.recorded_motions import DRIVEN, DROPS, PENDULUM, columns, driven, drop, made
 from scripts.study import Found, Given, Option, Part, Study, table
 
@@ -60,7 +64,7 @@ def swings(names: tuple[str, ...], model: str) -> Shot:
     short, of = pieces_of(stretches, SHORT_S, SHORT_S)
     whole, _ = pieces_of(stretches)
     first = np.unique(of, return_index=True)[1]
-    near = fit(short, start_of(stretches, weight=True), rounds=15)
+    near = fit(short, first_terms(stretches, weight=True), rounds=15)
     at = near.own[:, first]
     shot = fit_anywhere(whole, near.terms, at, rounds=25)
     if model == "M1":
@@ -184,7 +188,7 @@ def out_of(name: str) -> dict[str, Left]:
     stretches = tuple(driven(each) for each in DRIVEN if each != name)
     pieces, _ = pieces_of(stretches, SHORT_S, SHORT_S)
     rest, _ = pieces_of((driven(name),), DRIVEN_PIECE_S, DRIVEN_PIECE_S)
-    terms = start_of(stretches, weight=True)
+    terms = first_terms(stretches, weight=True)
     coulomb = terms["coulomb"]
     at = None
     found = {}

@@ -20,7 +20,7 @@ from haptic_wall.controller.experiments.identify.excitation import (
 )
 from haptic_wall.controller.experiments.identify.fitting import Fit, NoFitError, fit_motion
 from haptic_wall.controller.experiments.identify.loaded_fit import fit_loaded, hinted
-from haptic_wall.controller.experiments.identify.motion_model import Motion, motion_of
+from haptic_wall.controller.experiments.identify.motion import Motion, motion_of
 from haptic_wall.controller.experiments.identify.one_way import fit_one_way
 from haptic_wall.controller.experiments.identify.output_error import Prior
 from haptic_wall.controller.experiments.testbed import (

@@ -15,15 +15,15 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
 
 from haptic_wall.controller.experiments.identify.effects import NONE, Effects
-from haptic_wall.controller.experiments.identify.motion_model import Motion, Pieces, pieces_of
+from haptic_wall.controller.experiments.identify.motion import Motion, Pieces, pieces_of
 from haptic_wall.controller.experiments.identify.output_error import (
     OutputError,
     Prior,
 )
 from haptic_wall.controller.experiments.identify.standard_errors import standard_covariance
+from haptic_wall.controller.experiments.identify.start import smoothed, start_of
 from haptic_wall.controller.theory.checks import FloatArray
 
 PIECE_S = 0.4
@@ -31,8 +31,10 @@ PIECE_S = 0.4
 with its drift"""
 _STALL = 4.5
 """Periods without a sample that end a piece [1]; shorter gaps are lost replies"""
-_SMOOTH_S = 0.021
-"""Window of the smoothing for the start [s]"""
+_FEWEST = 500
+"""Least number of samples"""
+_AT_FIRST = 0.05
+"""Least friction per inertia at the start"""
 _LATEST_S = 0.03
 """Longest delay in the search for the start [s]"""
 _VISIBLE = 4.0
@@ -126,7 +128,7 @@ def fit_motion(motion: Motion, step: float) -> Fit:
     Raises:
         NoFitError: The motion is not sufficient.
     """
-    without = fitted(on_motion(start_of(motion, *smoothed(motion)), motion, step))
+    without = fitted(on_motion(first_fit(motion), motion, step))
     # Neglected backlash looks like delay: half a count like a third of a millisecond.
     return visible_backlash(without) or without
 
@@ -142,7 +144,7 @@ def on_motion(start: Fit, motion: Motion, step: float) -> Fit:
     Raises:
         NoFitError: The motion is not sufficient.
     """
-    speed, _ = smoothed(motion)
+    speed = moving(motion)
     cuts = cuts_of(motion, speed, max(step, 1e-6))
     speeds = np.array([speed[begin] for begin, _ in cuts])
     return replace(start, pieces=pieces_of(motion, cuts), speeds=speeds)
@@ -167,28 +169,18 @@ def visible_backlash(
     return found if visible and better else None
 
 
-def window_of(motion: Motion) -> int:
-    """Return the number of samples in the smoothing's window."""
-    period = float(np.median(np.diff(motion.sampled)))
-    return max(5, 2 * round(0.5 * _SMOOTH_S / period) + 1)
-
-
-def smoothed(motion: Motion) -> tuple[FloatArray, FloatArray]:
-    """Return speed [rad/s] and acceleration [rad/s²] at each sample, over a window of samples.
+def moving(motion: Motion) -> FloatArray:
+    """Return the speed at each sample, over a window of samples [rad/s].
 
     Raises:
         NoFitError: There is hardly any motion.
     """
-    if motion.sampled.size < 500:
-        raise NoFitError(f"only {motion.sampled.size} samples were recorded, wanted at least 500")
-    period = float(np.median(np.diff(motion.sampled)))
-    window = window_of(motion)
-    # On an even grid: losses and missed periods are interpolated.
-    even = np.arange(motion.sampled[0], motion.sampled[-1], period)
-    position = np.interp(even, motion.sampled, motion.position)
-    smooth = [savgol_filter(position, window, 3, deriv=n, delta=period) for n in (1, 2)]
-    speed, acceleration = (np.interp(motion.sampled, even, s) for s in smooth)
-    return speed, acceleration
+    found = smoothed(motion) if motion.sampled.size >= _FEWEST else None
+    if found is None:
+        raise NoFitError(
+            f"only {motion.sampled.size} samples were recorded, wanted at least {_FEWEST}"
+        )
+    return found[0]
 
 
 def cuts_of(motion: Motion, speed: FloatArray, step: float) -> list[tuple[int, int]]:
@@ -219,41 +211,20 @@ def cuts_of(motion: Motion, speed: FloatArray, step: float) -> list[tuple[int, i
     return cuts
 
 
-def torque_on(motion: Motion, delays: list[float]) -> list[FloatArray]:
-    """Return the torque at each sample for each delay [s], smoothed as the motion is [N·m]."""
-    grid = np.linspace(motion.sent[0], motion.sent[-1], 4 * motion.sent.size)
-    held = motion.torque[np.searchsorted(motion.sent, grid, side="right") - 1]
-    window = 2 * round(0.5 * _SMOOTH_S / float(grid[1] - grid[0])) + 1
-    smooth = savgol_filter(held, window, 3)
-    return [np.interp(motion.sampled - delay, grid, smooth) for delay in delays]
-
-
-def start_of(motion: Motion, speed: FloatArray, acceleration: FloatArray) -> Fit:
-    """Return the start of the fit: a regression of smoothed torques, for each delay."""
-    moving = np.abs(speed) > 0.15 * np.max(np.abs(speed))
-    signs = np.sign(speed[moving])
-    columns = np.column_stack([acceleration[moving], speed[moving], signs])
-    best: tuple[float, float, FloatArray] | None = None
-    delays = np.arange(0.0, _LATEST_S, 2.5e-4).tolist()
-    for delay, acting in zip(delays, torque_on(motion, delays), strict=True):
-        torque = acting[moving]
-        found = np.linalg.lstsq(columns, torque, rcond=None)[0]
-        left = float(np.sum((torque - columns @ found) ** 2))
-        if best is None or left < best[0]:
-            best = (left, delay, found)
-    assert best is not None
-    inertia, damping, coulomb = (float(value) for value in best[2])
-    if inertia <= 0.0:
+def first_fit(motion: Motion) -> Fit:
+    """Return the start of the fit, by the regression of the acceleration."""
+    found = start_of([motion], np.arange(0.0, _LATEST_S, 2.5e-4).tolist())
+    if found["gain"] <= 0.0:
         raise NoFitError("the sent torque does not accelerate the shaft")
+    inertia = 1.0 / found["gain"]
     empty = np.zeros((1, 1))
     nothing = Pieces(motion, empty, empty, empty > 0)
     # Values that cannot be distinguished at the start begin just above zero.
-    least = 0.05 * inertia
     return Fit(
         inertia,
-        max(damping, least),
-        max(coulomb, least),
-        best[1],
+        inertia * max(found["damping"], _AT_FIRST),
+        inertia * max(found["coulomb"], _AT_FIRST),
+        found["delay"],
         0.0,
         stderr=(),
         residual=0.0,

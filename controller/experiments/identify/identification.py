@@ -27,7 +27,7 @@ from haptic_wall.controller.experiments.identify.fitting import Fit
 from haptic_wall.controller.experiments.identify.misfit import misfit
 from haptic_wall.controller.experiments.identify.mode import Mode
 from haptic_wall.controller.experiments.identify.mode_search import find_mode
-from haptic_wall.controller.experiments.identify.motion_model import Motion, motion_of
+from haptic_wall.controller.experiments.identify.motion import Motion, motion_of
 from haptic_wall.controller.experiments.identify.output_error import Prior
 from haptic_wall.controller.experiments.identify.torque_gain import torque_gain
 from haptic_wall.controller.experiments.identify.vibration import (

@@ -26,7 +26,7 @@ from haptic_wall.controller.experiments.identify.fitting import (
     on_motion,
     visible_backlash,
 )
-from haptic_wall.controller.experiments.identify.motion_model import Motion, taken
+from haptic_wall.controller.experiments.identify.motion import Motion, taken
 from haptic_wall.controller.experiments.identify.output_error import Prior
 from haptic_wall.controller.experiments.identify.standard_errors import standard_covariance
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.experiments.identify.effects import Effects
-from haptic_wall.controller.experiments.identify.motion_model import Motion
+from haptic_wall.controller.experiments.identify.motion import Motion
 from haptic_wall.controller.theory.checks import ComplexArray, FloatArray
 
 _FINE = 4

@@ -30,7 +30,7 @@ from haptic_wall.controller.experiments.identify.mode_fit import (
     cruises_of,
     joined,
 )
-from haptic_wall.controller.experiments.identify.motion_model import motion_of
+from haptic_wall.controller.experiments.identify.motion import motion_of
 
 FEWEST_CRUISES = 6
 """Least number that tells something"""

@@ -13,16 +13,14 @@ which need not lie on the grid.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from haptic_wall.controller.theory.checks import FloatArray, IntArray
+from haptic_wall.controller.experiments.identify.motion import Pieces
+from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.response import held_response
-from haptic_wall.hw.servo import Outcome
 
 _NO_SPEED = 1e-6
 """[rad/s]"""
@@ -30,77 +28,8 @@ _RESTS = ("gear_rest", "gear_motor_rest", "square", "square_motor")
 """Effects that fade with the speed, beside the excess"""
 
 
-@dataclass(frozen=True, slots=True)
-class Motion:
-    """Recorded positions at their sampling instants, and torques at their sending instants."""
-
-    sampled: FloatArray
-    """Instants of the samples [s], rising, shape (n,)"""
-    position: FloatArray
-    """[rad], shape (n,)"""
-    sent: FloatArray
-    """Instants of the torques [s], rising, shape (k,)"""
-    torque: FloatArray
-    """Held from its instant to the next [N·m], shape (k,)"""
-
-
-def motion_of(rows: NDArray[np.void]) -> Motion:
-    """Return the motion that the rows of a log record.
-
-    Failed readings have no sample; the torques of their rows were still sent.
-
-    Args:
-        rows: Shape (n,), dtype ``telemetry.ROW``, of one run without gaps.
-    """
-    known = rows[rows["sampled_ns"] > 0]
-    begun = int(known["sampled_ns"][0]) if known.size else 0
-    good = known[known["outcome"] == Outcome.OK]
-    sampled: FloatArray = (good["sampled_ns"] - begun) * 1e-9
-    since: IntArray = known["sampled_ns"] - begun
-    age: IntArray = known["age_ns"]
-    return Motion(
-        sampled=sampled,
-        position=good["position"].copy(),
-        sent=(since + age).astype(np.float64) * 1e-9,
-        torque=known["torque"].copy(),
-    )
-
-
 Values = Mapping[str, FloatArray]
 """Values of v variants by name, as in ``Fit`` and ``Effects``: arrays (v, 1); a missing one is 0"""
-
-
-@dataclass(frozen=True, slots=True)
-class Pieces:
-    """A motion in s pieces: arrays of shape (s, n), short pieces padded to the longest."""
-
-    motion: Motion
-    sampled: FloatArray
-    """[s]; padding repeats a piece's last instant"""
-    position: FloatArray
-    """[rad]"""
-    held: NDArray[np.bool_]
-    """True: a sample; False: padding"""
-
-
-def pieces_of(motion: Motion, cuts: Sequence[tuple[int, int]]) -> Pieces:
-    """Divide a motion into pieces.
-
-    Args:
-        motion: The recorded motion.
-        cuts: First sample of each piece and the one after its last.
-    """
-    longest = max(end - begin for begin, end in cuts)
-    index = np.array([begin + np.arange(longest) for begin, _ in cuts])
-    ends = np.array([end for _, end in cuts])[:, None]
-    held = index < ends
-    index = np.minimum(index, ends - 1)
-    return Pieces(motion, motion.sampled[index], motion.position[index], held)
-
-
-def taken(pieces: Pieces, kept: NDArray[np.bool_]) -> Pieces:
-    """Return the pieces for which ``kept``, shape (s,), is true."""
-    return Pieces(pieces.motion, pieces.sampled[kept], pieces.position[kept], pieces.held[kept])
 
 
 Under = tuple[FloatArray, FloatArray]
@@ -303,8 +232,8 @@ def _torques(
         sizes = {name: value[:, :, None] for name, value in used.items()}
         outside = weight + _wave(sizes, "cogging_sine", "cogging_cosine", turned)
     shape = (*lengths.shape[:3], 1)
-    every = (np.broadcast_to(each[..., None], shape) for each in (outside, weight))
-    return lengths, torques, *every
+    outside, weight = (np.broadcast_to(each[..., None], shape) for each in (outside, weight))
+    return lengths, torques, outside, weight
 
 
 def _wave(used: Values, sine: str, cosine: str, angle: FloatArray) -> FloatArray:

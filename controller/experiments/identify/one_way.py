@@ -28,11 +28,11 @@ from haptic_wall.controller.experiments.identify.fitting import (
     NAMES,
     Fit,
     NoFitError,
-    smoothed,
-    start_of,
+    first_fit,
+    moving,
     white_part,
 )
-from haptic_wall.controller.experiments.identify.motion_model import Motion, Pieces
+from haptic_wall.controller.experiments.identify.motion import Motion, Pieces
 from haptic_wall.controller.experiments.identify.output_error import NO_PRIOR, Prior
 from haptic_wall.controller.experiments.identify.separable import Linear
 from haptic_wall.controller.theory.checks import FloatArray
@@ -87,9 +87,8 @@ def fit_one_way(
     Raises:
         NoFitError: The motion is not sufficient.
     """
-    speed, acceleration = smoothed(motion)
-    regression = _Regression(motion, speed, step, priors or {})
-    start = start_of(motion, speed, acceleration)
+    regression = _Regression(motion, moving(motion), step, priors or {})
+    start = first_fit(motion)
     values = {name: getattr(start, name) for name in NAMES[:4]}
     if rough:
         return regression.fit(regression.solved(values, _ROUGH))

@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from haptic_wall.controller.experiments.identify.motion_model import Pieces, simulated
+from haptic_wall.controller.experiments.identify.motion import Pieces
+from haptic_wall.controller.experiments.identify.motion_model import simulated
 from haptic_wall.controller.experiments.identify.separable import (
     Linear,
     fit_own,

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.experiments.identify.motion_model import Pieces, taken
+from haptic_wall.controller.experiments.identify.motion import Motion, Pieces, taken
 from haptic_wall.controller.experiments.recorded.friction import MODELS
-from haptic_wall.controller.experiments.recorded.record import Stretch, pieces_of
+from haptic_wall.controller.experiments.recorded.record import pieces_of
 from haptic_wall.controller.experiments.recorded.shooting import (
     Shot,
     beginnings,
@@ -45,7 +45,7 @@ class Judged:
 
 
 def judged(
-    stretches: tuple[Stretch, ...],
+    stretches: tuple[Motion, ...],
     first: Shot,
     names: tuple[str, ...],
     richer: tuple[str, ...] = (),
@@ -128,7 +128,8 @@ def predicted(pieces: Pieces, names: tuple[str, ...], values: FloatArray) -> Flo
     terms = dict(zip(names, values.tolist(), strict=True))
     own = model_of(first, terms).own(beginnings(first), rounds=10)
     model = model_of(pieces, terms)
-    return pieces.position + model.left(model.begin[None], own[:, None])[0]
+    found: FloatArray = pieces.position + model.left(model.begin[None], own[:, None])[0]
+    return found
 
 
 def error_of(pieces: Pieces, at: FloatArray) -> float:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptic_wall.controller.experiments.estimated import Estimated
+from haptic_wall.controller.experiments.identify.motion import Motion
 from haptic_wall.controller.experiments.identify.standard_errors import standard_covariance
 from haptic_wall.controller.experiments.recorded.choice import Judged, judged
 from haptic_wall.controller.experiments.recorded.friction import (
@@ -20,17 +21,16 @@ from haptic_wall.controller.experiments.recorded.friction import (
 )
 from haptic_wall.controller.experiments.recorded.record import (
     Record,
-    Stretch,
     is_too_slow,
     pieces_of,
     row_interval,
 )
 from haptic_wall.controller.experiments.recorded.shooting import (
     Shot,
+    first_terms,
     fit,
     fit_anywhere,
 )
-from haptic_wall.controller.experiments.recorded.start import start_of
 from haptic_wall.controller.theory.checks import FloatArray
 
 GRAVITY = 9.80665
@@ -103,7 +103,7 @@ class Recorded:
     """Encoder step [rad]; 0: none"""
     seconds: float
     """Length of what was fitted [s]"""
-    stretches: tuple[Stretch, ...]
+    stretches: tuple[Motion, ...]
     shot: Shot | None
     notes: tuple[str, ...]
 
@@ -140,7 +140,7 @@ def _first_fit(record: Record, *, weighed: bool) -> Shot:
     firsts = np.unique(of, return_index=True)[1]
 
     def fitted(weight: bool) -> Shot:
-        near = fit(short, start_of(record.stretches, weight=weight), rounds=15)
+        near = fit(short, first_terms(record.stretches, weight=weight), rounds=15)
         at = None
         if len(whole.sampled) == firsts.size:
             at = near.own[:, firsts]
@@ -303,7 +303,7 @@ def _told(
         models,
         shot.rms,
         record.step,
-        float(sum(each.time[-1] - each.time[0] for each in record.stretches)),
+        float(sum(each.sampled[-1] - each.sampled[0] for each in record.stretches)),
         record.stretches,
         shot,
         tuple(notes),

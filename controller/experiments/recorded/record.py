@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.detection import position_step
-from haptic_wall.controller.experiments.identify.motion_model import Motion, Pieces
-from haptic_wall.controller.experiments.identify.motion_model import pieces_of as cut_at
+from haptic_wall.controller.experiments.identify.motion import Motion, Pieces
+from haptic_wall.controller.experiments.identify.motion import pieces_of as cut_at
 from haptic_wall.controller.experiments.recorded.friction import LONGEST_DELAY_S
 from haptic_wall.controller.logs.csv_recording import columns_in_time
 from haptic_wall.controller.logs.csv_table import TORQUE
@@ -48,24 +48,12 @@ MOST_PIECES = 80
 
 
 @dataclass(frozen=True, slots=True)
-class Stretch:
-    """Consecutive rows in which every torque is known."""
-
-    time: FloatArray
-    """[s]"""
-    position: FloatArray
-    """[rad]"""
-    torque: FloatArray
-    """Sent at each row [N·m or A]; 0 where the motor is off"""
-    driven: bool
-    """The motor is on in some of it"""
-
-
-@dataclass(frozen=True, slots=True)
 class Record:
     """A recorded motion."""
 
-    stretches: tuple[Stretch, ...]
+    stretches: tuple[Motion, ...]
+    """Consecutive rows in which every torque is known; torques in ``unit``, 0 where the motor is
+    off"""
     unit: str | None
     """Unit of the torques: "N·m" or "A"; None: none is known"""
     step: float
@@ -113,14 +101,13 @@ def record_of(columns: dict[str, FloatArray], notes: list[str] | None = None) ->
         rows, since = part, part[0]
         if bool(free[since]) and since > 0 and not free[since - 1]:
             rows = rows[time[rows] >= time[since] + _LET_GO_S]
-        driven = bool(np.any(torque[rows] != 0.0))
-        rows = rows if driven else _until_rest(time, position, rows)
+        rows = rows if np.any(torque[rows] != 0.0) else _until_rest(time, position, rows)
         if rows.size < _LEAST_ROWS:
             short += rows.size
         elif float(np.ptp(position[rows])) < least:
             still += 1
         else:
-            found.append(Stretch(time[rows], position[rows], torque[rows], driven))
+            found.append(Motion(time[rows], position[rows], time[rows], torque[rows]))
     if short:
         notes.append(f"{short} rows with a known torque are left out: their parts are too short")
     if still:
@@ -186,7 +173,7 @@ def _until_rest(time: FloatArray, position: FloatArray, rows: NDArray[np.intp]) 
 
 def row_interval(record: Record) -> float:
     """Return the median interval of the rows [s]."""
-    return float(np.median(np.concatenate([np.diff(each.time) for each in record.stretches])))
+    return float(np.median(np.concatenate([np.diff(each.sampled) for each in record.stretches])))
 
 
 def is_too_slow(record: Record) -> bool:
@@ -195,7 +182,7 @@ def is_too_slow(record: Record) -> bool:
 
 
 def pieces_of(
-    stretches: tuple[Stretch, ...],
+    stretches: tuple[Motion, ...],
     longest_free_s: float = FREE_S,
     longest_driven_s: float = DRIVEN_S,
 ) -> tuple[Pieces, NDArray[np.intp]]:
@@ -235,15 +222,15 @@ def pieces_of(
     return cut_at(motion, [cuts[each] for each in chosen]), np.array([of[each] for each in chosen])
 
 
-def _thinned(stretch: Stretch) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def _thinned(stretch: Motion) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return the fields of a ``Motion``: no row, and no torque, lasts longer than a step may.
 
     The torque is the mean from one kept row to the next.
     """
-    every = max(1, round(_ROW_S / float(np.median(np.diff(stretch.time)))))
-    time, position = stretch.time[::every], stretch.position[::every]
+    every = max(1, round(_ROW_S / float(np.median(np.diff(stretch.sampled)))))
+    time, position = stretch.sampled[::every], stretch.position[::every]
     steps = max(1, math.ceil(float(np.median(np.diff(time))) / _STEP_S))
     sent = np.interp(np.arange(steps * (time.size - 1) + 1) / steps, np.arange(time.size), time)
-    work = np.concatenate([[0.0], np.cumsum(stretch.torque[:-1] * np.diff(stretch.time))])
-    torque = np.diff(np.interp(sent, stretch.time, work)) / np.diff(sent)
+    work = np.concatenate([[0.0], np.cumsum(stretch.torque[:-1] * np.diff(stretch.sampled))])
+    torque = np.diff(np.interp(sent, stretch.sent, work)) / np.diff(sent)
     return time, position, sent, np.append(torque, torque[-1])

@@ -12,15 +12,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptic_wall.controller.experiments.identify.motion_model import Pieces
+from haptic_wall.controller.experiments.identify.motion import Motion, Pieces
 from haptic_wall.controller.experiments.identify.output_error import OutputError, Sizes
 from haptic_wall.controller.experiments.identify.separable import Linear
+from haptic_wall.controller.experiments.identify.start import start_of
 from haptic_wall.controller.experiments.recorded.friction import GAUSSIAN, TERMS
 from haptic_wall.controller.theory.checks import FloatArray
 
 _ROUNDS = 40
 _TRIES, _REFINED, _AT_ONCE = 48, 2, 8
 """Number of starts that are drawn, of those that a fit begins at, and of those moved at once"""
+_SMOOTHED_S, _DELAYS_S = 0.07, (0.0, 0.002, 0.005, 0.01, 0.02, 0.04)
+"""For the first start: window of the smoothing, and delays of the torque [s]"""
 _STEP = 1e-4
 """Of a parameter, relative, for its derivative"""
 
@@ -62,6 +65,18 @@ def model_of(pieces: Pieces, terms: Mapping[str, float]) -> OutputError:
     sizes = [max(abs(value), TERMS[name].size) for name, value in terms.items()]
     values = {"inertia": 1.0, "exponent": GAUSSIAN, **terms}
     return OutputError(pieces, values, names, sizes=Sizes(low, high, _STEP * np.array(sizes)))
+
+
+def first_terms(stretches: tuple[Motion, ...], *, weight: bool) -> dict[str, float]:
+    """Return the parameters, per inertia, where the first fit begins.
+
+    Args:
+        stretches: Stretches of a record, at least one.
+        weight: A load that depends on the angle is looked for.
+    """
+    terms = start_of(stretches, _DELAYS_S, _SMOOTHED_S, weight=weight)
+    least = {"damping": 0.02, "coulomb": 0.05, "delay": 5e-4}
+    return {name: max(value, least.get(name, -np.inf)) for name, value in terms.items()}
 
 
 def beginnings(pieces: Pieces, over_s: float = 0.05) -> FloatArray:

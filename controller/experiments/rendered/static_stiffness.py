@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.experiments.holding import Hold
+from haptic_wall.controller.experiments.identify.separable import Linear
+from haptic_wall.controller.experiments.identify.standard_errors import standard_covariance
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.servo import Outcome
@@ -34,8 +36,8 @@ _RISES = 100
 _CYCLES = 2
 _SKIP = 0.3
 """Fraction of each way omitted after the reversal, where friction reverses"""
-_BLOCKS = 6
-"""Parts of each way with independent errors"""
+_CORRELATED_S = 0.5
+"""Correlation time of the errors: the shaft creeps over a few counts [s]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,9 +59,6 @@ class StaticStiffness:
     stiffness: float
     """Commanded additional torque per displacement [N·m/rad]"""
     stiffness_stderr: float
-    friction: float
-    """Half the distance between the ways up and down [N·m of commanded torque]"""
-    friction_stderr: float
     position: FloatArray
     """Position of the used samples, from their mean [rad]"""
     torque: FloatArray
@@ -121,41 +120,32 @@ def static_stiffness(
     rows = rows[rows["outcome"] == Outcome.OK]
     number: IntArray = rows["phase"]
     beside: FloatArray = np.array([phase.torque for phase in phases])[number]
-    parts = [_leg(i, beside, rows, push) for i in _legs(beside, push)]
-    used = np.concatenate([part.index for part in parts])
-    upward = np.concatenate([np.full(part.index.size, part.up) for part in parts])
-    block = np.concatenate([part.block + _BLOCKS * i for i, part in enumerate(parts)])
-    x, torque = rows["position"][used], beside[used]
-    sign = np.where(upward, 1.0, -1.0)
-    columns = np.stack([torque, sign, np.ones_like(torque)], axis=1)
-    values = np.linalg.lstsq(columns, x, rcond=None)[0]
-    if values[0] <= 0.0 or values[0] * push.torque < 2.0 * step:
+    legs = [_leg(ends, beside, rows, push) for ends in _legs(beside, push)]
+    weights = np.zeros((len(legs), max(leg.size for leg in legs)))
+    x, torque = np.zeros_like(weights), np.zeros_like(weights)
+    for at, leg in enumerate(legs):
+        own = (at, slice(leg.size))
+        weights[own], x[own], torque[own] = 1.0, rows["position"][leg], beside[leg]
+    # Friction shifts each way: the mean of a way is its own.
+    linear = Linear(-x, torque[None], weights[None], weights, np.zeros(1))
+    compliance = float(linear.step()[0])
+    if compliance <= 0.0 or compliance * push.torque < 2.0 * step:
         return None
-    covariance = _clustered(columns, x - columns @ values, block)
-    compliance = float(values[0])
+    left = linear.without_own((compliance * torque - x)[None])[0]
+    period = float(np.median(np.diff(rows["sampled_ns"]))) * 1e-9
+    covariance = standard_covariance(replace(linear, left=left), period, _CORRELATED_S)
     stiffness = 1.0 / compliance
-    friction = -float(values[1]) * stiffness
-    spread = math.sqrt(covariance[1, 1]) * stiffness
-    # The start and the end of each way within a count are random, the same for all its blocks.
-    ends = step / math.sqrt(12.0) / (np.ptp(torque) * compliance) / math.sqrt(len(parts))
-    # With a quantised spring the shaft stops at the counts' edges: half a count is hidden by
-    # friction.
+    used = np.concatenate(legs)
+    # The start and the end of each way within a count are random, the same for all of it.
+    swept = float(np.ptp(beside[used])) * compliance
+    ends = step / math.sqrt(12.0 * len(legs)) / swept
     return StaticStiffness(
         stiffness,
-        math.hypot(math.sqrt(covariance[0, 0]) * stiffness**2, float(ends) * stiffness),
-        friction + 0.5 * push.stiffness * step,
-        math.hypot(spread, 0.5 * push.stiffness * step / math.sqrt(3.0)),
-        x - values[2],
-        torque,
-        upward,
+        stiffness * math.hypot(math.sqrt(covariance[0, 0]) * stiffness, ends),
+        rows["position"][used] - float(np.mean(rows["position"][used])),
+        beside[used],
+        np.concatenate([np.full(leg.size, beside[leg[-1]] > beside[leg[0]]) for leg in legs]),
     )
-
-
-@dataclass(frozen=True, slots=True)
-class _Leg:
-    index: NDArray[np.int64]
-    block: NDArray[np.int64]
-    up: bool
 
 
 def _legs(beside: FloatArray, push: Push) -> list[tuple[int, int]]:
@@ -165,29 +155,16 @@ def _legs(beside: FloatArray, push: Push) -> list[tuple[int, int]]:
     return [(int(first[-1]), int(second[0])) for first, second in pairwise(groups)]
 
 
-def _leg(ends: tuple[int, int], beside: FloatArray, rows: NDArray[np.void], push: Push) -> _Leg:
+def _leg(
+    ends: tuple[int, int], beside: FloatArray, rows: NDArray[np.void], push: Push
+) -> NDArray[np.int64]:
     """Return the rows of one way after the reversal, which ends when the shaft creeps again."""
     first, last = ends
-    up = bool(beside[last] > beside[first])
-    sign = 1.0 if up else -1.0
+    sign = 1.0 if beside[last] > beside[first] else -1.0
     begin = -push.torque + 2.0 * push.torque * _SKIP
     # Friction holds the shaft while the torque changes by twice its size: the way starts when the
     # shaft has moved by a tenth after the reversal.
     ahead = sign * rows["position"][first : last + 1]
     gone = first + int(np.argmax(ahead > ahead[0] + 0.1 * (ahead[-1] - ahead[0])))
     index = np.arange(first, last + 1)
-    index = index[(sign * beside[first : last + 1] > begin) & (index > gone)]
-    return _Leg(index, np.arange(index.size) * _BLOCKS // max(index.size, 1), up)
-
-
-def _clustered(columns: FloatArray, rest: FloatArray, block: NDArray[np.int64]) -> FloatArray:
-    """Return the covariance of a least-squares fit with errors correlated within blocks."""
-    inverse = np.linalg.pinv(columns.T @ columns)
-    meat = np.zeros((columns.shape[1], columns.shape[1]))
-    blocks = np.unique(block)
-    for number in blocks:
-        gradient = columns[block == number].T @ rest[block == number]
-        meat += np.outer(gradient, gradient)
-    few = blocks.size / max(blocks.size - columns.shape[1], 1)
-    found: FloatArray = few * (inverse @ meat @ inverse)
-    return found
+    return index[(sign * beside[first : last + 1] > begin) & (index > gone)]

@@ -28,7 +28,7 @@ from haptic_wall.controller.experiments.identify.identified_config import (
     identified_config,
     identified_model,
 )
-from haptic_wall.controller.experiments.identify.motion_model import motion_of
+from haptic_wall.controller.experiments.identify.motion import motion_of
 from haptic_wall.controller.experiments.identify.one_way import fit_one_way
 from haptic_wall.controller.experiments.identify.vibration import Vibration
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Played, Testbed

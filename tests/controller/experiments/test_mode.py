@@ -12,7 +12,7 @@ from scipy.linalg import expm
 from haptic_wall.controller.experiments.identify.effects import NONE
 from haptic_wall.controller.experiments.identify.mode import Mode, looked_at
 from haptic_wall.controller.experiments.identify.mode_fit import ModeModel, cruises_of
-from haptic_wall.controller.experiments.identify.motion_model import Motion
+from haptic_wall.controller.experiments.identify.motion import Motion
 from haptic_wall.controller.experiments.identify.vibration import (
     believed_vibration,
     heaviest_load,

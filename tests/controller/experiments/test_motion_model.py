@@ -5,12 +5,8 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.experiments.identify.fitting import NAMES
-from haptic_wall.controller.experiments.identify.motion_model import (
-    Motion,
-    motion_of,
-    pieces_of,
-    simulated,
-)
+from haptic_wall.controller.experiments.identify.motion import Motion, motion_of, pieces_of
+from haptic_wall.controller.experiments.identify.motion_model import simulated
 from haptic_wall.controller.runtime.telemetry import ROW
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.plant.mechanism import Mechanism

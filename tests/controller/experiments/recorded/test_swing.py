@@ -1,16 +1,22 @@
 """The motion that is fitted is that of scipy's solver."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from haptic_wall.controller.experiments.identify.motion_model import Motion, Pieces, simulated
-from haptic_wall.controller.experiments.identify.motion_model import pieces_of as cut_at
+from haptic_wall.controller.experiments.identify.motion import Motion, Pieces
+from haptic_wall.controller.experiments.identify.motion import pieces_of as cut_at
+from haptic_wall.controller.experiments.identify.motion_model import simulated
+from haptic_wall.controller.experiments.recorded.estimate import Pendulum, identify_record
 from haptic_wall.controller.experiments.recorded.friction import GAUSSIAN, MODELS
 from haptic_wall.controller.experiments.recorded.record import pieces_of, record_of
 from haptic_wall.controller.experiments.recorded.shooting import model_of
 from tests.controller.experiments.recorded.made import Truth, swing
+from tests.typed import not_none
+
+ROOT = Path(__file__).parents[4]
 
 
 def terms_of(truth: Truth, **more: float) -> dict[str, float]:
@@ -87,3 +93,30 @@ def test_friction_is_that_of_the_published_models() -> None:
             x = simulated(pieces, terms, np.array([[speed]]), np.zeros((1, 1)))[0, 0]
             net = 1e-3 * (x[2] - 2.0 * x[1] + x[0]) / step**2
             assert 0.3 - 0.1 - net == pytest.approx(friction, abs=2e-3), name
+
+
+def test_the_result_does_not_depend_on_where_the_horn_is_mounted() -> None:
+    """The first 0.7 s of a real drop, whose standard errors changed tenfold."""
+    file = ROOT / "docs" / "examples" / "xl330-pendulum" / "kp100_lift_and_drop.csv"
+    names = file.read_text(encoding="utf-8").splitlines()[0].split(",")
+    columns = dict(zip(names, np.loadtxt(file, delimiter=",", skiprows=1).T, strict=True))
+    time = columns["time_s"]
+    kept = time < time[columns["torque_enabled"] == 0.0][0] + 0.7
+    one, other = (
+        identify_record(
+            record_of(
+                {
+                    "time_s": time[kept],
+                    "position_rad": columns["position_rad"][kept] + shift,
+                    "torque_enabled": columns["torque_enabled"][kept],
+                }
+            ),
+            Pendulum(0.49, 0.1),
+        )
+        for shift in (0.0, 2.0)
+    )
+    for name in ("inertia_total", "damping", "coulomb"):
+        here, there = not_none(getattr(one, name)), not_none(getattr(other, name))
+        assert there.value == pytest.approx(here.value, abs=0.02 * here.stderr)
+        assert there.stderr == pytest.approx(here.stderr, rel=0.05)
+    assert not_none(other.hanging).value - not_none(one.hanging).value == pytest.approx(2.0, 1e-3)
