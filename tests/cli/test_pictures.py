@@ -9,7 +9,7 @@ from typing import NoReturn
 
 import pytest
 
-from haptic_wall.controller.logs.reader import SUFFIX
+from haptic_wall.controller.logs.file import SUFFIX
 from tests.cases import sampled
 from tests.cli.caller import Cli
 
