@@ -231,7 +231,7 @@ def _texts(path: Path, db: sqlite3.Connection, query: str) -> Iterator[tuple[byt
     for row in db.execute(query):
         if not all(isinstance(text, bytes) for text in row):
             raise _refusal(path, "a text is missing in it")
-        size += len(row[1]) + 100
+        size += len(row[1]) + 1000
         if size > _MOST_TEXT:
             raise _refusal(path, f"its texts have more than {_MOST_TEXT} bytes")
         yield row
