@@ -32,7 +32,7 @@ from haptic_wall.controller.cli.text import report_text
 from haptic_wall.controller.cli.working import is_shown, working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.file import SUFFIX
-from haptic_wall.controller.runtime.telemetry import ROW, Telemetry, Word
+from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import file_of, load_config
 from haptic_wall.controller.system.signals import STOPPING, interrupting, on_signals
@@ -44,6 +44,8 @@ if TYPE_CHECKING:
 
 MUCH = 1e8
 """Size of a log from which it is announced before the run [bytes]"""
+ROW_BYTES = 115.0
+"""Usual size of a row in a log [bytes]"""
 SIMULATED_S = 5.0
 """Default duration [s]; hardware runs until Ctrl-C."""
 
@@ -302,7 +304,7 @@ def _progress(
 
 def _length(config: Config, seconds: float | None) -> str:
     """Describe the run's duration, and the size of its log if large."""
-    rate = config.loop.rate_hz * ROW.itemsize
+    rate = config.loop.rate_hz * ROW_BYTES
     if seconds is None:
         clock = "simulated minute" if _in_memory(config) else "minute"
         return f"until Ctrl-C; the log grows by {_size(60.0 * rate)} a {clock}"

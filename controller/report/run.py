@@ -33,7 +33,7 @@ def plot_log(log: LogReader, path: Path, stop_reason: str | None = None) -> None
         LogFormatError: As ``plot_run``; or there are no rows.
         OSError: The log cannot be read, or the picture not be written.
     """
-    count = sum(map(len, log.blocks()))
+    count = log.count()
     if not count:
         raise LogFormatError(f"{log.path} holds no rows")
     sketch = sketched(log.blocks(), count, log.origin_ns)

@@ -50,7 +50,6 @@ def _here(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_files_and_the_report_hold_every_point(cli: Cli, tmp_path: Path) -> None:
-    (tmp_path / "map.csv").write_text("virtual_damping,delay_steps,delay_s,kick_rad,simulated\n")
     (tmp_path / "mine.txt").write_text("kept")
     status, out, err = cli(
         "map", "paper-table2", "--out", tmp_path, "--virtual-damping=-0.05,0.1,0.4",
@@ -145,7 +144,7 @@ def test_a_full_disk_leaves_the_older_map_and_nothing_else(
 
     monkeypatch.setattr("haptic_wall.controller.cli.experiment._write_table", full)
     assert f"--out {tmp_path}: cannot be written: No space left on device" in cli.refused(
-        "map", *few, "--set", "servo.inertia=0.01"
+        "map", *few, "--set", "servo.inertia=0.01", "--force"
     )
     rows = tmp_path / ROWS  # what was computed is kept
     assert rows.read_bytes().count(b"\n") == 2

@@ -60,7 +60,7 @@ def test_a_foreign_picture_beside_the_log_is_kept(
 def test_a_long_run_says_how_much_it_will_write() -> None:
     config = load_config("simulated").config
     assert _length(config, 5.0) == "5 s"
-    assert _length(config, 3600.0) == "3600 s; the log will have 600 MB"
-    assert _length(config, None) == "until Ctrl-C; the log grows by 10 MB a minute"
+    assert _length(config, 3600.0) == "3600 s; the log will have 410 MB"
+    assert _length(config, None) == "until Ctrl-C; the log grows by 6.9 MB a minute"
     simulated = load_config("simulated", ["loop.clock=simulated"]).config
     assert _length(simulated, None).endswith("a simulated minute")

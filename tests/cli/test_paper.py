@@ -41,7 +41,8 @@ def test_one_item_is_a_table_and_a_picture(
     assert files == ["fig4.csv", "fig4.png"]
     assert all(str(tmp_path / "new" / "folder" / name) in out for name in files)
     assert "fig4" in err
-    assert call("fig4", "--out", tmp_path / "new" / "folder")[0] == 0, "they are of this program"
+    assert call("fig4", "--out", tmp_path / "new" / "folder")[0] == 2, "they would be lost"
+    assert call("fig4", "--out", tmp_path / "new" / "folder", "--force")[0] == 0
 
 
 @pytest.mark.whole
@@ -109,4 +110,4 @@ def test_a_place_that_is_none_is_one_sentence(
     assert "found a file, wanted a folder" in err
     status, _, err = call("fig8", "--out", tmp_path / "file" / "below")
     assert status == 2
-    assert "cannot be written: Not a directory; name another place" in err
+    assert "cannot be made (Not a directory); name another place" in err

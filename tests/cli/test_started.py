@@ -69,9 +69,9 @@ def test_a_wall_is_changed_from_outside_and_its_clients_harm_nothing(tmp_path: P
     outcomes = [each["outcome"] for each in report["changes"]]
     assert outcomes == ["applied", "applied", "refused", "not applied"]
     assert all(each["by"]["uid"] == os.getuid() for each in report["changes"])
-    told = LogReader.open(log)
-    assert list(told.changes) == report["changes"], "the log tells them while the run goes on"
-    rows = told.rows()
+    read = LogReader.open(log)
+    assert list(read.changes) == report["changes"], "the log tells them while the run goes on"
+    rows = read.rows()
     changes = [each["row"] for each in report["changes"] if each["row"] is not None]
     assert rows["seq"][(rows["flags"] & FLAG_CHANGED) > 0].tolist() == changes
     assert not socket_of(log).exists()

@@ -7,11 +7,12 @@ what is shown. Nothing is asserted about time.
 import gc
 import os
 import re
+import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NoReturn
@@ -250,6 +251,11 @@ def test_other_commands(found: tuple[str, tuple[str, ...]], folder: Path) -> Non
             (folder / copy).unlink(missing_ok=True)
             subprocess.run(words, check=True)
             assert load_config(copy) and preset.startswith("config/")
+        case ("sqlite3", log, query):
+            quick = ["--duration=0.1", "--set=loop.clock=simulated", "--no-plot"]
+            assert call(["run", "--log", log, *quick]) == 0
+            with closing(sqlite3.connect(log)) as db:
+                assert len(db.execute(query).fetchall()) == 10
         case ("dask", command, *_):
             assert find_spec(f"distributed.cli.dask_{command}") is not None
         case (name, *_) if name.startswith("scripts/"):

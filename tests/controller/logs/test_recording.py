@@ -124,30 +124,6 @@ def test_recordings_days_apart_are_parts_of_their_own(
     assert any("nothing is known from" in note for note in found.notes)
 
 
-@pytest.mark.parametrize("rates", [(1000, 50), (50, 1000), (1000, 10, 200)])
-def test_a_recording_at_another_rate_is_one_of_its_own(
-    tmp_path: Path, rates: tuple[int, ...]
-) -> None:
-    times = np.concatenate([recording(1000.0 * k, 300, 1.0 / rate) for k, rate in enumerate(rates)])
-    path = write(tmp_path / "a.csv", time_s=times, position_rad=swing(times))
-    found = list(read_recordings(path))
-    assert [each.period for each in found] == pytest.approx([1.0 / rate for rate in rates])
-    assert [each.samples for each in found] == [300] * len(rates)
-    notes = [note for each in found for note in each.notes]
-    for k, rate in list(enumerate(rates))[1:]:
-        assert f"from {1000 * k} s on the samples are {1000 / rate:.4g} ms apart" in notes
-
-
-def test_a_recording_whose_time_begins_anew_comes_after_the_one_before(tmp_path: Path) -> None:
-    once = recording(0.0, 500)
-    times = np.concatenate([once, recording(0.0, 800), recording(0.2, 100)])
-    found = read_recording(write(tmp_path / "a.csv", time_s=times, position_rad=swing(times)))
-    starts, sizes = zip(*((part.times[0], part.times.size) for part in found.parts), strict=True)
-    assert sizes == (500, 800, 100)
-    assert starts == pytest.approx([0.0, 1.499, 3.298])
-    assert any("time goes back from 0.499 to 0 s" in note for note in found.notes)
-
-
 def test_a_long_recording_comes_in_pieces_that_overlap(tmp_path: Path) -> None:
     times = recording(0.0, WINDOW + 50_000)
     found = list(read_recordings(write(tmp_path / "a.csv", time_s=times, position_rad=times)))

@@ -105,7 +105,7 @@ def test_a_run_commands_what_the_verdict_says(desk: Desk) -> None:
         promised = report["verdict"][case]["commanded"]
         words = ["run", desk.folder / "config.yaml", "--duration=0.05", "--json", "--no-plot"]
         words += ["--set=wall.stiffness=1e6", f"--set=wall.damping={promised['damping']}"]
-        words += ["--log", desk.folder / "run.hwlog"]
+        words += ["--log", desk.folder / f"{case}.hwlog"]
         assert call(*words) == 0
         guard = json.loads(desk.capsys.readouterr().out)["guard"]
         assert guard["commanded"] == pytest.approx(promised, rel=1e-6)
