@@ -205,17 +205,6 @@ def stiffness() -> tuple[list[str], list[list[object]]]:
     return head, rows
 
 
-def delays() -> tuple[list[str], list[list[object]]]:
-    """The limits over the delay."""
-    ages = [0.0, 0.5e-3, 1e-3, 2e-3]
-    rows: list[list[object]] = []
-    for d in decided("emulated-ideal", ages, stiffness=1e6):
-        limits = d.limits["linear"], d.limits["exact"], d.limits["one_sided"]
-        rows.append([1e3 * d.delay, *limits, d.stiffness])
-    head = ["delay t_d [ms]", "linear", "exact", "one_sided", "K commanded"]
-    return head, rows
-
-
 def dampings() -> tuple[list[str], list[list[object]]]:
     """The limits over the virtual damping."""
     rows: list[list[object]] = []
@@ -227,8 +216,8 @@ def dampings() -> tuple[list[str], list[list[object]]]:
 
 
 def limits() -> tuple[list[str], list[list[object]]]:
-    """Return the guard's limits, with their meaning."""
-    return ["limit", "meaning", "source"], [[x.name, x.meaning, x.source] for x in GUARD_LIMITS]
+    """Return the guard's limits, with their source."""
+    return ["limit", "source"], [[each.name, each.source] for each in GUARD_LIMITS]
 
 
 def one_sided_shares() -> tuple[list[str], list[list[object]]]:
@@ -266,7 +255,6 @@ def published() -> tuple[list[str], list[list[object]]]:
 TABLES = {
     "limits": limits,
     "stiffness": stiffness,
-    "delays": delays,
     "dampings": dampings,
     "one_sided_shares": one_sided_shares,
     "published": published,

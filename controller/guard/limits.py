@@ -45,7 +45,7 @@ class Limit(Protocol):
         """Return it at the commanded damping of each corner [N·m/rad]."""
 
 
-_OF_THE_LOOP = ("virtual_damping", "largest_part", "damping", "belief")
+_OF_THE_LOOP: tuple[str, ...] = ("virtual_damping", "largest_part", "damping", "belief")
 
 
 class Linear:
@@ -54,7 +54,7 @@ class Linear:
     name, label = "linear", "linear condition"
     meaning = "sum of the damping over sum of the delay"
     source = "Gil et al., ICRA 2007, (7) to (10)"
-    raised_by = _OF_THE_LOOP
+    raised_by: tuple[str, ...] = _OF_THE_LOOP
 
     def applies(self, _: Evaluation) -> bool:
         """Always."""
@@ -72,8 +72,8 @@ class Exact:
 
     name, label = "exact", "exact"
     meaning = "above it the loop oscillates and grows"
-    source = "Gil et al., ICRA 2007, (11), solved on the unit circle"
-    raised_by = _OF_THE_LOOP
+    source = "Gil et al., ICRA 2007, (11)"
+    raised_by: tuple[str, ...] = _OF_THE_LOOP
 
     def applies(self, _: Evaluation) -> bool:
         """Always."""
@@ -89,8 +89,8 @@ class OneSided:
 
     name, label = "one_sided", "one-sided"
     meaning = "above it a wall that never pulls returns the device faster than it came"
-    source = "exact contacts over each phase of entry"
-    raised_by = (*_OF_THE_LOOP, "two_sided")
+    source = "simulated contacts"
+    raised_by: tuple[str, ...] = (*_OF_THE_LOOP, "two_sided")
 
     CORNER_ALONE = 0.94
     """Fraction of the corner's limit that is used where friction is light: the worst that a search
@@ -117,8 +117,8 @@ class Quantisation:
 
     name, label = "quantisation", "encoder (quantisation)"
     meaning = "above it one encoder count commands too much of the torque limit"
-    source = "Diolaiti et al. 2006; the weights are fitted to the torque at rest"
-    raised_by = ("virtual_damping", "encoder", "largest_part", "belief")
+    source = "Diolaiti et al. 2006"
+    raised_by: tuple[str, ...] = ("virtual_damping", "encoder", "largest_part", "belief")
 
     def applies(self, at: Evaluation) -> bool:
         """Where position and torque limit are known to be finite."""
@@ -136,8 +136,8 @@ class Passive:
 
     name, label = "passive", "passive"
     meaning = "above it some passive hand makes the wall unstable"
-    source = "Colgate and Schenkel 1997, extended to any delay"
-    raised_by = _OF_THE_LOOP
+    source = "Colgate and Schenkel 1997"
+    raised_by: tuple[str, ...] = _OF_THE_LOOP
 
     def applies(self, at: Evaluation) -> bool:
         """In mode ``passive``."""
@@ -176,8 +176,8 @@ class Backlash:
     meaning = (
         "above it the believed backlash may sustain an oscillation that friction does not stop"
     )
-    source = "harmonic balance; Gelb and Vander Velde 1968"
-    raised_by = _OF_THE_LOOP
+    source = "Gelb and Vander Velde 1968"
+    raised_by: tuple[str, ...] = _OF_THE_LOOP
 
     COUNTS = 4
     """An oscillation of up to so many counts to either side is let be"""
@@ -219,8 +219,8 @@ class Flexible:
 
     name, label = "flexible", "flexible load"
     meaning = "above it the believed load may vibrate on its flexible transmission"
-    source = "two masses, exactly discretised, over a grid of the belief and its delays"
-    raised_by = (*_OF_THE_LOOP, "two_sided", "motor_encoder", "stiffer")
+    source = "two masses, exactly discretised"
+    raised_by: tuple[str, ...] = (*_OF_THE_LOOP, "two_sided", "motor_encoder", "stiffer")
 
     ON_A_LINK = 0.4
     """Fraction that a two-sided law of several slopes may use: a law of many ridges can turn the
@@ -261,7 +261,7 @@ class Resolution:
     name, label = "resolution", "resolution"
     meaning = "above it friction slips before the encoder has seen it bend"
     source = "four counts"
-    raised_by = ("encoder",)
+    raised_by: tuple[str, ...] = ("encoder",)
 
     def applies(self, at: Evaluation) -> bool:
         """To such a law."""

@@ -76,15 +76,6 @@ class Plants:
         """Return the plants at ``index``."""
         return Plants(*(getattr(self, f.name)[index] for f in fields(self)))
 
-    def followed_by(self, *others: Plants) -> Plants:
-        """Return these plants and then the others, in one set."""
-        return Plants(
-            *(
-                np.concatenate([getattr(each, f.name) for each in (self, *others)])
-                for f in fields(self)
-            )
-        )
-
 
 @dataclass(frozen=True, slots=True)
 class Box:

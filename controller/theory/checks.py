@@ -66,18 +66,6 @@ def samples(name: str, value: ArrayLike) -> FloatArray:
     return array
 
 
-def whole_number(name: str, value: ArrayLike) -> int:
-    """Return ``value`` as one whole number >= 0.
-
-    Raises:
-        ValueError: It is not.
-    """
-    whole = scalar(not_negative, name, value)
-    if whole != int(whole):
-        raise ValueError(f"{name} must be a whole number >= 0, got {whole:g}")
-    return int(whole)
-
-
 def scalar(check: Callable[[str, ArrayLike], FloatArray], name: str, value: ArrayLike) -> float:
     """Return ``value`` as one number that passes a check.
 
