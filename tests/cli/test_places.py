@@ -33,7 +33,7 @@ FOLDERS = [
     (SWEEP, "sweep.json"),
     ([*SWEEP, "--fresh"], "sweep.json"),
     (["commission", *SIMULATED], "report.html"),
-    (["commission", *SIMULATED, "--fresh"], "identify.json"),
+    (["commission", *SIMULATED, "--fresh"], "identify.png"),
     (["commission", *SIMULATED], "sweep.png"),
 ]
 FILES = [
