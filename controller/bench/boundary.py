@@ -22,7 +22,7 @@ from haptic_wall.controller.theory import (
 from haptic_wall.controller.theory.checks import FloatArray
 
 _ROUNDS = 7
-_CURVE, _MIXED, _COMPARED = 1000, 100_000, 25
+_MIXED, _COMPARED = 100_000, 25
 _LOADED = 4096
 _SAME = 1e-6
 """Relative difference up to which two answers agree."""
@@ -31,17 +31,9 @@ _NOT_A_MARGIN = 1e-9
 
 
 def measure() -> Section:
-    """Measure one curve, many mixed settings, and both programs on the same settings."""
-    curve, mixed, compared = (
-        _one_plant(_CURVE),
-        _random(_MIXED, 1),
-        _random(_COMPARED, 2, whole=True),
-    )
-    work: dict[str, Callable[[], object]] = {
-        "curve": curve.solve,
-        "mixed": mixed.solve,
-        "compared": compared.solve,
-    }
+    """Measure many mixed settings, and both programs on the same settings."""
+    mixed, compared = _random(_MIXED, 1), _random(_COMPARED, 2, whole=True)
+    work: dict[str, Callable[[], object]] = {"mixed": mixed.solve, "compared": compared.solve}
     notes: tuple[str, ...] = ()
     margins = _margins_by_control()
     if margins is None:
@@ -51,16 +43,9 @@ def measure() -> Section:
         )
     else:
         work["control"] = lambda: [margins(compared, i) for i in range(_COMPARED)]
-        work["one by one"] = lambda: [compared.one(i).solve() for i in range(_COMPARED)]
     times = interleaved(work, _ROUNDS)
     loads = interleaved({"one": _loaded(), "mixed": _random_loads()}, _ROUNDS, time.process_time)
     rows = [
-        over_rounds(
-            f"{_CURVE} damping values of one plant",
-            [1e3 * one for one in times["curve"]],
-            "ms",
-            "the one-sided and the passive limit, which take longer",
-        ),
         over_rounds(
             f"{_MIXED} mixed settings",
             [_MIXED / one for one in times["mixed"]],
@@ -106,19 +91,13 @@ def measure() -> Section:
             f"ratio of the times per setting, ours in one array of {_MIXED}",
             theirs_s,
             [one / _MIXED for one in times["mixed"]],
-            "a call for few settings: see the next lines",
+            "a call for few settings: see the next line",
         ),
         ratio(
             f"ratio of the times per setting, ours in one array of {_COMPARED}",
             times["control"],
             times["compared"],
             "large arrays, in which the overhead of a call is smaller, nor a call for one setting",
-        ),
-        ratio(
-            "ratio of the times per setting, ours one by one as well",
-            times["control"],
-            times["one by one"],
-            "arrays, the usual call for many settings",
         ),
     ]
     return Section(tuple(rows), notes)
@@ -135,16 +114,6 @@ class _Settings:
     def solve(self) -> FloatArray:
         """Return their critical stiffnesses."""
         return critical_stiffness(1.0, self.delta, self.beta, 1.0, self.delay)
-
-    def one(self, i: int) -> _Settings:
-        """Return one of them."""
-        return _Settings(self.delta[i], self.beta[i], self.delay[i])
-
-
-def _one_plant(count: int) -> _Settings:
-    delta, delay = np.array(1e-3), np.array(2.0)
-    ceiling = max_virtual_damping(1.0, delta, 1.0, delay)
-    return _Settings(delta, np.linspace(0.0, 0.99 * ceiling, count), delay)
 
 
 def _random(count: int, seed: int, whole: bool = False) -> _Settings:

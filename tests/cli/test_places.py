@@ -23,7 +23,7 @@ FOLDERS = [
     (SWEEP, "sweep.csv"),
     (SWEEP, "sweep.json"),
     (["commission", *SIMULATED], "report.html"),
-    (["commission", *SIMULATED, "--fresh"], "identify.json"),
+    (["commission", *SIMULATED, "--fresh"], "identify.png"),
     (["commission", *SIMULATED], "sweep.png"),
 ]
 FILES = [

@@ -327,6 +327,10 @@ class PointSearch:
             seen = watch(rows, phase, phases[phase], self._device, self._kick)
             if seen is not None:
                 missed[asked.sign].append(self._take(seen, asked))
+            elif (released := rows["position"][rows["phase"] == phase]).size:
+                # Beyond its reach at once: noise shakes friction loose, which held it elsewhere.
+                start = asked.sign * float(released[0] - rows["position"][0])
+                missed[asked.sign].append(asked.aim - start)
         self._correct(missed)
         if tripped is not None:
             self._blame(tripped, batch[min(max(over, 0) // 2, len(batch) - 1)].stiffness)

@@ -116,6 +116,13 @@ def test_a_shaft_that_sticks_is_aimed_at_again_and_not_judged(tmp_path: Path) ->
     assert found.measured == pytest.approx(true, rel=0.05)
 
 
+@pytest.mark.whole
+def test_a_shaft_that_noise_shakes_beyond_its_kick_is_aimed_at_again(tmp_path: Path) -> None:
+    """Friction holds it short of the soft spring's centre, until noise is commanded as damping."""
+    sets = ("servo.backlash=0.002", "servo.encoder_noise=1")
+    assert search(tmp_path, 0.0891, 3, *sets, tolerance=0.02).trials >= 4
+
+
 @pytest.mark.parametrize(
     ("damping", "sets", "words"),
     [
