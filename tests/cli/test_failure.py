@@ -81,7 +81,7 @@ def test_an_error_is_an_object(
 def test_a_trip_that_ends_an_experiment_is_one_too(
     cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def tripped(*_: object) -> NoReturn:
+    def tripped(*_: object, **_named: object) -> NoReturn:
         raise ExperimentTrippedError(Trip.OVERSPEED, "too fast")
 
     monkeypatch.setattr("haptic_wall.controller.experiments.delay.measure_delay", tripped)

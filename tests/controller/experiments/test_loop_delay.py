@@ -83,7 +83,7 @@ def test_the_standard_error_is_honest(
 ) -> None:
     if servo and not thorough:
         pytest.skip("seconds; --thorough runs it")
-    count = 40 if thorough else 3
+    count = 40 if thorough else 2
     off = []
     for seed in range(count):
         random = np.random.default_rng(seed)
