@@ -19,15 +19,15 @@ from haptic_wall.controller.logs.csv_table import TORQUE, columns_of
 from haptic_wall.controller.logs.recording import (
     GAP,
     LEAST,
+    WINDOW,
     Floats,
     Knowledge,
     Part,
     Recording,
     parted,
     seconds,
-    sliced,
+    windowed,
 )
-from haptic_wall.controller.logs.windows import BEFORE_S, WINDOW
 
 _SPARSE = 2.0
 """Largest number of grid points per sample; more would mostly be invented."""
@@ -58,7 +58,7 @@ def recordings_of_csv(path: Path) -> Iterator[Recording]:
     notes += _units(whole, period)
     parts = [_even(part, period, notes) for part in parted(whole, period, notes)]
     of = -(-whole.times.size // WINDOW)
-    for some, since_s in _windowed(parts):
+    for some, since_s in windowed(parts):
         yield Recording(period, some, known, tuple(notes), since_s, of)
         notes = []
     if notes or not parts:
@@ -155,28 +155,6 @@ def _units(whole: Part, period: float) -> Iterator[str]:
             f"the positions range over {moved:.4g} rad: if position_rad is in degrees or encoder"
             " counts, convert it"
         )
-
-
-def _windowed(parts: list[Part]) -> Iterator[tuple[tuple[Part, ...], float]]:
-    """Yield the parts in pieces of bounded size, and the time from which each piece is new [s]."""
-    held: list[Part] = []
-    samples = 0
-    for part in parts:
-        samples += part.times.size
-        if held and samples > WINDOW:
-            yield tuple(held), -math.inf
-            held, samples = [], part.times.size
-        if part.times.size <= WINDOW:
-            held.append(part)
-            continue
-        samples = 0
-        for start in range(0, part.times.size, WINDOW):
-            since_s = float(part.times[start]) if start else -math.inf
-            again = int(np.searchsorted(part.times, since_s - BEFORE_S))
-            again = max(again, start - WINDOW, 0)
-            yield (sliced(part, again, start + WINDOW),), since_s
-    if held:
-        yield tuple(held), -math.inf
 
 
 def _even(part: Part, period: float, notes: list[str]) -> Part:

@@ -8,8 +8,8 @@ import math
 import os
 import re
 from array import array
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TextIO
@@ -22,7 +22,6 @@ from haptic_wall.controller.logs.recording import Floats
 from haptic_wall.controller.system.csv_habits import ADVICE, WANTED, habits, has_decimal_comma
 from haptic_wall.controller.system.files import opened
 from haptic_wall.controller.system.printable import in_line
-from haptic_wall.hw.errors import Problem
 
 NEEDED = ("time_s", "position_rad")
 TORQUE = "torque_nm"
@@ -35,6 +34,8 @@ _MOST_LINES = 100
 """Largest number of lines in one row: a quoted cell may hold line ends"""
 _LARGEST = 1e12
 _OR_LOG = f", or a {SUFFIX} file"
+Refusal = Callable[..., UserError]
+"""Makes the error about a file, of its text, ``wanted`` and ``advice``"""
 _CONTROL = re.compile("[\x00-\x08\x0b-\x0c\x0e-\x1f\x7f]")
 
 
@@ -57,27 +58,18 @@ def columns_of(
         UserError: The file is no such CSV, or too large; the message says what was found.
         OSError: It cannot be read, or is no regular file.
     """
-    file = Problem(field=name, given=str(path))
+    refusal = partial(UserError, field=name, given=path)
     with io.TextIOWrapper(opened(path), "utf-8-sig", "replace", newline="") as text:
         size = os.fstat(text.fileno()).st_size
         if size > MOST_BYTES:
-            raise UserError(
-                replace(
-                    file,
-                    what=f"found {size} bytes",
-                    wanted=f"a CSV of at most {MOST_BYTES} bytes",
-                    advice="split it",
-                )
-            )
+            wanted = f"a CSV of at most {MOST_BYTES} bytes"
+            raise refusal(f"found {size} bytes", wanted=wanted, advice="split it")
         try:
-            names, numbers = _read(file, text, known)
+            names, numbers = _read(refusal, text, known)
         except csv.Error as error:
-            raise UserError(
-                replace(
-                    file,
-                    what=f"cannot be read as a CSV: {error}",
-                    advice="look for a quote that is not closed; wanted rows of numbers",
-                )
+            raise refusal(
+                f"cannot be read as a CSV: {error}",
+                advice="look for a quote that is not closed; wanted rows of numbers",
             ) from None
     table = np.frombuffer(numbers, np.float64).reshape(-1, len(names))
     dated = np.isfinite(table[:, 0])
@@ -88,10 +80,10 @@ def columns_of(
 
 
 class _Lines:
-    """Iterates over the lines of a text; limits their length and removes control characters."""
+    """Iterates over the lines of a text; limits their length and refuses control characters."""
 
-    def __init__(self, file: Problem, text: TextIO) -> None:
-        self._file = file
+    def __init__(self, refusal: Refusal, text: TextIO) -> None:
+        self._refusal = refusal
         self._text = text
         self.number = 0
         self.of_row = 0
@@ -106,28 +98,21 @@ class _Lines:
             if found := _CONTROL.search(line):
                 self._refuse(f"holds the control character {found[0]!r}")
             if self.of_row > _MOST_LINES:
-                self._refuse(
-                    f"and the {_MOST_LINES} before are one row, perhaps after a quote that is not"
-                    " closed"
-                )
+                why = "perhaps after a quote that is not closed"
+                self._refuse(f"and the {_MOST_LINES} before are one row, {why}")
             if self.of_row == 1 and line.lstrip().startswith("#"):
                 self.of_row = 0
                 continue
             yield line
 
     def _refuse(self, what: str) -> None:
-        raise UserError(
-            replace(
-                self._file,
-                what=f"line {self.number} {what}",
-                advice=f"wanted a CSV as text, a line for each sample, or a {SUFFIX} file",
-            )
-        )
+        advice = f"wanted a CSV as text, a line for each sample, or a {SUFFIX} file"
+        raise self._refusal(f"line {self.number} {what}", advice=advice)
 
 
-def _read(file: Problem, text: TextIO, known: tuple[str, ...]) -> tuple[list[str], array[float]]:
+def _read(refusal: Refusal, text: TextIO, known: tuple[str, ...]) -> tuple[list[str], array[float]]:
     """Return the names of the known columns, and their numbers row by row."""
-    lines = _Lines(file, text)
+    lines = _Lines(refusal, text)
     reader = csv.reader(lines)
     first = next(reader, [])
     header = [name.strip() for name in first]
@@ -135,48 +120,34 @@ def _read(file: Problem, text: TextIO, known: tuple[str, ...]) -> tuple[list[str
     if absent:
         if habits([first]):
             found = habits([first, *islice(reader, 2)])
-            raise UserError(replace(file, what=f"found {found}", wanted=WANTED, advice=ADVICE))
+            raise refusal(f"found {found}", wanted=WANTED, advice=ADVICE)
         found = in_line(", ".join(header[:8])) if any(header) else "nothing"
-        raise UserError(
-            replace(
-                file,
-                what=f"its first line has no column {' and no '.join(absent)}, found {found}",
-                advice=f"wanted a CSV with {', '.join(NEEDED)} and, if known, "
-                f"{', '.join(known)}{_OR_LOG if known == (TORQUE,) else ''}",
-            )
+        or_log = _OR_LOG if known == (TORQUE,) else ""
+        raise refusal(
+            f"its first line has no column {' and no '.join(absent)}, found {found}",
+            advice=f"wanted a CSV with {', '.join(NEEDED)} and, if known, {', '.join(known)}"
+            + or_log,
         )
     names = [name for name in (*NEEDED, *known) if name in header]
     places = [header.index(name) for name in names]
     numbers = array("d")
-    most = MOST_ROWS * len(names)
     for row in reader:
         lines.of_row = 0
         if not row:
             continue
-        if len(numbers) >= most:
-            raise UserError(
-                replace(
-                    file,
-                    what=f"found more than {MOST_ROWS} rows",
-                    wanted="fewer",
-                    advice="split it",
-                )
-            )
+        if len(numbers) >= MOST_ROWS * len(names):
+            what = f"found more than {MOST_ROWS} rows"
+            raise refusal(what, wanted="fewer", advice="split it")
         for place, name in zip(places, names, strict=True):
             cell = row[place].strip() if place < len(row) else ""
             try:
                 numbers.append(_number(cell) if cell else math.nan)
             except ValueError:
                 comma = has_decimal_comma(cell)
-                raise UserError(
-                    replace(
-                        file,
-                        what=f"line {lines.number}, column {name}: found {cell[:40]!r}",
-                        wanted="a point"
-                        if comma
-                        else f"a number up to {_LARGEST:g} or an empty cell",
-                        advice=ADVICE if comma else "",
-                    )
+                raise refusal(
+                    f"line {lines.number}, column {name}: found {cell[:40]!r}",
+                    wanted="a point" if comma else f"a number up to {_LARGEST:g} or an empty cell",
+                    advice=ADVICE if comma else "",
                 ) from None
     return names, numbers
 

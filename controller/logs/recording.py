@@ -6,6 +6,7 @@ A gap splits the record, because the motion in it is unknown.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,10 @@ LEAST = 10
 """Least number of samples worth analysing."""
 GAP = 10
 """Periods without a sample that split the record."""
+WINDOW = 120_000
+"""Samples that are analysed at once, without the overlap"""
+BEFORE_S = 10.0
+"""Overlap with the window before [s]: the detector needs some half-cycles of an oscillation."""
 MOST_TOLD = 5
 """Largest number of gaps and short stretches reported one by one"""
 
@@ -126,3 +131,25 @@ def sliced(whole: Part, start: int, end: int) -> Part:
         None if whole.torques is None else whole.torques[inside],
         None if whole.stiffness is None else whole.stiffness[inside],
     )
+
+
+def windowed(parts: Sequence[Part]) -> Iterator[tuple[tuple[Part, ...], float]]:
+    """Yield the parts in pieces of bounded size, and the time from which each piece is new [s]."""
+    held: list[Part] = []
+    samples = 0
+    for part in parts:
+        samples += part.times.size
+        if held and samples > WINDOW:
+            yield tuple(held), -math.inf
+            held, samples = [], part.times.size
+        if part.times.size <= WINDOW:
+            held.append(part)
+            continue
+        samples = 0
+        for start in range(0, part.times.size, WINDOW):
+            since_s = float(part.times[start]) if start else -math.inf
+            again = int(np.searchsorted(part.times, since_s - BEFORE_S))
+            again = max(again, start - WINDOW, 0)
+            yield (sliced(part, again, start + WINDOW),), since_s
+    if held:
+        yield tuple(held), -math.inf

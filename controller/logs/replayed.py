@@ -20,7 +20,6 @@ from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.logs.detected import Detected, add
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.recording import LEAST, Part
-from haptic_wall.controller.logs.recordings import MOVED
 from haptic_wall.controller.logs.replay import LaterWall, Replay
 from haptic_wall.controller.logs.walls import Walls, walls_of
 from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
@@ -30,6 +29,7 @@ from haptic_wall.controller.system.printable import in_line
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.servo import Outcome
 
+MOVED = "position or law of the wall changed: each stretch is judged with its own wall"
 _GATHERED = 100_000
 """Rows processed at a time"""
 

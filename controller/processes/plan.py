@@ -95,7 +95,7 @@ class Plan:
     changeable: bool = False
     """Whether the wall takes changes while it runs"""
     force: bool = False
-    """Whether log and record may replace files that this program did not write"""
+    """Whether log and record may replace existing files"""
 
     @property
     def elastic(self) -> bool:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.logs import detected as seen
+from haptic_wall.controller.logs import recording as log_parts
 from haptic_wall.controller.logs import recordings as log_recording
-from haptic_wall.controller.logs import windows as log_windows
 from haptic_wall.controller.logs.csv_export import write_csv
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.summary import summarised
@@ -128,11 +128,11 @@ def test_detect_sees_the_same_in_windows_as_in_the_whole(
     path = logs[2]
     monkeypatch.setattr(seen, "_WHOLE", 2000)
     whole = seen.detect_all(log_recording.read_recordings(path), NOTHING)
-    for module in (log_windows, log_recording):
+    for module in (log_parts, log_recording):
         monkeypatch.setattr(module, "WINDOW", 6_000)
     found = list(log_recording.read_recordings(path))
     assert [r.of for r in found] == [5] * 5
-    assert max(r.samples for r in found) <= 6_000 + 250 + 10_000
+    assert max(r.samples for r in found) <= 6_000 + 10_000
     parted = seen.detect_all(found, NOTHING)
     assert (parted.samples, parted.parts) == (whole.samples, whole.parts)
     assert parted.state == whole.state >= State.SUSTAINED

@@ -7,9 +7,8 @@ import pytest
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs import csv_table
-from haptic_wall.controller.logs.recording import Recording
+from haptic_wall.controller.logs.recording import WINDOW, Recording
 from haptic_wall.controller.logs.recordings import read_recordings
-from haptic_wall.controller.logs.windows import WINDOW
 from haptic_wall.controller.theory.checks import FloatArray
 from tests.typed import not_none
 
