@@ -133,9 +133,11 @@ class Startup:
         table = self._table
         self._judge("model", judge_model(number, self._model.name))
         self._refuse_if_unfit()
+        before = table.try_read("status_return_level")  # at 0 reads have no reply
         level = table.write("status_return_level", STATUS_LEVEL)  # a silent second servo takes it
+        found = str(level) if level == before else f"{before or 0}, set to {level}"
         why, advice = "It does not answer every instruction", "reboot it"
-        verdict = Verdict(level == STATUS_LEVEL, str(level), str(STATUS_LEVEL), why, advice)
+        verdict = Verdict(level == STATUS_LEVEL, found, str(STATUS_LEVEL), why, advice)
         self._judge("status return level", verdict)
         firmware = table.read("firmware_version")
         self._judge("firmware", judge_firmware(self._model, firmware))

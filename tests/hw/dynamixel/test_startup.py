@@ -329,7 +329,7 @@ def test_torque_that_is_on_is_switched_off_first() -> None:
 def test_a_servo_that_does_not_reply_to_everything_is_made_to(level: int) -> None:
     bench = Bench()
     bench.truth.memory["status_return_level"] = level
-    assert bench.found("status return level") == "2"
+    assert bench.found("status return level") == f"{level}, set to 2"
 
 
 def test_a_tripped_watchdog_is_cleared() -> None:
