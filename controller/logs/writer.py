@@ -10,7 +10,7 @@ import contextlib
 import json
 import os
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,9 +43,8 @@ class LogWriter:
         metadata: Values by their keys in the table ``meta``, as JSON can hold them.
         force: Replace a file; else one that exists is refused.
         resume: Continue the log of a dead writer; ``metadata`` and ``force`` do not matter.
-
-    Attributes:
-        identity: The value of ``identity`` for the file.
+        begun: Called with the value of ``identity`` as soon as the file is there, before it is a
+            log: a writer that dies in between leaves no file that nobody may replace.
 
     Raises:
         OSError: The file cannot be written, or exists.
@@ -59,6 +58,7 @@ class LogWriter:
         *,
         force: bool = False,
         resume: bool = False,
+        begun: Callable[[int], None] = lambda _identity: None,
     ) -> None:
         self._path = Path(os.path.realpath(path))
         self._origin_ns: int | None = None
@@ -67,6 +67,7 @@ class LogWriter:
             refuse_other(self._path)
         else:
             _make(self._path, force=force)
+        begun(identity(self._path))
         with contextlib.ExitStack() as undo, as_os_error(path):
             if not resume:
                 undo.callback(self._path.unlink, missing_ok=True)
@@ -84,7 +85,6 @@ class LogWriter:
                     self._set(metadata)
             self._db.execute("PRAGMA journal_mode=WAL")
             undo.pop_all()
-        self.identity = identity(self._path)
 
     def append(self, rows: NDArray[np.void]) -> None:
         """Write rows, shape (n,), dtype ``telemetry.ROW``.

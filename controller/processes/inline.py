@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict
 from pathlib import Path
 
-from haptic_wall.controller.logs.writer import LogWriter
 from haptic_wall.controller.processes.plan import Ended, Plan, Tell
-from haptic_wall.controller.processes.recorder import Recorder, rows_lacking
+from haptic_wall.controller.processes.recorder import Recorder, begun_log, rows_lacking
 from haptic_wall.controller.runtime.session import Surroundings, run_session
 from haptic_wall.controller.runtime.statistics import RunStatistics
 from haptic_wall.controller.runtime.telemetry import Telemetry
@@ -33,7 +32,7 @@ def run_inline(plan: Plan, telemetry: Telemetry, tell: Tell = lambda _text: None
         if counted and not warnings:
             try:
                 if recorder is None:
-                    log = LogWriter(plan.log, plan.metadata, force=plan.force)
+                    log = begun_log(telemetry, plan.log, plan.metadata, force=plan.force)
                     recorder = Recorder(telemetry, log)
                 recorder.drain()
             except OSError as error:

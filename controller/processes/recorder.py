@@ -6,6 +6,7 @@ until they can be written, and another recorder continues the log of a dead one.
 
 from __future__ import annotations
 
+import contextlib
 import signal
 import socket
 import time
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_wall.controller.errors import LogFormatError
 from haptic_wall.controller.live.log_events import take_events
 from haptic_wall.controller.logs.writer import LogWriter, identity
 from haptic_wall.controller.runtime.idle_window import pause_until_idle_window
@@ -40,6 +42,21 @@ page."""
 def rows_lacking(words: memoryview[int]) -> int:
     """Return how many of the rows so far are not in the log."""
     return words[Word.HEAD] - words[Word.TAIL] + words[Word.LACKING]
+
+
+def begun_log(
+    telemetry: Telemetry, path: Path, metadata: Mapping[str, Any], *, force: bool
+) -> LogWriter:
+    """Begin a log, and note in the control words which file it is.
+
+    Raises:
+        OSError: As ``LogWriter``.
+    """
+
+    def note(number: int) -> None:
+        telemetry.words[Word.LOG_FILE] = number
+
+    return LogWriter(path, metadata, force=force, begun=note)
 
 
 class Recorder:
@@ -70,7 +87,6 @@ class Recorder:
             self._count(log.seqs_from(self._tail))
         else:
             telemetry.words[Word.LACKING] = telemetry.words[Word.TAIL] = 0
-        telemetry.words[Word.LOG_FILE] = log.identity
 
     def drain(self) -> bool:
         """Write all waiting events and rows; return whether there were any rows.
@@ -157,9 +173,14 @@ class _Attempts:
         """Continue the log of a dead recorder if it is in its place; else begin a new one."""
         orders = self._orders
         path = Path(orders["log"])
-        resumes = orders["resume"] and identity(path) == self._telemetry.words[Word.LOG_FILE]
-        log = LogWriter(path, orders["metadata"], force=orders.get("force", False), resume=resumes)
-        return Recorder(self._telemetry, log, self._events, resumes=resumes)
+        ours = orders["resume"] and identity(path) == self._telemetry.words[Word.LOG_FILE]
+        with contextlib.suppress(LogFormatError):  # the dead one had not finished its first lines
+            if ours:
+                log = LogWriter(path, {}, resume=True)
+                return Recorder(self._telemetry, log, self._events, resumes=True)
+        force = ours or orders.get("force", False)
+        log = begun_log(self._telemetry, path, orders["metadata"], force=force)
+        return Recorder(self._telemetry, log, self._events)
 
     def _keep(self, keep: Callable[[], None]) -> None:
         """Call ``keep``, and report lost rows."""

@@ -20,7 +20,7 @@ from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.writer import LogWriter
 from haptic_wall.controller.processes import inline
 from haptic_wall.controller.processes.plan import LogState
-from haptic_wall.controller.processes.recorder import Recorder
+from haptic_wall.controller.processes.recorder import Recorder, begun_log
 from haptic_wall.controller.processes.run_report import exit_status
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip
 from haptic_wall.hw.emulated.servo import EmulatedServo
@@ -194,8 +194,8 @@ def test_what_comes_to_the_logs_place_in_mid_run_is_not_lost(
         (folder / "run.hwlog").write_bytes(b"mine")
         return begin(*_, **__)
 
-    begin = LogWriter
-    monkeypatch.setattr(inline, "LogWriter", late)
+    begin = begun_log
+    monkeypatch.setattr(inline, "begun_log", late)
     status, out, _ = cli("run", *BRIEF, "--log", "run.hwlog")
     assert (status, json.loads(out)["log_state"], json.loads(out)["log"]) == (5, "missing", None)
     assert [path.name for path in folder.iterdir() if path.is_file()] == ["run.hwlog"]
@@ -245,14 +245,14 @@ def test_a_full_disk_leaves_what_was_written_and_is_told(
     cli: Cli, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     limit = resource.getrlimit(resource.RLIMIT_FSIZE)
-    begin = LogWriter
+    begin = begun_log
 
     def late(*arguments: Any, **options: Any) -> LogWriter:
         log = begin(*arguments, **options)
         resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limit[1]))
         return log
 
-    monkeypatch.setattr(inline, "LogWriter", late)
+    monkeypatch.setattr(inline, "begun_log", late)
     try:
         words = ["--log", "run.hwlog", "--no-plot", "--duration=4", "--set=loop.clock=simulated"]
         status, out, _ = cli("run", *words, "--json")

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from haptic_wall.controller.logs.reader import LogReader
+from haptic_wall.controller.logs.writer import identity
 from haptic_wall.controller.processes.children import Child
 from haptic_wall.controller.processes.recorder_monitor import RecorderMonitor
 from haptic_wall.controller.runtime.telemetry import Row, Telemetry, Word
@@ -76,4 +77,19 @@ def test_a_recorder_whose_supervisor_is_dead_writes_what_comes_and_ends(tmp_path
     assert recorder.wait(10.0)
     assert recorder.well()
     assert len(LogReader.open(recording.path).rows()) == recording.telemetry.words[Word.HEAD]
+    recording.monitor.close()
+
+
+def test_a_recorder_that_was_killed_before_its_log_was_one_is_followed_by_another(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "run.hwlog"
+    path.write_bytes(b"half a log")
+    recording = Recording(path)
+    recording.telemetry.words[Word.LOG_FILE] = identity(path)
+    recording.recorders[0].send(signal.SIGKILL)
+    recording.until(lambda: recording.recorded() > 0)
+    recording.telemetry.words[Word.FINISHED] = 1
+    assert recording.recorders[-1].wait(10.0)
+    assert LogReader.open(path).rows()["seq"][0] == 0
     recording.monitor.close()
