@@ -353,12 +353,9 @@ class Backstop:
         if large:
             saturated = saturates(last, settings.torque_limit, self._tuning)
             regular = seen.repeats or saturated
-        beyond = large and not seen.contacts and beyond_hands(last, self._tuning)
-        size = 0.5 * (last[-1].amplitude + last[-2].amplitude) if beyond else 0.0
         if regular and seen.motion.gain > self._tuning.least_gain:
+            beyond = large and not seen.contacts and beyond_hands(last, self._tuning)
             self._consider(seen, damping, beyond=beyond)
-        elif seen.goes_on_beyond_hands(size):
-            self._consider(seen, damping, beyond=True)
         elif seen is self._asked:
             self.alarm = False
 

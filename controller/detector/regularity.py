@@ -133,11 +133,8 @@ class Regularity:
     """
 
     __slots__ = (
-        "_beyond",
         "_even",
         "_first",
-        "_largest",
-        "_largest_before",
         "_settings",
         "_sizes",
         "_streak_sizes",
@@ -159,8 +156,7 @@ class Regularity:
         self._streak_sizes: deque[float] = deque(maxlen=tuning.loss_half_cycles + 2)
         self._sizes: deque[float] = deque(maxlen=_SIZES)
         self._first: list[HalfCycle | None] = [None, None]
-        self._way = self._even = self._beyond = self.streak = 0
-        self._largest, self._largest_before = 0.0, math.inf
+        self._way = self._even = self.streak = 0
         self.since = 0.0
         self.steady = self.decays = self.grows = False
 
@@ -209,27 +205,6 @@ class Regularity:
     def nearly_steady(self) -> bool:
         """Whether it has been steady for half of what no hand is: a probe would disturb it."""
         return not self.steady and 2 * self._even > self._settings.tuning.steady
-
-    def goes_on_beyond_hands(self, amplitude: float) -> bool:
-        """Return whether a motion beyond hands persists, regular or not: that of two modes is not.
-
-        Call it once a half-cycle.
-
-        Args:
-            amplitude: Of the motion; 0: a hand may make it [rad].
-        """
-        if not amplitude:
-            self._beyond = 0
-            self._largest, self._largest_before = 0.0, math.inf
-            return False
-        tuning = self._settings.tuning
-        self._beyond += 1
-        self._largest = max(self._largest, amplitude)
-        if self._beyond % tuning.beyond_half_cycles:
-            return False
-        goes_on = self._largest > tuning.dying * self._largest_before
-        self._largest, self._largest_before = 0.0, self._largest
-        return goes_on
 
     def _count_even(self, new: HalfCycle) -> None:
         """Count a half-cycle like the first one in its direction; else restart the count."""

@@ -91,8 +91,6 @@ class Tuning:
     hands_power: float = 40.0 * 7.0**3
     """No hand gives more power than this over the cube of the frequency: 40 W at 7 Hz, 14 W at
     10 Hz; measured were up to 23 W at 7 Hz in thirty hours [W·Hz³]."""
-    beyond_half_cycles: int = 8
-    """Such a motion goes on if the largest of so many half-cycles is as large as before [1]."""
 
     # Motion that the believed servo makes
     lightest: float = 0.65
