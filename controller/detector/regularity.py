@@ -244,19 +244,16 @@ class Regularity:
 
     def _grows(self) -> bool:
         """Whether the amplitudes grow evenly by enough, or have stayed for as long as is known."""
-        sizes, tuning = self._sizes, self._settings.tuning
-        if len(sizes) == _SIZES and sizes[-1] >= sizes[0]:
-            return math.exp(sizes[0]) >= self._settings.threshold
-        least = tuning.grows_counts * self._settings.position_step
-        for count in range(tuning.grows_half_cycles, len(sizes)):
-            first, middle = sizes[-count - 1], sizes[-count // 2 - 1]
-            grown, last = sizes[-1] - first, sizes[-1] - middle
-            part = (count + 1) // 2 / count
-            if (
-                grown > tuning.grows
-                and math.exp(first) > least
-                and last > tuning.grows_evenly * part * grown
-                and grown - last > tuning.grows_evenly * (1.0 - part) * grown
-            ):
+        sizes, tuning = list(self._sizes), self._settings.tuning
+        step, first, grown, least = self._settings.position_step, 0.0, 0.0, math.inf
+        for count in range(1, len(sizes)):
+            first = sizes[-count - 1]
+            grown, rounding = sizes[-1] - first, step * math.exp(-first)
+            least = min(least, sizes[-count] - first + rounding)
+            enough = count >= tuning.grows_half_cycles and grown > tuning.grows
+            evenly = least > tuning.grows_evenly * grown / count
+            if enough and evenly and tuning.grows_counts * rounding < 1.0:
                 return True
-        return False
+        if self._settings.acts or len(sizes) < _SIZES:
+            return False  # a probe tells more
+        return grown >= 0.0 and least > -_DECAYS and math.exp(first) >= self._settings.threshold

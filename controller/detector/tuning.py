@@ -102,7 +102,7 @@ class Tuning:
     grows_half_cycles: int = 3
     """over at least so many half-cycles [1],"""
     grows_evenly: float = 0.6
-    """either half of them by this fraction of its part: a hand's motion grows and stays [1],"""
+    """each by this fraction of the mean: a hand's motion grows and then stays [1],"""
     grows_counts: float = 8.0
     """from this amplitude on: a step of the encoder is an eighth of it [counts]."""
 

@@ -111,7 +111,8 @@ class OutputError:
         each = [known.get(name, NO_PRIOR) for name in names]
         self.mean = np.array([prior.mean for prior in each])
         self.precision = np.array([prior.precision(noise) for prior in each])
-        self._weights = weights_of(pieces)
+        # Rows of a record are thinned, so that equal ones are few.
+        self._weights = pieces.held.astype(float) if self._swings else weights_of(pieces)
         self._means = self._weights / self._weights.sum(axis=1, keepdims=True)
 
     def fitted(
