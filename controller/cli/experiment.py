@@ -207,23 +207,24 @@ def carry_out(
         folder = new_stem("--out", what)
     else:
         tables = () if rows is None else (f"{what}.csv",)
-        begun = any((folder / name).is_file() for name in others)  # it is continued
+        with writing("--out", folder):
+            begun = any((folder / name).is_file() for name in others)  # it is continued
         take_folder("--out", folder, () if begun else (*files, *tables), force=asked.force)
     asked.may_move()
     with work or moving(asked.config, seconds), endings():
         found = measure(folder)
     result, picture = (folder / name for name in files)
     held = {**RESULT_MARK, "name": asked.name, **report(found)}
-    paths = [result]
-    with writing("--out", folder), ExitStack() as all_or_none:
+    with writing("--out", folder):
         folder.mkdir(parents=True, exist_ok=True)
-        if rows is not None:
-            paths.append(folder / f"{what}.csv")
-            _write_table(all_or_none.enter_context(whole(paths[-1])), rows(found))
-        part = all_or_none.enter_context(whole(result))
-        part.write_text(as_json(held) + "\n", encoding="utf-8")
     seen = drawn_or_noted("--out", picture, partial(draw, found, asked.name))
-    paths += [seen] if seen else []
+    table = [] if rows is None else [folder / f"{what}.csv"]
+    paths = [result, *table, *([seen] if seen else [])]
+    with writing("--out", folder), ExitStack() as all_or_none:
+        if rows is not None:
+            _write_table(all_or_none.enter_context(whole(table[0])), rows(found))
+        part = all_or_none.enter_context(whole(result))
+        part.write_text(as_json({**held, "files": paths}) + "\n", encoding="utf-8")
     asked.answer({**held, "files": paths}, lambda: text(found, paths))
     if (early := ended(found)) is not None:
         say(f"{early[0]} --out {folder} continues")

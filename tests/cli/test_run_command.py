@@ -43,7 +43,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     [
         (["--log", "a", "--plot", "./a"], "--log and --plot both name a"),
         (["--hold", "a", "--hold", "b"], "--hold: found 2 sources (a, b), wanted one"),
-        (["--set=loop.clock=monotonic", "--hold", "page"], "add --live --live-control, or write"),
+        (["--set=loop.clock=monotonic", "--hold", "page"], "add --live --live-control"),
         (["--plot", "a.svg"], "--plot a.svg: found a name ending in .svg"),
         (["--log", "."], "--log: . is a folder"),
         (["--log", 300 * "x"], "x: File name too long; name another place"),
@@ -59,13 +59,6 @@ def test_a_wrong_place_or_time_is_refused_before_the_start(
     assert (status, json.loads(out)["exit_status"]) == (2, 2)
     assert message in err
     assert list(folder.iterdir()) == []
-
-
-@pytest.mark.parametrize("option", ["--log", "--plot"])
-def test_no_file_that_the_run_writes_holds_its_wall_on(cli: Cli, folder: Path, option: str) -> None:
-    (folder / "a").touch()
-    err = cli.refused("run", *BRIEF, "--set=loop.clock=monotonic", "--hold", "./a", option, "a")
-    assert f"{option} and --hold both name a" in err
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

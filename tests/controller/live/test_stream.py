@@ -68,7 +68,7 @@ def test_rows_arrive_one_object_each_on_a_coarser_grid(
     assert "position_rad" not in rows[0]  # not known yet, and JSON has no NaN
     assert [row["position_rad"] for row in rows[1:]] == pytest.approx([1.0, 2.0, 3.0])
     assert rows[1]["lateness_us"] == 2.5
-    assert set(rows[1]) == {"timestamp", *COLUMNS} - {"time_s", "measured_torque_nm"}
+    assert set(rows[1]) == {"timestamp", *COLUMNS} - {"time_s", "sampled_s", "measured_torque_nm"}
     assert all(isinstance(value, int | float) for row in rows for value in row.values())
     assert max(map(len, datagrams)) < 1400, "fits a packet, and PlotJuggler's buffer of 2048"
 
