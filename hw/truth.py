@@ -211,7 +211,7 @@ class TrueServo:
         kinds=("emulated",),
     )
     ambient: float = _true(
-        32.0, "True temperature of the servo", "°C", low=-40, high=200, kinds=("emulated",)
+        32.0, "True temperature of the idle servo", "°C", low=-40, high=200, kinds=("emulated",)
     )
     # Start and operator
     position: float = _true(0.0, "Position at the start, at rest", "rad", -1e6, 1e6, kinds=())
