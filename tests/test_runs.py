@@ -518,9 +518,10 @@ def test_the_wall_is_on_only_while_the_dead_man_is_held(
         for _ in range(2):
             pedal(True)
             wait_for(lambda: (f := last_flags()) is not None and not f & off, "the wall on")
+            time.sleep(0.6)  # so that the supervisor has looked
             pedal(False)
             wait_for(lambda: (f := last_flags()) is not None and f & FLAG_OFF, "the wall off")
-            time.sleep(0.6)  # so that the supervisor has looked
+            time.sleep(0.6)
         process.send_signal(signal.SIGHUP)
         out, said = process.communicate()
     assert process.returncode == 130

@@ -74,7 +74,7 @@ def test_in_every_phase_it_runs_to_the_end_softer_and_says_why(
             reason for reason in not_none(result.guard)["reasons"] if "sample's age" in reason
         )
         assert "% of the total delay" in why
-        assert "with its latency timer at 1 ms the age is at most" in why
+        assert "set its latency timer to 1 ms" in why
         assert "K could be about" in why
 
 
@@ -94,7 +94,7 @@ def test_what_the_guard_allows_comes_to_rest_and_twice_its_limit_does_not() -> N
         adapter=(TIMER_MS * MS, 62),
         shift_ns=5 * MS,
     )
-    assert max(swings(wild)) > 3 * 0.3
+    assert max(swings(wild)) > 2 * 0.3, "until its early alarm"
 
 
 def test_a_quarter_of_the_replies_lost_is_a_quarter_for_the_trip() -> None:
