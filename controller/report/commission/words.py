@@ -77,7 +77,9 @@ def why(report: Report) -> Iterator[str]:
         decided = verdict[case]
         if case == "best" and decided["commanded"]["damping"] == 0.0:
             continue
-        yield f"{which} {'; '.join(decided['reasons'])}."
+        # the verdict asks for more than any limit allows: that figure tells nothing
+        asked = f" instead of {decided['requested']['stiffness']:.4g} N"
+        yield f"{which} {'; '.join(decided['reasons']).replace(asked, ' N')}."
     parts = ", ".join(
         f"{_PARTS[part['name']]} {ms(part['seconds'])} ({100 * part['share']:.0f} %)"
         for part in verdict["delay_parts"]
