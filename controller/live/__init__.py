@@ -1,1 +1,1 @@
-"""Shows a run in a browser: a server in its own process, and the page that it serves."""
+"""The door of a run: changes from other terminals, the page in a browser, the stream."""

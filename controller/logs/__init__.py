@@ -1,1 +1,1 @@
-"""Logs: writes them block by block, reads them past damage, exports and analyses them."""
+"""Logs: writes them block by block, reads, exports and analyses them."""

@@ -1,1 +1,1 @@
-"""The processes of a run: supervisor, loop, recorder, streamer and dead man's watcher."""
+"""The processes of a run: supervisor, loop and recorder."""

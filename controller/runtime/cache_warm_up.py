@@ -7,9 +7,9 @@ before each deadline anyway, and would only read the clock. It executes a second
 has a wall, a detector and a servo of its own: the same code without any effect. On a bus the port's
 driver also makes the system calls of a request, without effect.
 
-`haptic-wall bench --section stages` measures both. The gain is smaller on
-a bus, where the loop sleeps again until the reply. The core works about 10 % more. Several warm-ups
-do not make the tick quicker. One while the reply travels delays its reading by 30 µs.
+The gain is smaller on a bus, where the loop sleeps again until the reply. The core works about 10 %
+more. Several warm-ups do not make the tick quicker. One while the reply travels delays its reading
+by 30 µs.
 """
 
 from __future__ import annotations

@@ -147,7 +147,7 @@ class Word(IntEnum):
     LACKING = 10
     """Rows before ``TAIL`` that the log lacks (recorder)."""
     HELD_NS = 11
-    """Until when the dead man counts as held [ns]; far in the future without one (watcher)."""
+    """Until when the dead man counts as held [ns]; far in the future without one (loop; door)."""
     LOG_FILE = 12
     """Identity of the log's file; 0: none was begun (recorder)."""
     OFFERED = 13

@@ -1,1 +1,1 @@
-"""Files, signals and terminals: the services of Linux that every command uses."""
+"""Files, signals and orders: the services of Linux that every command uses."""

@@ -1,1 +1,1 @@
-"""Simulates the plant: exact motion of one servo or of many, an operator model, an encoder."""
+"""Simulates the plant: exact motion of a servo, an operator model, an encoder."""
