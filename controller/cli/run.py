@@ -31,7 +31,7 @@ from haptic_wall.controller.cli.places import force_option, new_stem, take_file
 from haptic_wall.controller.cli.text import report_text
 from haptic_wall.controller.cli.working import is_shown, working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.logs.file import SUFFIX
+from haptic_wall.controller.logs.file import SUFFIX, foreign_beside
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import file_of, load_config
@@ -338,6 +338,8 @@ def _places(
                 raise UserError(f"{path} is a pipe", field=option, advice="name a file")
             # An unwritable place is reported, and the run goes on without it.
             take_file(option, path, force=force, make=True, try_it=False)
+            if option == "--log":
+                _refuse_no_log(path)
     if log is not None and (plot is not None or not draws):
         return log, plot
     stem = new_stem("--log" if log is None else "--plot", Path(name).stem, SUFFIX)
@@ -345,6 +347,23 @@ def _places(
         stem.with_name(f"{stem.name}.hwlog") if log is None else log,
         stem.with_name(f"{stem.name}.png") if plot is None and draws else plot,
     )
+
+
+def _refuse_no_log(path: Path) -> None:
+    """Refuse a place where a database cannot be, or would replace files beside it.
+
+    Raises:
+        UserError: It is such a place.
+    """
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise UserError(f"{path} is a device", field="--log", advice="name a file")
+    other = foreign_beside(path)
+    if other is not None:
+        raise UserError(
+            f"{other} is in the way: SQLite keeps files of such names beside a log",
+            field="--log",
+            advice="name another place",
+        )
 
 
 def _beside(log: Path) -> Path | None:

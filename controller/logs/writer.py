@@ -7,6 +7,7 @@ docs/decisions/log-file.md.
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
 import sqlite3
@@ -25,6 +26,7 @@ from haptic_wall.controller.logs.file import (
     VERSION,
     as_os_error,
     connected,
+    foreign_beside,
     refuse_other,
 )
 from haptic_wall.controller.system.files import would_be_lost
@@ -221,11 +223,14 @@ def _make(path: Path, *, force: bool) -> None:
     """Make an empty file, and remove what an earlier log has left in its place.
 
     Raises:
-        FileExistsError: It exists, and ``force`` is not given.
+        FileExistsError: It exists, and ``force`` is not given; or a file that is not SQLite's is
+            where SQLite would put one.
         OSError: It cannot be made.
     """
-    if force:
-        path.unlink(missing_ok=True)
+    if (other := foreign_beside(path)) is not None:
+        raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(other))
+    if force and path.is_file():  # a device stays
+        path.unlink()
     try:
         os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
     except FileExistsError:

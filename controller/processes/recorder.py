@@ -173,7 +173,8 @@ class _Attempts:
         """Continue the log of a dead recorder if it is in its place; else begin a new one."""
         orders = self._orders
         path = Path(orders["log"])
-        ours = orders["resume"] and identity(path) == self._telemetry.words[Word.LOG_FILE]
+        begun = self._telemetry.words[Word.LOG_FILE]  # 0: the dead one had made no file
+        ours = orders["resume"] and begun != 0 and identity(path) == begun
         with contextlib.suppress(LogFormatError):  # the dead one had not finished its first lines
             if ours:
                 log = LogWriter(path, {}, resume=True)

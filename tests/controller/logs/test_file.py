@@ -76,8 +76,8 @@ def test_a_file_is_replaced_only_when_it_is_said(tmp_path: Path) -> None:
     with pytest.raises(FileExistsError):
         LogWriter(path, METADATA)
     assert len(LogReader.open(path).rows()) == 3
-    for end in ("-wal", "-journal"):
-        (tmp_path / f"a.hwlog{end}").write_bytes(b"of an earlier log")
+    for end, magic in (("-wal", "377f0682"), ("-journal", "d9d505f920a163d7"), ("-shm", "")):
+        (tmp_path / f"a.hwlog{end}").write_bytes(bytes.fromhex(magic))  # of an earlier log
     with LogWriter(path, METADATA, force=True) as log:
         log.append(rows(2))
     assert len(LogReader.open(path).rows()) == 2
