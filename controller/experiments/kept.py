@@ -70,9 +70,9 @@ class Kept(Generic[Key, Value]):
         for number, line in enumerate(lines[1:], 2):
             try:
                 key, value = read(json.loads(line))
-            except (ValueError, TypeError, KeyError, RecursionError):
+            except (ValueError, TypeError, KeyError, OverflowError, RecursionError):
                 what = f"{path.name}, line {number}: found no result of this program"
-                raise refused(path.parent, what, f"delete {path.name}") from None
+                raise refused(path.parent, what, "delete that line") from None
             self.done[key] = value
         self._size = len(kept)
 

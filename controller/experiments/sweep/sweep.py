@@ -6,13 +6,17 @@ run at a time.
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
+
+from pydantic import TypeAdapter
 
 from haptic_wall.controller.experiments.kept import Kept
 from haptic_wall.controller.experiments.processes import cores, processes, results
@@ -36,6 +40,7 @@ from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.signals import interrupting
 
+_POINT: Final = TypeAdapter(PointResult)
 _TRIALS = 8, 4
 """Number of trials of a point: in a typical sweep, and for each repeat more"""
 _RUNS, _START_S = 3, 4.0
@@ -70,8 +75,12 @@ class Sweep:
         """
 
         def read(line: dict[str, Any]) -> tuple[PlanePoint, PointResult]:
-            point = PointResult(**line)
-            return PlanePoint(point.virtual_damping, point.delay_steps), point
+            point = _POINT.validate_json(json.dumps(line), strict=True)
+            found = PlanePoint(point.virtual_damping, point.delay_steps)
+            figures = (value for value in asdict(point).values() if isinstance(value, float))
+            if found not in self.settings or not all(map(math.isfinite, figures)):
+                raise ValueError(found)
+            return found, point
 
         described = {
             "config": self.config.model_dump(mode="json"),
