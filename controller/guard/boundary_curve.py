@@ -122,11 +122,9 @@ def curve(question: Question, virtual_damping: Sequence[float] | FloatArray) -> 
     filtered = question.velocity_filter
     if not question.situation.belief.is_flexible and filtered is None:
         request = replace(request, side="above")  # with a load the limit differs between the sides
-    asked = (request, EVERY_DAMPING, question.situation, p)
-    found = evaluate(*asked, exact=True, asked=damping)
-    passive = np.full(damping.size, np.nan)
-    if filtered is None:
-        passive = PASSIVE.stiffness(Evaluation(*asked, asked=damping))
+    wall = Evaluation(request, EVERY_DAMPING, question.situation, p, exact=True, asked=damping)
+    found = evaluate(wall)
+    passive = np.full(damping.size, np.nan) if filtered else PASSIVE.stiffness(wall)
     chain, shape = one_mass(p.inertia, p.damping)
     at = chain_boundary(chain, shape, p.gain * damping, p.period, p.delay, n, filtered)
     return Curve(damping, found, passive, at.frequency)

@@ -121,7 +121,7 @@ def improvements(
             continue
         other, text = made
         asked = (other.request, other.settings, other.situation, other.corner)
-        after = evaluate(*asked, exact=exact, work=work)
+        after = evaluate(Evaluation(*asked, exact=exact, work=work))
         name, stiffness = smallest(after.at(0))
         found.append(Improvement(change, text, stiffness, name, float(after.damping[0])))
     return sorted(found, key=lambda each: -each.stiffness)
@@ -277,7 +277,8 @@ def _searched_damping(wall: Wall, work: Work) -> float:
     best = 0.0
     for _ in range(_ROUNDS):
         spread = p.take(np.zeros(tried.size, dtype=np.int64))
-        after = evaluate(request, settings, situation, spread, asked=tried, exact=True, work=work)
+        asked = (request, settings, situation, spread)
+        after = evaluate(Evaluation(*asked, asked=tried, exact=True, work=work))
         top = int(np.argmax(after.smallest()))
         best = float(after.damping[top])
         ends = tried[max(top - 1, 0)], tried[min(top + 1, tried.size - 1)]

@@ -15,7 +15,7 @@ import numpy as np
 
 from haptic_wall.controller.guard.delay_parts import SAMPLE_AGE, DelayParts
 from haptic_wall.controller.guard.design import Wall
-from haptic_wall.controller.guard.evaluation import unstable_nominally
+from haptic_wall.controller.guard.evaluation import Evaluation, unstable_nominally
 from haptic_wall.controller.guard.limits import evaluate, smallest
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.reasons import reasons
@@ -73,7 +73,7 @@ def decide(
     situation = replace(situation, inserted=least)
     corner = Plants.at_corner(situation, before_device)
     work = Work() if work is None else work
-    found = evaluate(request, settings, situation, corner, work=work)
+    found = evaluate(Evaluation(request, settings, situation, corner, work=work))
     alone = (
         unstable_nominally(request, situation, before_device)
         if settings.mode == "off"

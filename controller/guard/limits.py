@@ -16,9 +16,6 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.guard.evaluation import UNBOUND, Evaluation, quantisation_limit
 from haptic_wall.controller.guard.flexible import fast_limit, flexible_limit, returned_share
-from haptic_wall.controller.guard.plants import Plants
-from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
-from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.theory import linear_limit, passive_limit
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.harmonic import backlash_limit
@@ -318,21 +315,8 @@ def smallest(limits: Mapping[str, float | None]) -> tuple[str, float]:
     return min(known, key=lambda pair: pair[1])
 
 
-def evaluate(
-    request: Request,
-    settings: GuardSettings,
-    situation: Situation,
-    corners: Plants,
-    *,
-    exact: bool = False,
-    asked: FloatArray | None = None,
-    work: Work | None = None,
-) -> Found:
-    """Compute the permitted damping, and each limit at it as the least over the belief.
-
-    Arguments are those of ``Evaluation``.
-    """
-    at = Evaluation(request, settings, situation, corners, exact=exact, asked=asked, work=work)
+def evaluate(at: Evaluation) -> Found:
+    """Compute the permitted damping, and each limit at it as the least over the belief."""
     return Found(
         limits={each.name: each.stiffness(at) for each in LIMITS if each.applies(at)},
         ceiling=at.ceiling,

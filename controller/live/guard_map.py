@@ -10,6 +10,7 @@ import numpy as np
 
 from haptic_wall.controller.guard.boundary_curve import EVERY_DAMPING
 from haptic_wall.controller.guard.decision_report import decision_report
+from haptic_wall.controller.guard.evaluation import Evaluation
 from haptic_wall.controller.guard.guard import decide
 from haptic_wall.controller.guard.limits import evaluate
 from haptic_wall.controller.guard.plants import Plants
@@ -52,13 +53,14 @@ def guard_map(config: Config, delay: float) -> dict[str, Any]:
     most = min(most, decision.encoder_damping)
     most = max(most, LEAST_SPAN * request.damping, -LEAST_SPAN * least)
     damping = np.linspace(least, most, POINTS)
-    found = evaluate(
+    at = Evaluation(
         replace(request, damping=0.0),
         EVERY_DAMPING if settings.mode != "passive" else replace(settings, damping_cap=0.999),
         replace(situation, inserted=min(inserted, before)),
         Plants.at_corner(situation, np.full(POINTS, before)),
         asked=damping,
     )
+    found = evaluate(at)
     report = decision_report(decision)
     return {
         "damping": damping.tolist(),

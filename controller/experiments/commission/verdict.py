@@ -13,6 +13,7 @@ import numpy as np
 from haptic_wall.controller.experiments.holding import sample_age, torque_limit_of
 from haptic_wall.controller.guard.decision_report import decision_report
 from haptic_wall.controller.guard.delay_parts import SAMPLE_AGE, DelayParts
+from haptic_wall.controller.guard.evaluation import Evaluation
 from haptic_wall.controller.guard.guard import Situation, decide
 from haptic_wall.controller.guard.limits import Found, evaluate
 from haptic_wall.controller.guard.plants import Plants
@@ -83,7 +84,7 @@ class GuardQuestion:
         settings = self.settings if capped else replace(self.settings, mode="off")
         plants = Plants.at_corner(self.situation, np.full(damping.size, self.inserted + self.age))
         request: Request = self.config.request()
-        return evaluate(request, settings, self.situation, plants, asked=damping)
+        return evaluate(Evaluation(request, settings, self.situation, plants, asked=damping))
 
     def best_damping(self) -> float:
         """Return the virtual damping >= 0 with the highest allowed stiffness [N·m·s/rad]."""

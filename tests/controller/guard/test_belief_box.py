@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.guard.belief import Belief, Bounded
+from haptic_wall.controller.guard.evaluation import Evaluation
 from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation, decide
 from haptic_wall.controller.guard.limits import evaluate, smallest
 from haptic_wall.controller.guard.plants import Plants
@@ -86,7 +87,7 @@ def test_a_heavier_servo_is_within_what_is_counted_with(
     unit = damping * M / T / (heavier * M / T)
     member = situation((unit, unit), (heavier * M,) * 2, (weaker, weaker), (delay, delay))
     asked = (Request(0.0, virtual, "above"), GuardSettings(mode="off"), member)
-    true = evaluate(*asked, Plants.at_corner(member, np.zeros(1)), exact=True)
+    true = evaluate(Evaluation(*asked, Plants.at_corner(member, np.zeros(1)), exact=True))
     assert counted <= float(true.smallest()[0]) * (1 + 1e-3)
 
 

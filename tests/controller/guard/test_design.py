@@ -16,6 +16,7 @@ from haptic_wall.controller.guard.delay_parts import (
     shorter,
 )
 from haptic_wall.controller.guard.design import FAST_BAUD, Change, Improvement, Wall, improvements
+from haptic_wall.controller.guard.evaluation import Evaluation
 from haptic_wall.controller.guard.limits import OneSided, evaluate
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.laws.wall import Side
@@ -56,7 +57,7 @@ def bought(
     """The stiffness as it is, and what each change makes of it."""
     parts = DelayParts(where.period, delay, cycle_s(FAST_BAUD))
     wall = Wall(Request(0.0, damping, side), EVERY, where, parts)
-    found = evaluate(wall.request, EVERY, where, wall.corner, exact=True)
+    found = evaluate(Evaluation(wall.request, EVERY, where, wall.corner, exact=True))
     answer = improvements(wall, changes, exact=True)
     assert [each.stiffness for each in answer] == sorted(
         (each.stiffness for each in answer), reverse=True
