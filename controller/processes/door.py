@@ -19,6 +19,7 @@ from typing import Any, Final
 from haptic_wall.controller.live.place import hand_over, server_log_of
 from haptic_wall.controller.live.run_socket import MODULE, remove_if_dead, socket_of
 from haptic_wall.controller.processes.children import Child
+from haptic_wall.controller.processes.hold import gone_texts
 from haptic_wall.controller.processes.plan import Plan, Tell
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.hw.hand import SharedHand
@@ -128,8 +129,8 @@ class Door:
     def _release(self, why: str) -> None:
         """Note that the page that holds the dead man is gone, if one does."""
         if self._plan.hold is not None and self._plan.hold.is_page and not self.trouble:
-            self.trouble = f"--hold: {why}; from then on the wall was off"
-            self._tell(f"--hold: {why}; the wall is off and stays off: end the run with Ctrl-C")
+            told, self.trouble = gone_texts(why)
+            self._tell(told)
 
     def pass_on(self, text: str) -> None:
         """Pass on a message for a person to the page."""

@@ -186,6 +186,14 @@ class Hold:
             raise _unusable(self.path, error) from error
 
 
+def gone_texts(why: str) -> tuple[str, str]:
+    """Return what is told at once of a source that is gone, and what the report notes."""
+    return (
+        f"--hold: {why}; the wall is off and stays off: end the run with Ctrl-C",
+        f"--hold: {why}; from then on the wall was off",
+    )
+
+
 def hold_by(text: str) -> Hold:
     """Return the dead man that ``text`` names: PATH or PATH:KEY of an input device.
 

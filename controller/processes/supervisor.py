@@ -20,6 +20,7 @@ from haptic_wall.controller.live.log_events import event_sockets
 from haptic_wall.controller.processes.children import Child
 from haptic_wall.controller.processes.door import Door
 from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments
+from haptic_wall.controller.processes.hold import gone_texts
 from haptic_wall.controller.processes.loop_process import Orders
 from haptic_wall.controller.processes.loop_watch import END_S, START_S, LoopWatch
 from haptic_wall.controller.processes.outside import Outside
@@ -379,10 +380,8 @@ class Supervisor:
                 case "tell":
                     self._tell(event["text"])
                 case "key_gone":
-                    self._warnings.append(f"--hold: {event['why']}; from then on the wall was off")
-                    self._tell(
-                        f"--hold: {event['why']}; the wall is off and stays off: end the run with"
-                        " Ctrl-C"
-                    )
+                    told, noted = gone_texts(event["why"])
+                    self._warnings.append(noted)
+                    self._tell(told)
                 case "ended":
                     self._result = event["result"]

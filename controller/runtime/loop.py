@@ -103,6 +103,7 @@ class Loop:
         deadline, missed = self._deadline, self._missed
         stop, cut = int(Word.STOP), int(Word.CUT)  # plain numbers: read in every tick
         taken_out = int(Word.OFFSET_NS)
+        read_key, key_ns = self._read_key, self._key_ns
         self._before = self._began = words[taken_out]
         waited_out = int(Word.WAITED_NS)
         served = woke = ended = deadline
@@ -113,8 +114,8 @@ class Loop:
                 if words[stop] or words[cut]:
                     ended = woke
                     return End.INTERRUPTED
-                if woke >= self._key_ns and self._read_key is not None:
-                    self._key_ns = self._read_key(woke)
+                if woke >= key_ns and read_key is not None:
+                    key_ns = read_key(woke)
                 served = deadline
                 self._began, self._waited = words[taken_out], words[waited_out]
                 run(deadline, woke, missed)
@@ -138,7 +139,7 @@ class Loop:
                     self._on_block()
                     block = BLOCK
         finally:
-            self._deadline, self._missed = deadline, missed
+            self._deadline, self._missed, self._key_ns = deadline, missed, key_ns
             if ended < woke:  # in the tick that ended the run
                 self._explain(served, woke, now(), 0)
         return None
