@@ -188,20 +188,20 @@ def out_of(name: str) -> dict[str, Left]:
     stretches = tuple(driven(each) for each in DRIVEN if each != name)
     pieces, _ = pieces_of(stretches, SHORT_S, SHORT_S)
     rest, _ = pieces_of((driven(name),), DRIVEN_PIECE_S, DRIVEN_PIECE_S)
-    terms = first_terms(stretches, weight=True)
-    coulomb = terms["coulomb"]
-    at = None
+    begun = first_terms(stretches, weight=True)
+    terms, at = begun, None
     found = {}
     for model in PREDICTING:
         shots = []
-        usual = start_with(model, {**terms, "coulomb": coulomb})
+        usual = start_with(model, {**terms, "coulomb": begun["coulomb"]})
         known = {
             n: v for n, v in start_with(model, terms).items() if n.replace("_motor", "") in terms
         }
-        # With the usual new terms, and with next to none: as the model before.
+        # With the usual new terms, with next to none (as the model before), and from the
+        # regression: the best fit of a simpler model may lie in another valley.
         little = {name: _LITTLE * value for name, value in usual.items()} | known
-        for start in (usual, little):
-            near = fit(pieces, start, at, rounds=15)
+        for start, own in ((usual, at), (little, at), (start_with(model, begun), None)):
+            near = fit(pieces, start, own, rounds=15)
             again = fit_anywhere(pieces, near.terms, near.own, rounds=12)
             shots += [near, again]
         shot = min(shots, key=lambda each: each.rms)

@@ -15,6 +15,7 @@ from haptic_wall.controller.experiments.recorded.record import pieces_of
 from haptic_wall.controller.experiments.recorded.shooting import (
     Shot,
     beginnings,
+    first_terms,
     fit,
     model_of,
 )
@@ -66,6 +67,7 @@ def judged(
     pieces, _ = pieces_of(stretches, PIECE_S, PIECE_S)
     count = len(pieces.sampled)
     folds = np.arange(count) * min(_FOLDS, count) // count
+    begun = first_terms(stretches, weight="sine" in first.terms)
     found: list[tuple[Judged, dict[str, float]]] = []
     best = 0
     for name in (*names, *richer):
@@ -74,11 +76,10 @@ def judged(
         if len(names) == 1:
             found.append((Judged(name, first.rms, None), first.terms))
             break
-        start = start_with(name, first.terms if not found else {**first.terms, **found[-1][1]})
-        shot = fit(pieces, start, rounds=_ROUNDS)
-        if found and shot.rms > found[0][0].fitted:
-            again = fit(pieces, start_with(name, found[0][1]), rounds=_ROUNDS)
-            shot = min(shot, again, key=lambda each: each.rms)
+        # The best fit of a simpler model may lie in another valley than that of a richer one.
+        starts = [{**first.terms, **found[-1][1]}, begun, found[0][1]] if found else [first.terms]
+        shots = [fit(pieces, start_with(name, each), rounds=_ROUNDS) for each in starts]
+        shot = min(shots, key=lambda each: each.rms)
         error = None
         if count >= _LEAST_PIECES:
             error = _cross(pieces, folds, shot)
