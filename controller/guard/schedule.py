@@ -414,12 +414,6 @@ class GainSchedule:
         self._interval = ServedInterval(intervals_ns, run * period_ns, window * period_ns)
         self.decision = decisions[0][0]
 
-    def anew(self) -> GainSchedule:
-        """Return a schedule with the same bins and no observations."""
-        return GainSchedule(
-            self._rows, self._ages, self._intervals, self._percentile, self._window, self._run
-        )
-
     @property
     def rows(self) -> Sequence[Sequence[Decision]]:
         """Return the decisions, as the class takes them."""

@@ -215,7 +215,6 @@ class Supervisor:
             port=self._port,
             parent=os.getpid(),
             core=self._core,
-            shared=self._others == {self._core},
             duration_s=plan.duration_s,
             program=[asdict(phase) for phase in plan.program],
             changes=changes,

@@ -29,7 +29,6 @@ from haptic_wall.controller.laws.passivity_control import PassivityControl
 from haptic_wall.controller.laws.program import Phase, Program
 from haptic_wall.controller.laws.velocity import Biquad, velocity_estimator
 from haptic_wall.controller.laws.wall import Law
-from haptic_wall.controller.runtime.cache_warm_up import CacheWarmUp, StandInClock
 from haptic_wall.controller.runtime.changeover import ChangeLimits, Changeover
 from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.runtime.handover import Inbox
@@ -39,11 +38,10 @@ from haptic_wall.controller.runtime.overspeed import DrivenLimits, DrivenSpeed, 
 from haptic_wall.controller.runtime.safety import Safety, SafetyLimits
 from haptic_wall.controller.runtime.sampler import Sampler, is_pipelined
 from haptic_wall.controller.runtime.telemetry import Telemetry
-from haptic_wall.controller.runtime.tick import Tick, TickParts
+from haptic_wall.controller.runtime.tick import TickParts
 from haptic_wall.controller.runtime.watch_settings import watch_settings
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory import critical_stiffness, peak
-from haptic_wall.hw.capabilities import HasIdleWork, HasStandIn
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.servo import Bus, Facts, Servo
 
@@ -242,7 +240,6 @@ def tick_parts(
     law: Law,
     injected: Sequence[float],
     *,
-    engage_at_once: bool = False,
     inbox: Inbox | None = None,
     tuning: Tuning = TUNING,
 ) -> TickParts:
@@ -256,8 +253,6 @@ def tick_parts(
         schedule: The guard's decisions.
         law: The law to render.
         injected: ``most_injected`` of the schedule.
-        engage_at_once: The wall comes on wherever the shaft is, as with the setting of that name.
-            A program always does: it starts at the shaft's position.
         inbox: Changes of the running wall; None: none come.
         tuning: Numbers of the detector.
     """
@@ -317,39 +312,9 @@ def tick_parts(
                 position_step=servo.facts.position_step,
                 periods=max(1, math.ceil(REST_S / period - 1e-6)),
             ),
-            start_room=math.inf if engage_at_once or not law.guarded else config.start_room,
+            # A program comes on wherever the shaft is: it starts there.
+            start_room=config.start_room if law.guarded else math.inf,
         ),
         inbox=Inbox(None, telemetry.words) if inbox is None else inbox,
         changeover=Changeover(ChangeLimits(rest_torque, servo.facts.torque_limit, period)),
     )
-
-
-def cache_warm_up_of(
-    config: Config,
-    servo: Servo,
-    schedule: GainSchedule,
-    injected: Sequence[float],
-    program: Sequence[Phase],
-) -> CacheWarmUp | None:
-    """Return a dry-run tick with parts of its own; None if the servo has no stand-in.
-
-    Args:
-        config: The effective configuration.
-        servo: The servo whose stand-in is used; the servo itself is not called.
-        schedule: The guard's decisions.
-        injected: ``most_injected`` of the schedule.
-        program: Phases that are rendered in place of the wall; empty: none.
-    """
-    if not isinstance(servo, HasStandIn):
-        return None
-    clock = StandInClock()
-    stand_in = servo.stand_in(clock)
-    law = rendered(config, clock, stand_in, program)
-    memory = Telemetry.scratch()
-    parts = tick_parts(
-        config, clock, stand_in, memory, schedule.anew(), law, injected, engage_at_once=True
-    )
-    tick = Tick(parts)
-    tick.wall_on()
-    idle = servo.idle if isinstance(servo, HasIdleWork) else lambda: None
-    return CacheWarmUp(tick.run, clock, config.period_ns, idle)

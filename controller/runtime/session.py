@@ -13,7 +13,6 @@ from haptic_wall.controller.detector.watch import oscillation_report
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.runtime.assembly import (
-    cache_warm_up_of,
     decision_in_force,
     guard_schedule,
     most_injected,
@@ -25,9 +24,8 @@ from haptic_wall.controller.runtime.change import KnownServo, whole_decision
 from haptic_wall.controller.runtime.deadlines import waiter_for
 from haptic_wall.controller.runtime.defect import defect_text
 from haptic_wall.controller.runtime.handover import Inbox
-from haptic_wall.controller.runtime.lateness.machine_setup import SettingState
-from haptic_wall.controller.runtime.lateness.ticks import LateTicks
 from haptic_wall.controller.runtime.loop import Loop
+from haptic_wall.controller.runtime.machine_setup import SettingState
 from haptic_wall.controller.runtime.realtime import freeze_garbage, reserve_memory
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip
 from haptic_wall.controller.runtime.sampler import is_pipelined
@@ -74,12 +72,10 @@ class Result:
     """Duration of the run in real time, without the start-up [s]"""
     grid_hz: float
     guard: dict[str, Any] | None
-    """None, as the next two: a defect occurred before it was reported"""
+    """None, as the next one: a defect occurred before it was reported"""
     oscillation: dict[str, Any] | None
     delay: dict[str, float] | None
     bus: dict[str, Any] | None
-    timing: dict[str, Any] | None
-    """Late ticks and their causes; None: not observed, or a defect"""
     torque_off: bool
     checks: list[Check] = field(default_factory=list)
     setup: list[SettingState] = field(default_factory=list)
@@ -108,9 +104,9 @@ class Surroundings:
     """Called with messages for a person before the wall is on"""
     on_block: Callable[[], None] = lambda: None
     """Called periodically between ticks, where the same process must also record"""
-    take_real_time: Callable[[], LateTicks | None] = lambda: None
+    take_real_time: Callable[[], None] = lambda: None
     """Called after the long computations, just before the servo starts: real-time scheduling must
-    not be held through them. Its result explains late ticks"""
+    not be held through them"""
     changes: socket.socket | None = None
     """Changes of the running wall come from there; None: none come"""
     read_key: Callable[[int], float] | None = None
@@ -182,18 +178,11 @@ class _Session:
     def prepare(self) -> None:
         """Do all long computations: a started servo needs a frame within its watchdog's time."""
         self._decide()
-        self._warm_up = None
-        if self._config.realtime.rehearse and not self._simulated:
-            self._warm_up = cache_warm_up_of(
-                self._config, self.servo, self._schedule, self._injected, self._program
-            )
         freeze_garbage()
         if not self._simulated:
             reserve_memory()
-        self._late = self._around.take_real_time()
-        self._waiter = waiter_for(
-            self._clock, _spin_ns(self._config), self._config.period_ns, self._warm_up
-        )
+        self._around.take_real_time()
+        self._waiter = waiter_for(self._clock, _spin_ns(self._config), self._config.period_ns)
 
     def _decide(self) -> None:
         """Compute the guard's decisions from the servo's known values."""
@@ -250,10 +239,8 @@ class _Session:
             self._waiter,
             self._clock,
             telemetry,
-            servo.bus or Bus(),
             config.period_ns,
             self._between_ticks,
-            self._late,
             self._around.read_key,
         )
         telemetry.words[Word.HEARTBEAT_NS] = self._clock.now_ns()
@@ -276,8 +263,7 @@ class _Session:
             self._loop, self._config, self.servo, duration_s, self._waiting
         )
         self._real_s = time.monotonic() - began_s
-        now_ns = self._clock.now_ns() + self._telemetry.words[Word.OFFSET_NS]
-        recent_s = 0.0 if self._late is None else self._late.stalled_s(now_ns)
+        recent_s = self._loop.stall_s(self._clock.now_ns())
         self._stalled = f"this computer stalled for {recent_s * 1e3:.0f} ms" if recent_s else ""
         self._torque_off = _stop(self.servo, self._clock, self._telemetry)
         if isinstance(self._clock, ElasticClock):
@@ -304,7 +290,6 @@ class _Session:
             oscillation=None,
             delay=None,
             bus=_bus(self._config, servo.bus),
-            timing=None,
             torque_off=self._torque_off,
             checks=self._checks,
             facts=_facts(servo),
@@ -324,10 +309,6 @@ class _Session:
         watch, gains, made = parts.motion.watch, parts.gains, parts.inbox.made
         config = self._config if made is None else Config.model_validate_json("".join(made.config))
         self._around.on_block()
-        if self._warm_up is not None and self._warm_up.fault:
-            self._around.tell(
-                f"the tick's cache warm-up failed, so ticks took longer: {self._warm_up.fault}"
-            )
         decision = decision_in_force(config, servo, whole_decision(gains.decision), self._work)
         return replace(
             result,
@@ -342,7 +323,6 @@ class _Session:
             ),
             oscillation=oscillation_report(watch),
             delay=delay_report(config, decision, gains.age_ns),
-            timing=None if self._late is None else self._late.report(),
             warnings=[*missed_warnings(config, parts.missed), *stall_warnings(result.stalled_s)],
         )
 

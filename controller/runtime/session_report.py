@@ -132,10 +132,9 @@ def _slower(config: Config, decision: Decision, missed: int, counts: BusCounts) 
         f"every {ms(decision.period)} instead of every {ms(config.period_ns * 1e-9)}, which counts"
         " as the period"
     )
-    late = "the report's key timing names the causes of late ticks"
     failed = counts.lost + counts.corrupt + counts.refused
     if not failed:
-        return f"a tick is executed {start}; {late}"
+        return f"a tick is executed {start}, because ticks were late"
     check = "cable, power, baud rate and adapter"
     if config.servo.is_emulated:
         check = "the emulator's processor time, and injected faults"
@@ -144,7 +143,7 @@ def _slower(config: Config, decision: Decision, missed: int, counts: BusCounts) 
         return f"a good reading came {start}: {replies}; check {check}"
     return (
         f"a good reading came {start}: {replies} (check {check}), and {missed} periods were missed"
-        f" ({late})"
+        " because ticks were late"
     )
 
 

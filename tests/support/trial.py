@@ -33,7 +33,12 @@ from tests.support.truths_drawn import bench_of, natural_hz
 
 _CHUNK = 8192
 """Ticks between two readings of the rows; the ring holds one more at least."""
-_USUAL = ("loop.clock=simulated", "servo.hand=none", "safety.max_speed=1000")
+_USUAL = (
+    "loop.clock=simulated",
+    "servo.hand=none",
+    "safety.max_speed=1000",
+    "safety.engage=at-once",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +184,6 @@ def run_trial(
         schedule,
         law,
         injected,
-        engage_at_once=True,
     )
     tick = Tick(parts)
     tick.wall_on()
