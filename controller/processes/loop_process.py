@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import signal
-import socket
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -53,8 +52,6 @@ class Orders:
     duration_s: float | None
     program: list[dict[str, Any]]
     """Phases in place of the wall; empty: the wall"""
-    changes: int | None = None
-    """Descriptor of the socket that changes of the wall come from"""
     hand: int | None = None
     """Descriptor of the memory of a person's hand on the simulated servo"""
     key: tuple[int, int | None, str] | None = None
@@ -93,7 +90,6 @@ def main() -> None:
                 port=orders.port,
                 tell=lambda text: _tell("tell", text=text),
                 take_real_time=lambda: _prepare(config, orders.core),
-                changes=None if orders.changes is None else socket.socket(fileno=orders.changes),
                 open_servo=_opener(orders.hand),
                 read_key=_key(orders, telemetry),
             ),

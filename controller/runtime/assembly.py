@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -17,7 +17,9 @@ from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.schedule import (
     RUN,
     RUN_S,
+    Allowed,
     GainSchedule,
+    GainTable,
     age_bins_ns,
     interval_bins_ns,
 )
@@ -67,14 +69,28 @@ class OpenServo(Protocol):
         """Return its bus."""
 
 
-def guard_schedule(
+@dataclass(frozen=True, slots=True)
+class Decided:
+    """The guard's decisions for every served interval and every sample age."""
+
+    ages_ns: list[int]
+    """Upper ends of the bins of the sample age [ns]"""
+    intervals_ns: list[int]
+    """Upper ends of the bins of the interval [ns]"""
+    decisions: list[Decision]
+    """Interval by interval, one for each age"""
+    table: GainTable
+    """Their numbers"""
+
+
+def guard_decisions(
     config: Config,
     servo: OpenServo,
     simulated: bool,
     *,
     program: bool = False,
     work: Work | None = None,
-) -> GainSchedule:
+) -> Decided:
     """Compute the guard's decisions for every sample age and every served interval.
 
     Args:
@@ -86,15 +102,14 @@ def guard_schedule(
         work: What was evaluated before for the same run; None: nothing.
     """
     situation = situation_of(config, servo)
-    period = situation.period
     intervals_ns = interval_bins_ns(config.period_ns, situation.belief.is_flexible)
     inside = simulated and servo.bus is None  # the same process: samples have zero age
-    ages_ns = [0] if inside else _ages_ns(config, servo)
+    ages_ns = [0] if inside else age_bins_ns(config.period_ns, round(_reply_s(servo) * 1e9))
     if inside and program:
         intervals_ns = intervals_ns[:1]
     least_ns = round(config.guard.sample_age * 1e9)
     ages_ns = [max(age, least_ns) for age in ages_ns]
-    decisions = decide_bins(
+    rows = decide_bins(
         config.request(situation.position_step),
         config.guard_settings(),
         situation,
@@ -103,10 +118,25 @@ def guard_schedule(
         intervals_ns,
         work,
     )
-    window = max(1, round(config.guard.window_s / period))
-    run = max(RUN, round(RUN_S / period))
-    percentile = config.guard.delay_percentile
-    return GainSchedule(decisions, ages_ns, intervals_ns, percentile, window, run)
+    decisions = [each for row in rows for each in row]
+    table = GainTable(
+        Allowed(each.stiffness, each.damping, each.delay, each.damping_ceiling, most)
+        for each, most in zip(decisions, most_injected(config, situation, decisions), strict=True)
+    )
+    return Decided(ages_ns, intervals_ns, decisions, table)
+
+
+def gain_schedule(config: Config, decided: Decided) -> GainSchedule:
+    """Return the gain schedule of decisions, without observations."""
+    period = config.period_ns * 1e-9
+    return GainSchedule(
+        decided.table,
+        decided.ages_ns,
+        decided.intervals_ns,
+        config.guard.delay_percentile,
+        max(1, round(config.guard.window_s / period)),
+        max(RUN, round(RUN_S / period)),
+    )
 
 
 def decision_in_force(
@@ -160,7 +190,9 @@ def _driven_limits(config: Config, servo: Servo, speed: float) -> DrivenLimits:
     )
 
 
-def most_injected(config: Config, servo: OpenServo, schedule: GainSchedule) -> list[float]:
+def most_injected(
+    config: Config, situation: Situation, all_decisions: list[Decision]
+) -> list[float]:
     """Return the damping that may be added to each decision's [N·m·s/rad].
 
     It reaches to the peak of the boundary, beyond which more damping lowers the critical stiffness,
@@ -171,10 +203,9 @@ def most_injected(config: Config, servo: OpenServo, schedule: GainSchedule) -> l
     boundary has another peak.
     """
     if config.guard.mode == "passive" or config.velocity_filter() is not None:
-        return [0.0] * len(schedule.decisions)
-    shared = {id(decision): decision for decision in schedule.decisions}
+        return [0.0] * len(all_decisions)
+    shared = {id(decision): decision for decision in all_decisions}
     decisions = [*shared.values()]
-    situation = situation_of(config, servo)
     delays = np.array([decision.delay for decision in decisions])
     periods = np.array([decision.period for decision in decisions])
     at = Plants.at_corner(situation, delays - situation.belief.delay.high)
@@ -196,11 +227,7 @@ def most_injected(config: Config, servo: OpenServo, schedule: GainSchedule) -> l
         best[some] = np.minimum(best[some], top)
     asked = np.array([decision.damping for decision in decisions])
     most = dict(zip(shared, np.maximum(best - asked, 0.0).tolist(), strict=True))
-    return [most[id(decision)] for decision in schedule.decisions]
-
-
-def _ages_ns(config: Config, servo: OpenServo) -> list[int]:
-    return age_bins_ns(config.period_ns, round(_reply_s(servo) * 1e9))
+    return [most[id(decision)] for decision in all_decisions]
 
 
 def _reply_s(servo: OpenServo) -> float:
@@ -238,9 +265,6 @@ def tick_parts(
     telemetry: Telemetry,
     schedule: GainSchedule,
     law: Law,
-    injected: Sequence[float],
-    *,
-    inbox: Inbox | None = None,
     tuning: Tuning = TUNING,
 ) -> TickParts:
     """Return all parts of a tick.
@@ -252,8 +276,6 @@ def tick_parts(
         telemetry: Destination of the rows.
         schedule: The guard's decisions.
         law: The law to render.
-        injected: ``most_injected`` of the schedule.
-        inbox: Changes of the running wall; None: none come.
         tuning: Numbers of the detector.
     """
     period_ns = config.period_ns
@@ -302,7 +324,6 @@ def tick_parts(
                 if law.guarded and config.wall.passivity_control
                 else None
             ),
-            injected,
         ),
         telemetry=telemetry,
         wall_from_start=law.guarded and wall.reference == "start",
@@ -315,6 +336,6 @@ def tick_parts(
             # A program comes on wherever the shaft is: it starts there.
             start_room=config.start_room if law.guarded else math.inf,
         ),
-        inbox=Inbox(None, telemetry.words) if inbox is None else inbox,
+        inbox=Inbox(telemetry),
         changeover=Changeover(ChangeLimits(rest_torque, servo.facts.torque_limit, period)),
     )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from haptic_wall.controller.detector.settings import WatchSettings
 from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.laws.passivity_control import PassivityControl
@@ -26,10 +24,9 @@ class MotionWatch:
         watch: The oscillation watch.
         driven: Finds a motion that the torque drives beyond the servo's own speed.
         passivity: Injects damping where the wall generates energy; None: none.
-        most_injected: Largest injected damping for each decision of the gain schedule [N·m·s/rad].
     """
 
-    __slots__ = ("_gains", "_law", "_most_injected", "_passivity", "driven", "watch")
+    __slots__ = ("_gains", "_law", "_passivity", "driven", "watch")
 
     def __init__(
         self,
@@ -38,27 +35,25 @@ class MotionWatch:
         watch: Watch,
         driven: DrivenSpeed,
         passivity: PassivityControl | None,
-        most_injected: Sequence[float],
     ) -> None:
         self._law = law
         self._gains = gains
         self.driven = driven
         self._passivity = passivity
-        self._most_injected = most_injected
         self.watch = watch
         law.derating = watch.backstop.derating
 
     def follow_gains(self) -> None:
         """Use the sample age and the injected damping of the present decision."""
-        self.watch.set_age(self._gains.age_ns * 1e-9)
+        schedule = self._gains.schedule
+        self.watch.set_age(schedule.age_ns * 1e-9)
         if self._passivity is not None:
-            self._passivity.cap = self._most_injected[self._gains.index]
+            self._passivity.cap = schedule.allowed.injected
 
     def change(
         self,
         law: Law,
         position: float,
-        most_injected: Sequence[float],
         settings: WatchSettings,
         moved_by: float,
     ) -> None:
@@ -67,12 +62,10 @@ class MotionWatch:
         Args:
             law: The rendered law.
             position: Position of the shaft [rad].
-            most_injected: As of the class.
             settings: As of ``Watch.change``.
             moved_by: As of ``Watch.change``.
         """
         self._law = law
-        self._most_injected = most_injected
         self.watch.change(settings, moved_by)
         if self._passivity is not None:
             self._passivity.rebase(law.elongation(position))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import socket
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -14,16 +13,15 @@ from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.runtime.assembly import (
     decision_in_force,
-    guard_schedule,
-    most_injected,
+    gain_schedule,
+    guard_decisions,
     rendered,
     situation_of,
     tick_parts,
 )
-from haptic_wall.controller.runtime.change import KnownServo, whole_decision
 from haptic_wall.controller.runtime.deadlines import waiter_for
 from haptic_wall.controller.runtime.defect import defect_text
-from haptic_wall.controller.runtime.handover import Inbox
+from haptic_wall.controller.runtime.handover import KnownServo
 from haptic_wall.controller.runtime.loop import Loop
 from haptic_wall.controller.runtime.machine_setup import SettingState
 from haptic_wall.controller.runtime.realtime import freeze_garbage, reserve_memory
@@ -107,8 +105,6 @@ class Surroundings:
     take_real_time: Callable[[], None] = lambda: None
     """Called after the long computations, just before the servo starts: real-time scheduling must
     not be held through them"""
-    changes: socket.socket | None = None
-    """Changes of the running wall come from there; None: none come"""
     read_key: Callable[[int], float] | None = None
     """Reads the dead man's key, as for ``Loop``"""
     open_servo: Callable[[ServoSettings, Clock, int | None], Servo] = open_servo
@@ -186,14 +182,13 @@ class _Session:
 
     def _decide(self) -> None:
         """Compute the guard's decisions from the servo's known values."""
-        self._schedule = guard_schedule(
+        self._decided = guard_decisions(
             self._config,
             self.servo,
             self._simulated,
             program=bool(self._program),
             work=self._work,
         )
-        self._injected = most_injected(self._config, self.servo, self._schedule)
 
     def start(self) -> None:
         """Check the servo, switch its torque on, and build the tick; the loop then runs."""
@@ -220,18 +215,16 @@ class _Session:
                     "schedule pipelined: the adapter holds replies for "
                     f"{bus.longest_s * 1e3:.2g} ms"
                 )
-        inbox = Inbox(self._around.changes, telemetry.words)
-        inbox.tell(KnownServo(servo.facts, servo.bus and replace(servo.bus), self._simulated))
         parts = tick_parts(
             config,
             self._clock,
             servo,
             telemetry,
-            self._schedule,
+            gain_schedule(config, self._decided),
             rendered(config, self._clock, servo, self._program),
-            self._injected,
-            inbox=inbox,
         )
+        self._known = KnownServo(servo.facts, servo.bus and replace(servo.bus), self._simulated)
+        parts.inbox.tell(self._known)
         self._health = servo if isinstance(servo, HasHealth) else None
         self._tick = Tick(parts)
         self._loop = Loop(
@@ -306,10 +299,14 @@ class _Session:
     def _reported(self, result: Result) -> Result:
         """Add the report's computed parts to a result."""
         servo, parts = self.servo, self._tick.parts
-        watch, gains, made = parts.motion.watch, parts.gains, parts.inbox.made
-        config = self._config if made is None else Config.model_validate_json("".join(made.config))
+        watch, schedule, made = parts.motion.watch, parts.gains.schedule, parts.inbox.made
+        config, decided = self._config, self._decided
+        if made is not None:
+            config = Config.model_validate_json(made.config)
+            decided = guard_decisions(config, self._known, self._simulated, work=self._work)
         self._around.on_block()
-        decision = decision_in_force(config, servo, whole_decision(gains.decision), self._work)
+        decision = decided.decisions[schedule.index]
+        decision = decision_in_force(config, servo, decision, self._work)
         return replace(
             result,
             guard=guard_report(
@@ -322,7 +319,7 @@ class _Session:
                 (servo.bus or Bus()).counts,
             ),
             oscillation=oscillation_report(watch),
-            delay=delay_report(config, decision, gains.age_ns),
+            delay=delay_report(config, decision, schedule.age_ns),
             warnings=[*missed_warnings(config, parts.missed), *stall_warnings(result.stalled_s)],
         )
 

@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.engagement import Engagement
 from haptic_wall.controller.laws.wall import Law
-from haptic_wall.controller.runtime.change import Change
 from haptic_wall.controller.runtime.changeover import Changeover, Obstacle, Target, adopt
 from haptic_wall.controller.runtime.gains import Gains
-from haptic_wall.controller.runtime.handover import Inbox
+from haptic_wall.controller.runtime.handover import Change, Inbox
 from haptic_wall.controller.runtime.missed import MissedPeriods
 from haptic_wall.controller.runtime.motion_watch import MotionWatch
 from haptic_wall.controller.runtime.safety import Safety, Trip
@@ -111,7 +110,7 @@ class Tick:
     def _follow_gains(self) -> None:
         """Use the delay of the present decision."""
         parts = self._parts
-        self._delay_s = parts.gains.decision.delay
+        self._delay_s = parts.gains.schedule.allowed.delay
         parts.motion.follow_gains()
 
     @property
@@ -274,7 +273,7 @@ class Tick:
             inbox.waits(obstacle, parts.changeover.size)
             return 0
         self._make(change)
-        inbox.settle(self._words[_HEAD], gains.index)
+        inbox.settle(self._words[_HEAD], gains.schedule.index)
         return FLAG_CHANGED
 
     def _obstacle(self, change: Change) -> Obstacle:
@@ -289,24 +288,24 @@ class Tick:
             change.placed = True
             if change.law is not None:
                 change.law.position += self._started_at
-        decision = gains.schedule.present(change.rows)
-        softer = change.softer and decision.stiffness <= gains.stiffness
+        allowed = change.table.at(gains.schedule.index)
+        softer = change.softer and allowed.stiffness <= gains.stiffness
         obstacle = changeover.watched(parts.motion.watch, softer)
         if obstacle is not Obstacle.NONE or not self._on:
             return obstacle
         target = Target(
             law=change.law or parts.law,
-            stiffness=decision.stiffness,
-            damping=decision.damping,
-            delay=max(decision.delay, self._delay_s),
+            stiffness=allowed.stiffness,
+            damping=allowed.damping,
+            delay=max(allowed.delay, self._delay_s),
             steps=change.steps,
         )
         obstacle = changeover.obstacle(
             parts.law, parts.ring, target, sampler.position, sampler.damped
         )
-        falls = decision.stiffness < gains.stiffness
+        falls = allowed.stiffness < gains.stiffness
         if obstacle is not Obstacle.NONE and falls and not change.moved:
-            gains.lower(decision.stiffness)
+            gains.lower(allowed.stiffness)
         return obstacle
 
     def _make(self, change: Change) -> None:
@@ -321,14 +320,8 @@ class Tick:
             adopt(change.law, law)
             law = change.law
             law.settle(position)
-        parts.gains.take(law, change.rows, change.highest)
-        parts.motion.change(
-            law,
-            position,
-            change.injected,
-            change.watch,
-            law.position - before,
-        )
+        parts.gains.take(law, change.table)
+        parts.motion.change(law, position, change.watch, law.position - before)
         if not self._on:
             parts.engagement.restart()
         self._parts = replace(parts, law=law, ring=ring)

@@ -96,7 +96,7 @@ class WallWait:
             return "reading", "the wall waits for the first reading"
         if not tick.held():
             return "dead man", "the dead man is not held; the wall comes on when it is"
-        stiffness = parts.gains.decision.stiffness
+        stiffness = parts.gains.schedule.allowed.stiffness
         room = parts.engagement.limits.room(stiffness)
         text = waiting_text(
             parts.law,

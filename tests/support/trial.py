@@ -11,13 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.watch import oscillation_report
-from haptic_wall.controller.guard.schedule import GainSchedule
+from haptic_wall.controller.guard.schedule import Allowed, GainSchedule, GainTable
 from haptic_wall.controller.guard.types import Decision
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.runtime.assembly import (
-    guard_schedule,
+    gain_schedule,
+    guard_decisions,
     most_injected,
     rendered,
+    situation_of,
     tick_parts,
 )
 from haptic_wall.controller.runtime.telemetry import FLAG_SATURATED, NO_DEAD_MAN, Telemetry, Word
@@ -175,7 +177,7 @@ def run_trial(
     telemetry = Telemetry(-1, _CHUNK + 8)
     telemetry.words[Word.HELD_NS] = NO_DEAD_MAN
     schedule = _schedule(config, servo, tuple(sets), wall)
-    law, injected = rendered(config, clock, servo, ()), most_injected(config, servo, schedule)
+    law = rendered(config, clock, servo, ())
     parts = tick_parts(
         config,
         clock,
@@ -183,7 +185,6 @@ def run_trial(
         telemetry,
         schedule,
         law,
-        injected,
     )
     tick = Tick(parts)
     tick.wall_on()
@@ -238,10 +239,12 @@ def _schedule(
 ) -> GainSchedule:
     """Return the guard's decisions, or the wall as requested at the guard's delay."""
     if not wall.forced:
-        return guard_schedule(config, servo, simulated=True)
+        return gain_schedule(config, guard_decisions(config, servo, simulated=True))
     decision = _decision(sets, servo.facts.torque_limit, servo.facts.counts_per_rev)
     asked = replace(decision, stiffness=wall.stiffness, damping=wall.damping)
-    return GainSchedule([[asked]], [0], [config.period_ns], 90.0, 1000)
+    (most,) = most_injected(config, situation_of(config, servo), [asked])
+    table = GainTable([Allowed(asked.stiffness, asked.damping, asked.delay, injected=most)])
+    return GainSchedule(table, [0], [config.period_ns], 90.0, 1000)
 
 
 @lru_cache(maxsize=64)
@@ -249,4 +252,4 @@ def _decision(sets: tuple[str, ...], torque_limit: float, counts_per_rev: int) -
     """Return any decision with this belief; its delay, reasons and limits are not used."""
     facts = Truth(inertia=1.0, torque_limit=torque_limit, counts_per_rev=counts_per_rev)
     servo = TrialServo(facts, SimulatedClock())
-    return guard_schedule(trial_config(sets), servo, simulated=True).decision
+    return guard_decisions(trial_config(sets), servo, simulated=True).decisions[0]

@@ -1,7 +1,6 @@
 """A change that is asked for before the servo has been started."""
 
 import os
-import socket
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,8 +11,7 @@ import pytest
 from haptic_wall.controller.live import change_desk as module
 from haptic_wall.controller.live.change_desk import ChangeDesk
 from haptic_wall.controller.live.run_socket import Peer
-from haptic_wall.controller.runtime.change import KnownServo
-from haptic_wall.controller.runtime.handover import Inbox, Offers
+from haptic_wall.controller.runtime.handover import Inbox, KnownServo, Offers
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.servo import Facts
@@ -23,7 +21,7 @@ NOT_YET = "the servo has not been started yet"
 
 @dataclass
 class Side:
-    """A desk, and the loop's side of its socket."""
+    """A desk, and the loop's side."""
 
     desk: ChangeDesk
     telemetry: Telemetry
@@ -41,13 +39,12 @@ class Side:
 
 @pytest.fixture
 def side() -> Iterator[Side]:
-    ours, loops = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    with ours, loops:
-        telemetry = Telemetry.create()
-        told: list[dict[str, Any]] = []
-        config = load_config("simulated", ("servo.hand=none",)).config
-        desk = ChangeDesk(config, telemetry, Offers(ours, telemetry.words), told.append)
-        yield Side(desk, telemetry, Inbox(loops, telemetry.words), told)
+    telemetry = Telemetry.create()
+    told: list[dict[str, Any]] = []
+    config = load_config("simulated", ("servo.hand=none",)).config
+    desk = ChangeDesk(config, telemetry, Offers(telemetry), told.append)
+    yield Side(desk, telemetry, Inbox(telemetry), told)
+    telemetry.close()
 
 
 def test_it_waits_for_the_start_and_says_so(side: Side) -> None:

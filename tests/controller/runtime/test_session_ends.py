@@ -161,7 +161,7 @@ def test_an_error_before_the_start_touches_no_servo(
     def broken(*_: object, **__: object) -> NoReturn:
         raise ZeroDivisionError("boom")
 
-    monkeypatch.setattr(session, "guard_schedule", broken)
+    monkeypatch.setattr(session, "guard_decisions", broken)
     with pytest.raises(ZeroDivisionError):
         scene.run()
     assert scene.words[Word.STATE] == LoopState.STARTING
