@@ -35,12 +35,11 @@ from haptic_wall.controller.runtime.changeover import ChangeLimits, Changeover
 from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.runtime.handover import Inbox
 from haptic_wall.controller.runtime.missed import MissedPeriods
-from haptic_wall.controller.runtime.motion_watch import MotionWatch
 from haptic_wall.controller.runtime.overspeed import DrivenLimits, DrivenSpeed, speed_limits
 from haptic_wall.controller.runtime.safety import Safety, SafetyLimits
 from haptic_wall.controller.runtime.sampler import Sampler, is_pipelined
 from haptic_wall.controller.runtime.telemetry import Telemetry
-from haptic_wall.controller.runtime.tick import TickParts
+from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.controller.runtime.watch_settings import watch_settings
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory import critical_stiffness, peak
@@ -258,7 +257,7 @@ def rendered(config: Config, clock: Clock, servo: Servo, program: Sequence[Phase
     return config.active_law(port)
 
 
-def tick_parts(
+def assembled(
     config: Config,
     clock: Clock,
     servo: Servo,
@@ -266,8 +265,8 @@ def tick_parts(
     schedule: GainSchedule,
     law: Law,
     tuning: Tuning = TUNING,
-) -> TickParts:
-    """Return all parts of a tick.
+) -> Tick:
+    """Return the tick, with all of its parts.
 
     Args:
         config: The effective configuration.
@@ -288,7 +287,7 @@ def tick_parts(
     filtered = config.velocity_filter()
     gains = Gains(schedule, law, max(1, round(RAMP_S / period)))
     rest_torque = engage_torque(safety.engage_torque, servo.facts.stall_torque)
-    return TickParts(
+    return Tick(
         clock=clock,
         servo=servo,
         law=law,
@@ -312,18 +311,14 @@ def tick_parts(
                 travel_from_start=wall.reference == "start",
             )
         ),
-        missed=MissedPeriods(period_ns, safety.max_missed),
+        skipped=MissedPeriods(period_ns, safety.max_missed),
         trips_on_missed=config.realtime.profile == "strict",
-        motion=MotionWatch(
-            law,
-            gains,
-            Watch(watch_settings(config, servo.facts, law, tuning)),
-            DrivenSpeed(_driven_limits(config, servo, driven)),
-            (
-                PassivityControl(period, SLOWEST)
-                if law.guarded and config.wall.passivity_control
-                else None
-            ),
+        watch=Watch(watch_settings(config, servo.facts, law, tuning)),
+        driven=DrivenSpeed(_driven_limits(config, servo, driven)),
+        passivity=(
+            PassivityControl(period, SLOWEST)
+            if law.guarded and config.wall.passivity_control
+            else None
         ),
         telemetry=telemetry,
         wall_from_start=law.guarded and wall.reference == "start",

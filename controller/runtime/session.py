@@ -12,12 +12,12 @@ from haptic_wall.controller.detector.watch import oscillation_report
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.runtime.assembly import (
+    assembled,
     decision_in_force,
     gain_schedule,
     guard_decisions,
     rendered,
     situation_of,
-    tick_parts,
 )
 from haptic_wall.controller.runtime.deadlines import waiter_for
 from haptic_wall.controller.runtime.defect import defect_text
@@ -35,7 +35,6 @@ from haptic_wall.controller.runtime.session_report import (
     trip_figures,
 )
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
-from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.controller.runtime.wall_wait import WallWait
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.capabilities import HasHealth, HasTrouble
@@ -215,7 +214,7 @@ class _Session:
                     "schedule pipelined: the adapter holds replies for "
                     f"{bus.longest_s * 1e3:.2g} ms"
                 )
-        parts = tick_parts(
+        self._tick = assembled(
             config,
             self._clock,
             servo,
@@ -224,9 +223,8 @@ class _Session:
             rendered(config, self._clock, servo, self._program),
         )
         self._known = KnownServo(servo.facts, servo.bus and replace(servo.bus), self._simulated)
-        parts.inbox.tell(self._known)
+        self._tick.inbox.tell(self._known)
         self._health = servo if isinstance(servo, HasHealth) else None
-        self._tick = Tick(parts)
         self._loop = Loop(
             self._tick,
             self._waiter,
@@ -250,8 +248,7 @@ class _Session:
     def run(self, duration_s: float | None) -> None:
         """Run the loop until the end, and switch the torque off."""
         began_s = time.monotonic()
-        parts = self._tick.parts
-        self._waiting = WallWait(self._loop, self._config, parts, self._around.tell)
+        self._waiting = WallWait(self._loop, self._config, self._around.tell)
         self._reason, self._message = _run(
             self._loop, self._config, self.servo, duration_s, self._waiting
         )
@@ -269,11 +266,11 @@ class _Session:
 
     def finish(self) -> Result:
         """Return the outcome; the servo is closed."""
-        servo, parts, tick = self.servo, self._tick.parts, self._tick
+        servo, tick = self.servo, self._tick
         trouble = servo.trouble if isinstance(servo, HasTrouble) else ""
         result = Result(
             stop_reason=self._reason,
-            message=self._message or trip_figures(tick.trip, parts) or trouble,
+            message=self._message or trip_figures(tick) or trouble,
             ticks=tick.ticks,
             missed=self._loop.missed,
             elapsed_s=self._loop.elapsed_s,
@@ -298,8 +295,8 @@ class _Session:
 
     def _reported(self, result: Result) -> Result:
         """Add the report's computed parts to a result."""
-        servo, parts = self.servo, self._tick.parts
-        watch, schedule, made = parts.motion.watch, parts.gains.schedule, parts.inbox.made
+        servo, tick = self.servo, self._tick
+        watch, schedule, made = tick.watch, tick.gains.schedule, tick.inbox.made
         config, decided = self._config, self._decided
         if made is not None:
             config = Config.model_validate_json(made.config)
@@ -312,15 +309,15 @@ class _Session:
             guard=guard_report(
                 config,
                 decision,
-                self._tick,
-                parts.law,
+                tick,
+                tick.law,
                 watch,
                 situation_of(config, servo),
                 (servo.bus or Bus()).counts,
             ),
             oscillation=oscillation_report(watch),
             delay=delay_report(config, decision, schedule.age_ns),
-            warnings=[*missed_warnings(config, parts.missed), *stall_warnings(result.stalled_s)],
+            warnings=[*missed_warnings(config, tick.skipped), *stall_warnings(result.stalled_s)],
         )
 
 

@@ -15,15 +15,14 @@ from haptic_wall.controller.guard.schedule import Allowed, GainSchedule, GainTab
 from haptic_wall.controller.guard.types import Decision
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.runtime.assembly import (
+    assembled,
     gain_schedule,
     guard_decisions,
     most_injected,
     rendered,
     situation_of,
-    tick_parts,
 )
 from haptic_wall.controller.runtime.telemetry import FLAG_SATURATED, NO_DEAD_MAN, Telemetry, Word
-from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
@@ -178,7 +177,7 @@ def run_trial(
     telemetry.words[Word.HELD_NS] = NO_DEAD_MAN
     schedule = _schedule(config, servo, tuple(sets), wall)
     law = rendered(config, clock, servo, ())
-    parts = tick_parts(
+    tick = assembled(
         config,
         clock,
         servo,
@@ -186,7 +185,6 @@ def run_trial(
         schedule,
         law,
     )
-    tick = Tick(parts)
     tick.wall_on()
     blocks: list[NDArray[np.void]] = []
     period_ns, deadline, left, tail = config.period_ns, 0, round(duration_s / config.period_s), 0
@@ -202,7 +200,7 @@ def run_trial(
         rows, tail = telemetry.read(tail)
         blocks.append(rows)
     rows = np.concatenate(blocks)
-    backstop = parts.motion.watch.backstop
+    backstop = tick.watch.backstop
     return Trial(
         period=config.period_s,
         output=np.array(servo.outputs[: rows.size]),
@@ -213,9 +211,9 @@ def run_trial(
         held=rows["held_torque"],
         state=rows["oscillation"],
         saturated=(rows["flags"] & FLAG_SATURATED) != 0,
-        first_alarm_s=parts.motion.watch.first_alarm_s,
+        first_alarm_s=tick.watch.first_alarm_s,
         trip=None if tick.trip is None else tick.trip.label,
-        oscillation=oscillation_report(parts.motion.watch),
+        oscillation=oscillation_report(tick.watch),
         counts=(backstop.probes, backstop.hands, backstop.alarms),
     )
 

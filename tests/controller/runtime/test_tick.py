@@ -24,7 +24,6 @@ from haptic_wall.controller.runtime.deadlines import next_deadline
 from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.runtime.handover import Inbox
 from haptic_wall.controller.runtime.missed import MissedPeriods
-from haptic_wall.controller.runtime.motion_watch import MotionWatch
 from haptic_wall.controller.runtime.overspeed import DrivenLimits, DrivenSpeed
 from haptic_wall.controller.runtime.safety import Safety, SafetyLimits, Trip
 from haptic_wall.controller.runtime.sampler import COLLECT_SHARE, LONGER_SHARE, Sampler
@@ -36,7 +35,7 @@ from haptic_wall.controller.runtime.telemetry import (
     Telemetry,
     Word,
 )
-from haptic_wall.controller.runtime.tick import Tick, TickParts
+from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.servo import Bus, Facts, Outcome, Reading, Servo
 
@@ -117,36 +116,30 @@ class Rig:
         pipelined = wall.get("pipelined", False)
         self.watch = CountingWatch(WatchSettings(1e-3))
         self.tick = Tick(
-            TickParts(
-                clock=self.clock,
-                servo=cast(Servo, self.servo),
-                law=self.wall,
-                sampler=Sampler(
-                    cast(Servo, self.servo),
-                    BackwardDifference(1e-3),
-                    PERIOD_NS,
-                    pipelined=pipelined,
-                ),
-                gains=gains,
-                ring=DelayRing(steps),
-                safety=Safety(SafetyLimits(1000.0, 0.0, 0.5, 10, 3 * PERIOD_NS)),
-                missed=MissedPeriods(PERIOD_NS, 0.2),
-                trips_on_missed=wall.get("strict", False),
-                motion=MotionWatch(
-                    self.wall,
-                    gains,
-                    self.watch,
-                    DrivenSpeed(DrivenLimits(wall.get("driven", math.inf))),
-                    None,
-                ),
-                telemetry=self.telemetry,
-                wall_from_start=wall.get("from_start", False),
-                inbox=Inbox(self.telemetry),
-                changeover=Changeover(ChangeLimits(0.1, math.inf, 1e-3)),
-                engagement=Engagement(
-                    EngageLimits(0.1, 0.0, 3), start_room=wall.get("start_room", math.inf)
-                ),
-            )
+            clock=self.clock,
+            servo=cast(Servo, self.servo),
+            law=self.wall,
+            sampler=Sampler(
+                cast(Servo, self.servo),
+                BackwardDifference(1e-3),
+                PERIOD_NS,
+                pipelined=pipelined,
+            ),
+            gains=gains,
+            ring=DelayRing(steps),
+            safety=Safety(SafetyLimits(1000.0, 0.0, 0.5, 10, 3 * PERIOD_NS)),
+            skipped=MissedPeriods(PERIOD_NS, 0.2),
+            trips_on_missed=wall.get("strict", False),
+            watch=self.watch,
+            driven=DrivenSpeed(DrivenLimits(wall.get("driven", math.inf))),
+            passivity=None,
+            telemetry=self.telemetry,
+            wall_from_start=wall.get("from_start", False),
+            inbox=Inbox(self.telemetry),
+            changeover=Changeover(ChangeLimits(0.1, math.inf, 1e-3)),
+            engagement=Engagement(
+                EngageLimits(0.1, 0.0, 3), start_room=wall.get("start_room", math.inf)
+            ),
         )
         self.deadline = self.clock.now_ns()
 
