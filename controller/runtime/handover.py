@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from haptic_wall.controller.detector.settings import WatchSettings
+from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.guard.schedule import GainTable
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.runtime.changeover import Obstacle
@@ -84,7 +85,11 @@ class Offers:
         return servo
 
     def send(self, change: Change) -> None:
-        """Offer a change; the one before is settled, or is given up."""
+        """Offer a change; the one before is settled, or is given up.
+
+        Raises:
+            UserError: Its law has too many numbers for a running loop.
+        """
         _put(self._halves[change.number & 1], change)
         self._words[_OFFERED] = change.number
 
@@ -161,4 +166,11 @@ class Inbox:
 def _put(half: memoryview[int], what: Change | KnownServo) -> None:
     """Write an object; a reader finds its end by itself."""
     data = pickle.dumps(what, pickle.HIGHEST_PROTOCOL)
+    if len(data) > len(half):
+        raise UserError(
+            f"found a law of {len(data) >> 10} kB",
+            field="wall.law",
+            wanted=f"at most {len(half) >> 10} kB in a running wall",
+            advice="give its profiles fewer rows, or start another run",
+        )
     half[: len(data)] = memoryview(data)

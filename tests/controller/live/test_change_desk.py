@@ -90,3 +90,11 @@ def test_it_is_given_up_with_whoever_asked(side: Side) -> None:
     assert side.telemetry.words[Word.OFFERED] == 0
     assert side.begin(60.0) is None
     assert side.desk.give_up("the run is over")["error"] == "not applied: the run is over"
+
+
+def test_a_law_of_too_many_numbers_is_refused_in_words(side: Side) -> None:
+    side.start()
+    side.desk._offers._halves = tuple(half[:1024] for half in side.telemetry.halves)  # type: ignore[assignment]
+    answer = side.begin(1.0)
+    assert answer is not None and answer["error"].startswith("refused: wall.law: found a law of ")
+    assert side.telemetry.words[Word.OFFERED] == 0
