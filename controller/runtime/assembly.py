@@ -9,7 +9,6 @@ from typing import Protocol
 
 import numpy as np
 
-from haptic_wall.controller.detector.tuning import TUNING, Tuning
 from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.guard.bins import decide_bins, explained
 from haptic_wall.controller.guard.guard import Decision, Situation
@@ -264,7 +263,6 @@ def assembled(
     telemetry: Telemetry,
     schedule: GainSchedule,
     law: Law,
-    tuning: Tuning = TUNING,
 ) -> Tick:
     """Return the tick, with all of its parts.
 
@@ -275,7 +273,6 @@ def assembled(
         telemetry: Destination of the rows.
         schedule: The guard's decisions.
         law: The law to render.
-        tuning: Numbers of the detector.
     """
     period_ns = config.period_ns
     period = period_ns * 1e-9
@@ -313,7 +310,7 @@ def assembled(
         ),
         skipped=MissedPeriods(period_ns, safety.max_missed),
         trips_on_missed=config.realtime.profile == "strict",
-        watch=Watch(watch_settings(config, servo.facts, law, tuning)),
+        watch=Watch(watch_settings(config, servo.facts, law)),
         driven=DrivenSpeed(_driven_limits(config, servo, driven)),
         passivity=(
             PassivityControl(period, SLOWEST)
