@@ -106,10 +106,6 @@ class SimulatedServo:
             self._running = False
         return True
 
-    def idle(self) -> None:
-        """Advance to the present, so that less work is left to the next request."""
-        self._pass_until(self._instant())
-
     def close(self) -> None:
         """Stop it if it runs."""
         self.stop()
@@ -117,12 +113,6 @@ class SimulatedServo:
     def take_hand(self, hand: SharedHand) -> None:
         """Let a person hold the shaft from now on, whenever the hand holds on."""
         self._hand = hand
-
-    def stand_in(self, clock: Clock) -> SimulatedServo:
-        """Return another simulated servo, on a clock of its own."""
-        other = SimulatedServo(self._true, clock)
-        other.start()
-        return other
 
     def _pass_until(self, now_ns: int) -> None:
         """Move until ``now_ns`` [ns], with the last torque."""

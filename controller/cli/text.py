@@ -8,8 +8,6 @@ from typing import Any
 from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.runtime.safety import Trip
 
-_WORST = 3
-"""Number of named worst ticks"""
 _UNCONFIRMED = (
     "the servo did not confirm that its torque is off: without a supply it has none, otherwise its "
     "Bus Watchdog ends it; switch its power off before you touch it"
@@ -88,7 +86,6 @@ def _timing(report: Mapping[str, Any]) -> Iterator[str]:
         times = report.get(key) or {}
         if times.get("p50") is not None:
             yield from entry(meaning, _percentiles(times))
-    yield from _late(report.get("timing"))
     bus = report.get("bus")
     if bus:
         refused = f", {bus['refused']} refused" if bus.get("refused") else ""
@@ -96,26 +93,6 @@ def _timing(report: Mapping[str, Any]) -> Iterator[str]:
             "bus",
             f"{bus['cycles']} cycles, {bus['schedule']}: {bus['lost']} lost, {bus['late']} late, "
             f"{bus['corrupt']} corrupt{refused}; sample age {_percentiles(bus['sample_age_us'])}",
-        )
-
-
-def _late(timing: Mapping[str, Any] | None) -> Iterator[str]:
-    """Yield the number of late ticks, their causes, and the worst."""
-    if not timing or not timing["late_ticks"]:
-        return
-    causes = sorted(timing["causes"].items(), key=lambda item: -item[1])
-    yield from entry(
-        "late ticks",
-        f"{timing['late_ticks']} by more than {number(timing['limit_us'])} µs: "
-        + ", ".join(f"{cause} {count}" for cause, count in causes),
-    )
-    for place, tick in enumerate(timing["worst"][:_WORST]):
-        lost = f"{tick['missed']} missed" if tick["missed"] else "none missed"
-        whole_ms = (tick["lateness_us"] + tick["work_us"] + tick["bus_us"]) / 1000.0
-        why = f"{tick['cause']} ({tick['evidence']})" if tick["evidence"] else tick["cause"]
-        yield from entry(
-            "" if place else "worst ticks",
-            f"{number(whole_ms, 3)} ms, {lost}, at {number(tick['time_s'])} s: {why}",
         )
 
 

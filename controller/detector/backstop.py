@@ -89,7 +89,6 @@ class Backstop:
         "_stiffness",
         "_stop",
         "_stops",
-        "_swings",
         "_thrown",
         "_time",
         "_tuning",
@@ -103,6 +102,7 @@ class Backstop:
         "phase",
         "probe",
         "probes",
+        "swings",
     )
 
     def __init__(self, settings: WatchSettings) -> None:
@@ -110,10 +110,10 @@ class Backstop:
         self._settings = settings
         self._tuning = tuning = settings.tuning
         self.half_cycles = HalfCycles(settings.period, settings.position_step, tuning)
-        self._swings = Regularity(self.half_cycles, settings, contacts=False)
+        self.swings = Regularity(self.half_cycles, settings, contacts=False)
         self._contacts = Contacts(settings.position_step, tuning)
         self._bounces = Regularity(self._contacts, settings, contacts=True)
-        self._asked = self._swings
+        self._asked = self.swings
         self._inside = True
         self._hold = LoadHold(self.half_cycles, settings)
         self.derating = Derating()
@@ -148,13 +148,13 @@ class Backstop:
             if depth <= 0.0:  # a half-cycle with a part outside is no evidence about the spring
                 elongation = 0.0
                 if self._inside:
-                    self._swings.forget()
+                    self.swings.forget()
                 self._inside = False
             whole = ended and self._inside
             if ended:
                 self._inside = depth > 0.0
                 if not whole:
-                    self._swings.forget()
+                    self.swings.forget()
             ended = whole
             bounced = self._contacts.update(depth, torque * settings.side, span)
         elif settings.elongation is not None:
@@ -163,7 +163,7 @@ class Backstop:
         if self.phase != Phase.WATCHING:
             self._answer_time(elongation, last)
         if ended:
-            self._ended(self._swings, damping)
+            self._ended(self.swings, damping)
         if bounced:
             self._ended(self._bounces, damping)
         if self.phase == Phase.WATCHING and self._contacts.gaining != self._thrown:
@@ -225,23 +225,11 @@ class Backstop:
     @property
     def steady(self) -> bool:
         """Whether the motion is more regular than a hand's; or regular, and must not be probed."""
-        if self._swings.steady:
-            return True
-        if self._settings.acts:
-            return False
+        if self.swings.steady or self._settings.acts:
+            return self.swings.steady
         threshold, enough = self._settings.threshold, self._tuning.regular_long
-        both = self._swings, self._bounces
+        both = self.swings, self._bounces
         return any(one.streak >= enough and one.size >= threshold for one in both)
-
-    @property
-    def grows(self) -> bool:
-        """Whether a motion that the believed servo makes becomes larger, evenly."""
-        return self._swings.grows
-
-    @property
-    def decays(self) -> bool:
-        """Whether a motion that the believed servo makes becomes smaller."""
-        return self._swings.decays
 
     @property
     def reduced(self) -> tuple[float, float]:
@@ -271,12 +259,12 @@ class Backstop:
         self.phase = Phase.RETURNING
         self.alarm = self._small_cycle = False
         self._hand = self._stop = NEVER
-        self._swings.streak = self._bounces.streak = 0
+        self.swings.streak = self._bounces.streak = 0
 
     def resume(self) -> None:
         """Restart the watch after a pause without torque; reductions stay."""
         self.half_cycles.forget()
-        self._swings.forget()
+        self.swings.forget()
         self._contacts.forget()
         self._bounces.forget()
         self._count = 0

@@ -11,7 +11,7 @@ like those of docs/evidence/detector-table.md.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final, SupportsIndex
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,6 +207,10 @@ class Tuning:
     than this fraction of its limit [1],"""
     hold_follows_s: float = 0.5
     """with this time constant [s]."""
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> str | tuple[Any, ...]:
+        """Pickle the tuning of every run by its name: the loop takes no time to make it anew."""
+        return "TUNING" if self is TUNING else object.__reduce_ex__(self, protocol)
 
 
 TUNING: Final = Tuning()

@@ -119,14 +119,15 @@ class Watch:
     def _judge(self) -> None:
         """Set the state, and answer an alarm."""
         backstop, settings = self.backstop, self._settings
-        early = backstop.grows and settings.answer != "reduce" and not settings.passive
+        swings = backstop.swings
+        early = swings.grows and settings.answer != "reduce" and not settings.passive
         self.alarm = alarm = backstop.alarm or early
         if alarm or backstop.steady:
             last = backstop.half_cycles.last
             grows = len(last) > 1 and last[-1].amplitude > _STILL_GROWS * last[-2].amplitude
             self.current = State.GROWING if alarm and grows else State.SUSTAINED
         else:
-            self.current = State.DECAYING if backstop.decays else State.QUIET
+            self.current = State.DECAYING if swings.decays else State.QUIET
         if not self.current:
             return
         self._note(self.current)

@@ -22,7 +22,7 @@ from haptic_wall.controller.doctor.replies import Replies
 from haptic_wall.controller.doctor.report import Consent, Report, Tell, not_applicable, of_error
 from haptic_wall.controller.doctor.search import FoundServo, opened
 from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments
-from haptic_wall.controller.runtime.lateness.machine_setup import machine_setup
+from haptic_wall.controller.runtime.machine_setup import machine_setup
 from haptic_wall.controller.runtime.realtime import Setting, pick_cores
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.clock import MonotonicClock

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from haptic_wall.controller.doctor.replies import percentile
 from haptic_wall.controller.doctor.report import not_applicable
-from haptic_wall.controller.runtime.lateness.machine_setup import SettingState
+from haptic_wall.controller.runtime.machine_setup import SettingState
 from haptic_wall.controller.runtime.realtime import Profile, Setting, missing_for_strict
 from haptic_wall.hw.servo import Check
 

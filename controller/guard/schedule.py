@@ -20,16 +20,15 @@ See docs/decisions/served-interval.md.
 from __future__ import annotations
 
 import math
+from array import array
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from itertools import chain
+from typing import Final, NamedTuple
 
 from haptic_wall.controller.guard.types import WITHIN
-
-if TYPE_CHECKING:
-    from haptic_wall.controller.guard.guard import Decision
 
 RUN = 10
 """Smallest number of consecutive ages above the bin that lowers the gains at once."""
@@ -381,81 +380,99 @@ class ServedInterval:
         return min(bisect_left(self._edges, interval_ns), len(self._edges) - 1)
 
 
-class GainSchedule:
-    """Picks the decision that holds for the observed ages and intervals.
+class Allowed(NamedTuple):
+    """The numbers of a decision that a tick needs."""
+
+    stiffness: float
+    """[N·m/rad]"""
+    damping: float
+    """[N·m·s/rad]"""
+    delay: float = 0.0
+    """Total [s]"""
+    ceiling: float = math.inf
+    """Damping above which no stiffness is stable [N·m·s/rad]"""
+    injected: float = 0.0
+    """Damping that may be added [N·m·s/rad]"""
+
+
+_WIDTH: Final = len(Allowed._fields)
+
+
+class GainTable:
+    """The gains of all bins as plain floats: interval by interval, one for each age.
 
     Args:
-        decisions: For each interval one for each age: ``len(intervals_ns)`` rows of
-            ``len(ages_ns)``.
-        ages_ns: The ages of the decisions [ns], rising.
-        intervals_ns: The intervals of the decisions [ns], rising, the period first.
+        gains: Of each bin.
+    """
+
+    __slots__ = ("_values",)
+
+    def __init__(self, gains: Iterable[Allowed]) -> None:
+        self._values = array("d", chain.from_iterable(gains))
+
+    def at(self, index: int) -> Allowed:
+        """Return the gains of a bin."""
+        return Allowed(*self._values[_WIDTH * index : _WIDTH * index + _WIDTH])
+
+    @property
+    def highest(self) -> float:
+        """Return the largest stiffness [N·m/rad]."""
+        return max(self._values[::_WIDTH])
+
+
+class GainSchedule:
+    """Picks the gains that hold for the observed ages and intervals.
+
+    Args:
+        table: For each interval the gains of each age.
+        ages_ns: The ages of the table [ns], rising.
+        intervals_ns: The intervals of the table [ns], rising, the period first.
         percentile: Percentile of the ages in a window that their bin must cover [%].
         window: Ticks in a window.
         run: Consecutive ages above the bin that lower the gains at once; also the periods in a
             block of intervals.
+
+    Attributes:
+        table: The table in force.
+        index: Index of the present bin in it.
+        allowed: The gains of the present bin.
     """
 
     def __init__(
         self,
-        decisions: Sequence[Sequence[Decision]],
+        table: GainTable,
         ages_ns: Sequence[int],
         intervals_ns: Sequence[int],
         percentile: float,
         window: int,
         run: int = RUN,
     ) -> None:
-        self._rows = decisions
         self._ages = ages_ns
         self._intervals = intervals_ns
-        self._percentile, self._window, self._run = percentile, window, run
         self._oldest = len(ages_ns) - 1
         self._age = BinFilter(len(ages_ns), percentile, window, run, SETTLE)
         period_ns = intervals_ns[0]
         self._interval = ServedInterval(intervals_ns, run * period_ns, window * period_ns)
-        self.decision = decisions[0][0]
+        self.index = 0
+        self.take(table)
 
-    def anew(self) -> GainSchedule:
-        """Return a schedule with the same bins and no observations."""
-        return GainSchedule(
-            self._rows, self._ages, self._intervals, self._percentile, self._window, self._run
-        )
-
-    @property
-    def rows(self) -> Sequence[Sequence[Decision]]:
-        """Return the decisions, as the class takes them."""
-        return self._rows
-
-    def present(self, rows: Sequence[Sequence[Decision]]) -> Decision:
-        """Return the decision of other rows for the present bins."""
-        return rows[self._interval.bin][self._age.bin]
-
-    def take(self, rows: Sequence[Sequence[Decision]]) -> None:
-        """Use other decisions for the same bins; the observations stay."""
-        self._rows = rows
-        self.decision = self.present(rows)
-
-    @property
-    def decisions(self) -> list[Decision]:
-        """Return all decisions; ``index`` counts in this order."""
-        return [each for row in self._rows for each in row]
-
-    @property
-    def index(self) -> int:
-        """Return the index of the present decision in ``decisions``."""
-        return self._interval.bin * (self._oldest + 1) + self._age.bin
+    def take(self, table: GainTable) -> None:
+        """Use another table for the same bins; the observations stay."""
+        self.table = table
+        self.allowed = table.at(self.index)
 
     @property
     def age_ns(self) -> int:
-        """Return the sample age of the present decision [ns]."""
+        """Return the sample age of the present bin [ns]."""
         return self._ages[self._age.bin]
 
     @property
     def interval_ns(self) -> int:
-        """Return the interval that the present decision uses as the period [ns]."""
+        """Return the interval that the present bin uses as the period [ns]."""
         return self._intervals[self._interval.bin]
 
     def observe(self, age_ns: int, interval_ns: int, may_raise: bool) -> bool:
-        """Count one tick; return whether the decision changed.
+        """Count one tick; return whether the gains changed.
 
         Args:
             age_ns: Age of the sample when its torque was sent [ns].
@@ -470,9 +487,8 @@ class GainSchedule:
         if may_raise:
             age.take_raise()
             interval.take_raise()
-        before = self.decision
-        self.decision = self._rows[interval.bin][age.bin]
-        return self.decision is not before
+        index = interval.bin * (self._oldest + 1) + age.bin
+        return index != self.index and self._move(index)
 
     def settle(self) -> None:
         """End the warm-up: take the bins that its observations ask for, and restart.
@@ -481,4 +497,10 @@ class GainSchedule:
         """
         self._age.settle()
         self._interval.settle()
-        self.decision = self._rows[self._interval.bin][self._age.bin]
+        self._move(self._interval.bin * (self._oldest + 1) + self._age.bin)
+
+    def _move(self, index: int) -> bool:
+        """Take a bin; return whether its gains differ: long ages share those of one decision."""
+        before, self.index = self.allowed, index
+        self.allowed = self.table.at(index)
+        return self.allowed != before

@@ -25,7 +25,7 @@ START_S: Final = 1.0
 """Least wait for the servo's start [s]"""
 _NOT_STARTED: Final = "the servo has not been started yet"
 LOOP_S: Final = 2.0
-"""Longest wait for the loop to take a piece, and to say what became of a change [s]"""
+"""Longest wait for the loop to say what became of a change [s]"""
 LEAST_S: Final = 0.3
 """Least time for the loop to take a change and to try it [s]"""
 _SHOWN: Final = 300
@@ -78,14 +78,12 @@ class ChangeDesk:
         """Return the desk of a run, by the orders of its process."""
         telemetry = Telemetry(orders["telemetry"], mapped=False)
         to_log = socket.socket(fileno=orders["to_log"])
-        peer = socket.socket(fileno=orders["loop"])
-        peer.settimeout(LOOP_S)
         config = Config.model_validate_json(orders["config"], context=RUNS)
 
         def told(change: dict[str, Any]) -> None:
             tell({"change": change, "logged": send_event(to_log, change)})
 
-        return cls(config, telemetry, Offers(peer, telemetry.words), told)
+        return cls(config, telemetry, Offers(telemetry), told)
 
     def begin(self, sets: list[str], wait_s: float, peer: Peer) -> dict[str, Any] | None:
         """Check and compute a change, and send it to the loop.
@@ -125,8 +123,6 @@ class ChangeDesk:
             self._offers.send(change)
         except ExplainedError as error:
             return self._refused(asked.peer, asked.sets, error)
-        except OSError:
-            return self._not_made("the run is over, or its loop accepts no changes")
         asked.began_s = time.monotonic()
         asked.until_s = asked.began_s + max(wait_s, LEAST_S)
         return None
@@ -193,18 +189,18 @@ class ChangeDesk:
 
     def _known(self) -> Changes | None:
         if self._changes is None:
-            servo = self._offers.servo(0.0)
+            servo = self._offers.servo()
             if servo is not None:
                 self._changes = Changes(self._config, servo)
         return self._changes
 
     def _made(self, asked: _Asked, settled: Settled) -> dict[str, Any]:
         changes = self._changes
-        assert changes is not None and changes.schedule is not None
+        assert changes is not None and changes.decided is not None
         new_values = dict(difference(self._config, asked.new))
         self._config = changes.config = asked.new
         self._asked = None
-        decision = changes.schedule.decisions[settled.bin]
+        decision = changes.decided.decisions[settled.bin]
         told = decision_in_force(asked.new, changes.servo, decision)
         guard = decision_report(told)
         made_ns = self._made_ns(settled.row)

@@ -47,7 +47,7 @@ def main() -> None:
         page.start()
     os.nice(_NICE)
     place = Path(sys.argv[1])
-    dial = _dial(place, orders) if orders["loop"] is not None else None
+    dial = _dial(place, orders) if orders["to_log"] is not None else None
     sender, pause = _sender(orders)
     begun_s = time.monotonic()
     try:

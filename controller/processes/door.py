@@ -44,7 +44,6 @@ class Door:
         changes: The last changes, as events.
         unlogged: Those that the log does not have yet.
         hand: A person's hand on a servo that is not real; None: no page has one.
-        loop: The loop's end of the socket that changes come from; None: the run takes none.
         trouble: Why a dead man on the page is gone; empty: it is not.
     """
 
@@ -60,7 +59,6 @@ class Door:
         self.changes: list[dict[str, Any]] = []
         self.unlogged: list[dict[str, Any]] = []
         self.hand: SharedHand | None = None
-        self.loop: socket.socket | None = None
         self.trouble = ""
         log, live = plan.log, plan.live
         takes = plan.changeable and not plan.program and (not log.exists() or log.is_file())
@@ -85,10 +83,9 @@ class Door:
             if not (takes or live or plan.stream):
                 return
             if takes:
-                self.loop, ours = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-                inherited |= {"loop": handed.enter_context(ours).fileno(), "to_log": to_log}
+                inherited["to_log"] = to_log
             orders = {
-                "loop": None,
+                "to_log": None,
                 "hand": None,
                 **inherited,
                 **shown,
@@ -154,9 +151,8 @@ class Door:
             self.look()
             self._child.dismiss(0.0)
             remove_if_dead(self._path)
-        for each in (self._news, self.loop):
-            if each is not None:
-                each.close()
+        if self._news is not None:
+            self._news.close()
         if self.hand is not None:
             self.hand.release()
             self.hand.close()

@@ -6,10 +6,8 @@ runs nothing else: a busy thread beside the loop would cost it stalls of 5 ms.
 
 from __future__ import annotations
 
-import contextlib
 import os
 import signal
-import socket
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -19,14 +17,7 @@ from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.processes.hold import KeySource, key_reader
 from haptic_wall.controller.runtime import realtime
 from haptic_wall.controller.runtime.defect import defect_text
-from haptic_wall.controller.runtime.lateness.causes import Machine
-from haptic_wall.controller.runtime.lateness.machine_setup import (
-    is_virtual,
-    machine_setup,
-    start_table,
-)
-from haptic_wall.controller.runtime.lateness.thread_counters import CounterReader
-from haptic_wall.controller.runtime.lateness.ticks import LateTicks
+from haptic_wall.controller.runtime.machine_setup import machine_setup, start_table
 from haptic_wall.controller.runtime.session import Surroundings, run_session
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.config import RUNS, Config
@@ -58,13 +49,9 @@ class Orders:
     parent: int
     """Process id of the supervisor"""
     core: int
-    shared: bool
-    """Whether everything else has no other core either"""
     duration_s: float | None
     program: list[dict[str, Any]]
     """Phases in place of the wall; empty: the wall"""
-    changes: int | None = None
-    """Descriptor of the socket that changes of the wall come from"""
     hand: int | None = None
     """Descriptor of the memory of a person's hand on the simulated servo"""
     key: tuple[int, int | None, str] | None = None
@@ -93,24 +80,20 @@ def main() -> None:
     if orders.elastic:
         clock = ElasticClock(telemetry.words[PLACE : PLACE + WORDS], config.period_ns)
     try:
-        with contextlib.ExitStack() as scope:
-            result = run_session(
-                config,
-                clock,
-                telemetry,
-                orders.duration_s,
-                [Phase(**phase) for phase in orders.program],
-                Surroundings(
-                    port=orders.port,
-                    tell=lambda text: _tell("tell", text=text),
-                    take_real_time=lambda: _prepare(config, orders, scope),
-                    changes=None
-                    if orders.changes is None
-                    else socket.socket(fileno=orders.changes),
-                    open_servo=_opener(orders.hand),
-                    read_key=_key(orders, telemetry),
-                ),
-            )
+        result = run_session(
+            config,
+            clock,
+            telemetry,
+            orders.duration_s,
+            [Phase(**phase) for phase in orders.program],
+            Surroundings(
+                port=orders.port,
+                tell=lambda text: _tell("tell", text=text),
+                take_real_time=lambda: _prepare(config, orders.core),
+                open_servo=_opener(orders.hand),
+                read_key=_key(orders, telemetry),
+            ),
+        )
     except (ServoError, PlatformError) as error:
         _tell("refused", problem=asdict(error.problem))
         return
@@ -150,29 +133,19 @@ def _opener(hand: int | None) -> Callable[[ServoSettings, Clock, int | None], Se
     return opened
 
 
-def _prepare(config: Config, orders: Orders, scope: contextlib.ExitStack) -> LateTicks:
-    """Apply the real-time settings, report the granted ones, start the explanation of late ticks.
+def _prepare(config: Config, core: int) -> None:
+    """Apply the real-time settings, and report the granted ones.
 
     Raises:
         PlatformError: The profile is strict, and a setting it needs was not granted.
     """
-    wishes, core = config.realtime, orders.core
+    wishes = config.realtime
     settings = realtime.apply(wishes.profile, wishes.priority, {core})
     _tell("realtime", settings=[asdict(setting) for setting in settings])
     _tell("tell", text=start_table(settings, machine_setup(core)))
     missing = realtime.missing_for_strict(settings)
     if missing and wishes.profile == "strict":
         raise PlatformError(_strict(missing))
-    reader = CounterReader(core)
-    machine = Machine(
-        virtual=is_virtual(),
-        real_time=os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO,
-        shared=orders.shared,
-        knows_run_delay=reader.knows_run_delay,
-    )
-    late = scope.enter_context(LateTicks(machine, reader, config.period_ns))
-    signal.signal(signal.SIGCONT, lambda *_: late.continued())
-    return late
 
 
 def _strict(missing: list[realtime.Setting]) -> Problem:

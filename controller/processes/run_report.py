@@ -40,7 +40,6 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
         "lateness_us": statistics.lateness.as_report(50, 99, 99.9),
         "work_us": statistics.work.as_report(50, 99, 99.9),
         "bus_us": statistics.bus.as_report(50, 99, 99.9),
-        "timing": result.get("timing"),
         "bus": _bus(result.get("bus"), ended),
         "delay_s": result.get("delay"),
         "guard": result.get("guard"),
@@ -159,6 +158,18 @@ def warnings_of(ended: Ended) -> list[str]:
                 f"{setting['name']}: wanted {setting['wanted']}, {setting['got']}"
                 + (f"; to grant it: {setting['remedy']}" if setting["remedy"] else "")
             )
+    if ended.missed and (why := _why_missed(ended)):
+        warnings.append(f"the loop missed {ended.missed} periods: {why}")
     if ended.statistics.unread:
         warnings.append(f"{ended.statistics.unread} rows were not read in time for the statistics")
     return warnings
+
+
+def _why_missed(ended: Ended) -> str:
+    """Return the plain reason of missed periods; empty: none is plain."""
+    if any(setting["name"] == "scheduler" and not setting["ok"] for setting in ended.realtime):
+        return "it had no real-time rights, so that other programs could keep the core"
+    machine = (ended.result or {}).get("setup", [])
+    if any(row["name"] == "host" for row in machine):
+        return "this is a virtual machine, whose host can take the core"
+    return ""

@@ -205,7 +205,6 @@ class Supervisor:
 
     def _start_loop(self, children: contextlib.ExitStack) -> Child:
         plan, hand = self._plan, self._hand()
-        changes = None if self._door.loop is None else self._door.loop.fileno()
         key = None
         if self._key is not None and plan.hold is not None:
             key = self._key, plan.hold.key, plan.hold.path
@@ -215,15 +214,13 @@ class Supervisor:
             port=self._port,
             parent=os.getpid(),
             core=self._core,
-            shared=self._others == {self._core},
             duration_s=plan.duration_s,
             program=[asdict(phase) for phase in plan.program],
-            changes=changes,
             hand=hand,
             key=key,
             elastic=plan.elastic,
         )
-        passed = (self._telemetry.descriptor, hand, changes, self._port, self._key)
+        passed = (self._telemetry.descriptor, hand, self._port, self._key)
         descriptors = [each for each in passed if each is not None]
         # On its core from the first: on two cores the other one is busy with the other starts.
         module = "haptic_wall.controller.processes.loop_process"

@@ -18,8 +18,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from haptic_wall.hw.capabilities import HasIdleWork, HasStandIn
-from haptic_wall.hw.clock import Clock, SimulatedClock
+from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.errors import ServoError
 from haptic_wall.hw.servo import Check, Outcome, Reading, Servo
 
@@ -200,29 +199,3 @@ class ServoContract:
         rig.servo.stop()
         rig.servo.start()
         assert bus.counts.cycles == 0, "they begin anew with each start"
-
-    def test_a_stand_in_takes_the_same_cycles_and_touches_nothing(self) -> None:
-        alone, beside = self.make_rig(), self.make_rig()
-        clock = SimulatedClock()
-        if not isinstance(beside.servo, HasStandIn):
-            pytest.skip("it has no stand-in")
-        stand_in = beside.servo.stand_in(clock)  # also of a servo that is not started
-        for rig in (alone, beside):
-            rig.servo.start()
-        extra = Rig(beside.servo.stand_in(clock), clock)
-        for number in range(60):
-            torque = 0.6 * beside.push * math.sin(0.2 * number)
-            expected = alone.cycle(torque)
-            for other in (Rig(stand_in, clock), extra):
-                reading, sent = other.cycle(torque)
-                assert reading.outcome is Outcome.OK
-                assert math.isfinite(reading.position)
-                assert not reading.alert
-                assert sent == expected[1]
-            if isinstance(beside.servo, HasIdleWork):
-                beside.servo.idle()
-            assert beside.cycle(torque) == expected
-        assert beside.servo.bus == alone.servo.bus
-        for rig in (alone, beside):
-            assert rig.servo.stop()
-            rig.servo.close()

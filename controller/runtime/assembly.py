@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from haptic_wall.controller.detector.tuning import TUNING, Tuning
 from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.guard.bins import decide_bins, explained
 from haptic_wall.controller.guard.guard import Decision, Situation
@@ -17,7 +16,9 @@ from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.schedule import (
     RUN,
     RUN_S,
+    Allowed,
     GainSchedule,
+    GainTable,
     age_bins_ns,
     interval_bins_ns,
 )
@@ -29,21 +30,18 @@ from haptic_wall.controller.laws.passivity_control import PassivityControl
 from haptic_wall.controller.laws.program import Phase, Program
 from haptic_wall.controller.laws.velocity import Biquad, velocity_estimator
 from haptic_wall.controller.laws.wall import Law
-from haptic_wall.controller.runtime.cache_warm_up import CacheWarmUp, StandInClock
 from haptic_wall.controller.runtime.changeover import ChangeLimits, Changeover
 from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.runtime.handover import Inbox
 from haptic_wall.controller.runtime.missed import MissedPeriods
-from haptic_wall.controller.runtime.motion_watch import MotionWatch
 from haptic_wall.controller.runtime.overspeed import DrivenLimits, DrivenSpeed, speed_limits
 from haptic_wall.controller.runtime.safety import Safety, SafetyLimits
 from haptic_wall.controller.runtime.sampler import Sampler, is_pipelined
 from haptic_wall.controller.runtime.telemetry import Telemetry
-from haptic_wall.controller.runtime.tick import Tick, TickParts
+from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.controller.runtime.watch_settings import watch_settings
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory import critical_stiffness, peak
-from haptic_wall.hw.capabilities import HasIdleWork, HasStandIn
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.servo import Bus, Facts, Servo
 
@@ -69,14 +67,28 @@ class OpenServo(Protocol):
         """Return its bus."""
 
 
-def guard_schedule(
+@dataclass(frozen=True, slots=True)
+class Decided:
+    """The guard's decisions for every served interval and every sample age."""
+
+    ages_ns: list[int]
+    """Upper ends of the bins of the sample age [ns]"""
+    intervals_ns: list[int]
+    """Upper ends of the bins of the interval [ns]"""
+    decisions: list[Decision]
+    """Interval by interval, one for each age"""
+    table: GainTable
+    """Their numbers"""
+
+
+def guard_decisions(
     config: Config,
     servo: OpenServo,
     simulated: bool,
     *,
     program: bool = False,
     work: Work | None = None,
-) -> GainSchedule:
+) -> Decided:
     """Compute the guard's decisions for every sample age and every served interval.
 
     Args:
@@ -88,15 +100,14 @@ def guard_schedule(
         work: What was evaluated before for the same run; None: nothing.
     """
     situation = situation_of(config, servo)
-    period = situation.period
     intervals_ns = interval_bins_ns(config.period_ns, situation.belief.is_flexible)
     inside = simulated and servo.bus is None  # the same process: samples have zero age
-    ages_ns = [0] if inside else _ages_ns(config, servo)
+    ages_ns = [0] if inside else age_bins_ns(config.period_ns, round(_reply_s(servo) * 1e9))
     if inside and program:
         intervals_ns = intervals_ns[:1]
     least_ns = round(config.guard.sample_age * 1e9)
     ages_ns = [max(age, least_ns) for age in ages_ns]
-    decisions = decide_bins(
+    rows = decide_bins(
         config.request(situation.position_step),
         config.guard_settings(),
         situation,
@@ -105,10 +116,25 @@ def guard_schedule(
         intervals_ns,
         work,
     )
-    window = max(1, round(config.guard.window_s / period))
-    run = max(RUN, round(RUN_S / period))
-    percentile = config.guard.delay_percentile
-    return GainSchedule(decisions, ages_ns, intervals_ns, percentile, window, run)
+    decisions = [each for row in rows for each in row]
+    table = GainTable(
+        Allowed(each.stiffness, each.damping, each.delay, each.damping_ceiling, most)
+        for each, most in zip(decisions, most_injected(config, situation, decisions), strict=True)
+    )
+    return Decided(ages_ns, intervals_ns, decisions, table)
+
+
+def gain_schedule(config: Config, decided: Decided) -> GainSchedule:
+    """Return the gain schedule of decisions, without observations."""
+    period = config.period_ns * 1e-9
+    return GainSchedule(
+        decided.table,
+        decided.ages_ns,
+        decided.intervals_ns,
+        config.guard.delay_percentile,
+        max(1, round(config.guard.window_s / period)),
+        max(RUN, round(RUN_S / period)),
+    )
 
 
 def decision_in_force(
@@ -162,7 +188,9 @@ def _driven_limits(config: Config, servo: Servo, speed: float) -> DrivenLimits:
     )
 
 
-def most_injected(config: Config, servo: OpenServo, schedule: GainSchedule) -> list[float]:
+def most_injected(
+    config: Config, situation: Situation, all_decisions: list[Decision]
+) -> list[float]:
     """Return the damping that may be added to each decision's [N·m·s/rad].
 
     It reaches to the peak of the boundary, beyond which more damping lowers the critical stiffness,
@@ -173,10 +201,9 @@ def most_injected(config: Config, servo: OpenServo, schedule: GainSchedule) -> l
     boundary has another peak.
     """
     if config.guard.mode == "passive" or config.velocity_filter() is not None:
-        return [0.0] * len(schedule.decisions)
-    shared = {id(decision): decision for decision in schedule.decisions}
+        return [0.0] * len(all_decisions)
+    shared = {id(decision): decision for decision in all_decisions}
     decisions = [*shared.values()]
-    situation = situation_of(config, servo)
     delays = np.array([decision.delay for decision in decisions])
     periods = np.array([decision.period for decision in decisions])
     at = Plants.at_corner(situation, delays - situation.belief.delay.high)
@@ -198,11 +225,7 @@ def most_injected(config: Config, servo: OpenServo, schedule: GainSchedule) -> l
         best[some] = np.minimum(best[some], top)
     asked = np.array([decision.damping for decision in decisions])
     most = dict(zip(shared, np.maximum(best - asked, 0.0).tolist(), strict=True))
-    return [most[id(decision)] for decision in schedule.decisions]
-
-
-def _ages_ns(config: Config, servo: OpenServo) -> list[int]:
-    return age_bins_ns(config.period_ns, round(_reply_s(servo) * 1e9))
+    return [most[id(decision)] for decision in all_decisions]
 
 
 def _reply_s(servo: OpenServo) -> float:
@@ -233,20 +256,15 @@ def rendered(config: Config, clock: Clock, servo: Servo, program: Sequence[Phase
     return config.active_law(port)
 
 
-def tick_parts(
+def assembled(
     config: Config,
     clock: Clock,
     servo: Servo,
     telemetry: Telemetry,
     schedule: GainSchedule,
     law: Law,
-    injected: Sequence[float],
-    *,
-    engage_at_once: bool = False,
-    inbox: Inbox | None = None,
-    tuning: Tuning = TUNING,
-) -> TickParts:
-    """Return all parts of a tick.
+) -> Tick:
+    """Return the tick, with all of its parts.
 
     Args:
         config: The effective configuration.
@@ -255,11 +273,6 @@ def tick_parts(
         telemetry: Destination of the rows.
         schedule: The guard's decisions.
         law: The law to render.
-        injected: ``most_injected`` of the schedule.
-        engage_at_once: The wall comes on wherever the shaft is, as with the setting of that name.
-            A program always does: it starts at the shaft's position.
-        inbox: Changes of the running wall; None: none come.
-        tuning: Numbers of the detector.
     """
     period_ns = config.period_ns
     period = period_ns * 1e-9
@@ -271,7 +284,7 @@ def tick_parts(
     filtered = config.velocity_filter()
     gains = Gains(schedule, law, max(1, round(RAMP_S / period)))
     rest_torque = engage_torque(safety.engage_torque, servo.facts.stall_torque)
-    return TickParts(
+    return Tick(
         clock=clock,
         servo=servo,
         law=law,
@@ -295,19 +308,14 @@ def tick_parts(
                 travel_from_start=wall.reference == "start",
             )
         ),
-        missed=MissedPeriods(period_ns, safety.max_missed),
+        skipped=MissedPeriods(period_ns, safety.max_missed),
         trips_on_missed=config.realtime.profile == "strict",
-        motion=MotionWatch(
-            law,
-            gains,
-            Watch(watch_settings(config, servo.facts, law, tuning)),
-            DrivenSpeed(_driven_limits(config, servo, driven)),
-            (
-                PassivityControl(period, SLOWEST)
-                if law.guarded and config.wall.passivity_control
-                else None
-            ),
-            injected,
+        watch=Watch(watch_settings(config, servo.facts, law)),
+        driven=DrivenSpeed(_driven_limits(config, servo, driven)),
+        passivity=(
+            PassivityControl(period, SLOWEST)
+            if law.guarded and config.wall.passivity_control
+            else None
         ),
         telemetry=telemetry,
         wall_from_start=law.guarded and wall.reference == "start",
@@ -317,39 +325,9 @@ def tick_parts(
                 position_step=servo.facts.position_step,
                 periods=max(1, math.ceil(REST_S / period - 1e-6)),
             ),
-            start_room=math.inf if engage_at_once or not law.guarded else config.start_room,
+            # A program comes on wherever the shaft is: it starts there.
+            start_room=config.start_room if law.guarded else math.inf,
         ),
-        inbox=Inbox(None, telemetry.words) if inbox is None else inbox,
+        inbox=Inbox(telemetry),
         changeover=Changeover(ChangeLimits(rest_torque, servo.facts.torque_limit, period)),
     )
-
-
-def cache_warm_up_of(
-    config: Config,
-    servo: Servo,
-    schedule: GainSchedule,
-    injected: Sequence[float],
-    program: Sequence[Phase],
-) -> CacheWarmUp | None:
-    """Return a dry-run tick with parts of its own; None if the servo has no stand-in.
-
-    Args:
-        config: The effective configuration.
-        servo: The servo whose stand-in is used; the servo itself is not called.
-        schedule: The guard's decisions.
-        injected: ``most_injected`` of the schedule.
-        program: Phases that are rendered in place of the wall; empty: none.
-    """
-    if not isinstance(servo, HasStandIn):
-        return None
-    clock = StandInClock()
-    stand_in = servo.stand_in(clock)
-    law = rendered(config, clock, stand_in, program)
-    memory = Telemetry.scratch()
-    parts = tick_parts(
-        config, clock, stand_in, memory, schedule.anew(), law, injected, engage_at_once=True
-    )
-    tick = Tick(parts)
-    tick.wall_on()
-    idle = servo.idle if isinstance(servo, HasIdleWork) else lambda: None
-    return CacheWarmUp(tick.run, clock, config.period_ns, idle)

@@ -5,16 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Final
 
-from haptic_wall.controller.guard.guard import Decision
-from haptic_wall.controller.guard.schedule import GainSchedule
-from haptic_wall.controller.runtime.assembly import guard_schedule, most_injected
-from haptic_wall.controller.runtime.change import Change, KnownServo
+from haptic_wall.controller.runtime.assembly import Decided, guard_decisions
+from haptic_wall.controller.runtime.handover import Change, KnownServo
 from haptic_wall.controller.runtime.watch_settings import watch_settings
 from haptic_wall.controller.settings.changes import moved_by
 from haptic_wall.controller.settings.config import Config
 
-_PART: Final = 4096
-"""Characters of the configuration in a part"""
 _KEPT: Final = 16
 """Number of requests whose decisions are kept"""
 
@@ -25,14 +21,14 @@ class Changes:
 
     Attributes:
         config: Configuration in force now.
-        schedule: The decisions for the configuration that was computed last.
+        decided: The decisions for the configuration that was computed last.
     """
 
     config: Config
     servo: KnownServo
     number: int = 0
-    schedule: GainSchedule | None = None
-    _known: dict[str, tuple[GainSchedule, list[float]]] = field(default_factory=dict)
+    decided: Decided | None = None
+    _known: dict[str, Decided] = field(default_factory=dict)
 
     def computed(self, new: Config) -> Change:
         """Return the change to ``new``; takes milliseconds to seconds.
@@ -42,20 +38,12 @@ class Changes:
         """
         old, servo = self.config, self.servo
         self.number += 1
-        self.schedule, injected = self._decided(new)
-        found: dict[int, int] = {}
-        decisions: list[Decision] = []
-        for decision in self.schedule.decisions:
-            if id(decision) not in found:
-                found[id(decision)] = len(decisions)
-                decisions.append(decision)
+        self.decided = self._decided(new)
         law = new.law(servo.facts.position_step)
-        text = new.model_dump_json()
-        way = moved_by(old, new)
-        elsewhere = way != 0.0
+        elsewhere = moved_by(old, new) != 0.0
         return Change(
             number=self.number,
-            config=[text[at : at + _PART] for at in range(0, len(text), _PART)],
+            config=new.model_dump_json(),
             law=law if elsewhere or not law.linear else None,
             watch=watch_settings(new, servo.facts, law),
             moved=elsewhere,
@@ -63,20 +51,15 @@ class Changes:
             and old.wall.damping == new.wall.damping
             and old.delay.steps == new.delay.steps
             and old.wall.stiffness >= new.wall.stiffness,
-            decisions=decisions,
-            bins=[[found[id(each)] for each in row] for row in self.schedule.rows],
-            injected=injected,
+            table=self.decided.table,
             steps=new.delay.steps,
-            highest=max(decision.stiffness for decision in decisions),
         )
 
-    def _decided(self, new: Config) -> tuple[GainSchedule, list[float]]:
+    def _decided(self, new: Config) -> Decided:
         """Return the guard's decisions; those of the last few requests are kept."""
-        request = new.request(self.servo.facts.position_step)
-        asked = repr((request, new.delay.steps))
+        asked = repr((new.request(self.servo.facts.position_step), new.delay.steps))
         if asked not in self._known:
-            schedule = guard_schedule(new, self.servo, self.servo.simulated)
             if len(self._known) >= _KEPT:
                 self._known.pop(next(iter(self._known)))
-            self._known[asked] = schedule, most_injected(new, self.servo, schedule)
+            self._known[asked] = guard_decisions(new, self.servo, self.servo.simulated)
         return self._known[asked]

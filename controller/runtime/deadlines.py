@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from haptic_wall.controller.settings.shares import SPIN_SHARE
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.elastic import ElasticClock
-
-if TYPE_CHECKING:
-    from haptic_wall.controller.runtime.cache_warm_up import CacheWarmUp
 
 SPIN_MIN_NS = 50_000
 SPIN_MAX_NS = 300_000
@@ -56,15 +53,7 @@ def next_deadline(deadline_ns: int, now_ns: int, period_ns: int) -> tuple[int, i
 
 
 class Waiter(Protocol):
-    """Waits for a deadline and returns the time of waking.
-
-    Attributes:
-        margin_ns: Intended time between the end of sleeping and the deadline [ns].
-        slept_ns: End of the last sleep [ns]; 0: the deadline was too near to sleep.
-    """
-
-    margin_ns: int
-    slept_ns: int
+    """Waits for a deadline and returns the time of waking."""
 
     def wait(self, deadline_ns: int) -> int:
         """Wait for ``deadline_ns`` [ns]; return the present time [ns] at once after it."""
@@ -78,11 +67,10 @@ class ClockWaiter:
         clock: The clock.
     """
 
-    __slots__ = ("_clock", "margin_ns", "slept_ns")
+    __slots__ = ("_clock",)
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
-        self.margin_ns = self.slept_ns = 0
 
     def wait(self, deadline_ns: int) -> int:
         """Wait; see ``Waiter``."""
@@ -98,19 +86,17 @@ class SpinWaiter:
 
     Args:
         spin_ns: How long before the deadline to stop sleeping [ns].
-        warm_up: Cache warm-up of the tick, after each sleep; it ends earlier by what that needs.
         clock: An elastic clock; any other counts as monotonic.
+
+    Attributes:
+        margin_ns: As ``spin_ns``.
     """
 
-    __slots__ = ("_elastic", "_spin_ns", "_warm_up", "margin_ns", "slept_ns")
+    __slots__ = ("_elastic", "margin_ns")
 
-    def __init__(
-        self, spin_ns: int, warm_up: CacheWarmUp | None = None, clock: Clock | None = None
-    ) -> None:
+    def __init__(self, spin_ns: int, clock: Clock | None = None) -> None:
         self._elastic = clock if isinstance(clock, ElasticClock) else None
-        self._spin_ns = self.margin_ns = spin_ns
-        self._warm_up = warm_up
-        self.slept_ns = 0
+        self.margin_ns = spin_ns
 
     def wait(self, deadline_ns: int) -> int:
         """Wait; see ``Waiter``."""
@@ -119,18 +105,10 @@ class SpinWaiter:
             self._elastic.promise(deadline_ns)
             read = self._elastic.now_ns
         now = read()
-        warm_up = self._warm_up
-        if warm_up is not None:
-            self.margin_ns = self._spin_ns + warm_up.need_ns
         remaining = deadline_ns - self.margin_ns - now
         if remaining > 0:
             time.sleep(remaining * 1e-9)  # absolute inside: CLOCK_MONOTONIC, TIMER_ABSTIME
-            self.slept_ns = now = read()
-            if warm_up is not None:
-                warm_up(deadline_ns - now)
-                now = read()
-        else:
-            self.slept_ns = 0
+            now = read()
         while now < deadline_ns:
             now = read()
         return now
@@ -152,22 +130,16 @@ def measured_spin_margin_ns(naps: int = 200, nap_ns: int = 300_000) -> int:
     return min(max(overshoots[int(0.95 * naps)] + 10_000, SPIN_MIN_NS), SPIN_MAX_NS)
 
 
-def waiter_for(
-    clock: Clock, spin_ns: int | None, period_ns: int, warm_up: CacheWarmUp | None = None
-) -> Waiter:
+def waiter_for(clock: Clock, spin_ns: int | None, period_ns: int) -> Waiter:
     """Return the waiter for a clock.
 
     Args:
         clock: Simulated or monotonic.
         spin_ns: Spin margin [ns]; None: measured now.
         period_ns: Between deadlines [ns]; a measured margin leaves a part of it for sleeping.
-        warm_up: Cache warm-up before each deadline, where the period leaves time for it.
     """
     if isinstance(clock, SimulatedClock):
         return ClockWaiter(clock)
     if spin_ns is None:
         spin_ns = min(measured_spin_margin_ns(), int(SPIN_SHARE * period_ns))
-    most_ns = int(SPIN_SHARE * period_ns) - spin_ns
-    if warm_up is None or not spin_ns or not warm_up.practise(most_ns):
-        return SpinWaiter(spin_ns, clock=clock)
-    return SpinWaiter(spin_ns, warm_up, clock)
+    return SpinWaiter(spin_ns, clock)

@@ -11,10 +11,8 @@ the shaft is where K may be raised.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
-from haptic_wall.controller.guard.guard import Decision
-from haptic_wall.controller.guard.schedule import GainSchedule
+from haptic_wall.controller.guard.schedule import GainSchedule, GainTable
 from haptic_wall.controller.laws.wall import Law
 
 
@@ -54,28 +52,13 @@ class Gains:
         self.schedule = schedule
         self._law = law
         self._ramp_ticks = ramp_ticks
-        self._highest = max(decision.stiffness for decision in schedule.decisions)
+        self._highest = schedule.table.highest
         self._most = math.inf  # while a change waits that lowers K
         self._ramp_left = self._damping_wait = self._damping_left = 0
         self._stiffness_step = self._damping_step = 0.0
         self._pending = False  # an increase that waits for a moment at rest
         self.stiffness = self.damping = 0.0
         self.in_force = False
-
-    @property
-    def decision(self) -> Decision:
-        """Return the guard's present decision."""
-        return self.schedule.decision
-
-    @property
-    def age_ns(self) -> int:
-        """Return the sample age of the present decision [ns]."""
-        return self.schedule.age_ns
-
-    @property
-    def index(self) -> int:
-        """Return the index of the decision in ``GainSchedule.decisions`` [1]."""
-        return self.schedule.index
 
     @property
     def largest_rise(self) -> float:
@@ -86,18 +69,18 @@ class Gains:
     def coming(self) -> float:
         """Return the stiffness with which the wall would come on [N·m/rad]."""
         if not self.in_force:
-            return self.schedule.decision.stiffness
+            return self.schedule.allowed.stiffness
         return max(self._law.stiffness, self.stiffness)
 
     def begin(self) -> None:
         """End the warm-up: the decision for the ages measured so far is in force at once."""
         self.schedule.settle()
-        decision, law = self.schedule.decision, self._law
+        allowed, law = self.schedule.allowed, self._law
         if law.guarded:
-            law.stiffness = decision.stiffness
-            law.damping = decision.damping
-        self.stiffness = decision.stiffness
-        self.damping = decision.damping
+            law.stiffness = allowed.stiffness
+            law.damping = allowed.damping
+        self.stiffness = allowed.stiffness
+        self.damping = allowed.damping
         self.in_force = True
 
     def follow(self, age_ns: int, interval_ns: int, may_raise: bool) -> bool:
@@ -119,9 +102,9 @@ class Gains:
                 self._begin_ramp(may_raise)
         elif self._pending and may_raise and not (self._ramp_left or self._damping_left):
             self._pending = False
-            decision = self.schedule.decision
-            self.stiffness = min(decision.stiffness, self._most)
-            self.damping = decision.damping
+            allowed = self.schedule.allowed
+            self.stiffness = min(allowed.stiffness, self._most)
+            self.damping = allowed.damping
             self._ramp_left = self._damping_left = 1
         if self._ramp_left:
             self._ramp_left -= 1
@@ -151,22 +134,21 @@ class Gains:
             self._most = math.inf
             self._begin_ramp(may_raise=False)
 
-    def take(self, law: Law, rows: Sequence[Sequence[Decision]], highest: float) -> None:
-        """Command another law, or the same one by other decisions, from now on.
+    def take(self, law: Law, table: GainTable) -> None:
+        """Command another law, or the same one by another table, from now on.
 
         Args:
             law: Its state is that of the law before.
-            rows: The guard's decisions, as of ``GainSchedule``.
-            highest: Largest stiffness in them [N·m/rad].
+            table: Replaces that of the schedule.
         """
         self._law = law
-        self.schedule.take(rows)
-        self._highest, self._most = highest, math.inf
+        self.schedule.take(table)
+        self._highest, self._most = table.highest, math.inf
         self._ramp_left = self._damping_left = self._damping_wait = 0
         self._pending = False
-        decision = self.schedule.decision
-        self.stiffness = law.stiffness = decision.stiffness
-        self.damping = law.damping = decision.damping
+        allowed = self.schedule.allowed
+        self.stiffness = law.stiffness = allowed.stiffness
+        self.damping = law.damping = allowed.damping
 
     def _begin_ramp(self, may_raise: bool) -> None:
         """Start a ramp to the gains that are allowed from now on."""
@@ -174,8 +156,8 @@ class Gains:
         # K is raised only while the spring is at rest, so at once: a ramp could continue into
         # contact. A longer delay may also allow more: it allows less damping, which leaves more of
         # the torque limit to the spring's encoder steps. K stays until a moment of rest.
-        decision = self.schedule.decision
-        stiffness, damping = min(decision.stiffness, self._most), decision.damping
+        allowed = self.schedule.allowed
+        stiffness, damping = min(allowed.stiffness, self._most), allowed.damping
         self._pending = stiffness > law.stiffness and not may_raise
         if self._pending:
             stiffness, damping = law.stiffness, min(damping, law.damping)
@@ -186,7 +168,7 @@ class Gains:
         elif self._ramp_left and self._stiffness_step < 0.0:
             # A new reason to lower K does not slow down a ramp that is under way.
             ticks = min(ticks, max(1, math.ceil(fall / -self._stiffness_step)))
-        above = law.damping > decision.damping_ceiling
+        above = law.damping > allowed.ceiling
         self._ramp_left = self._damping_left = ticks
         self._damping_wait = 0 if above or fall <= 0.0 else ticks
         self._stiffness_step = (stiffness - law.stiffness) / ticks

@@ -6,17 +6,17 @@ import math
 from collections.abc import Callable
 
 from haptic_wall.controller.runtime.deadlines import Waiter, first_deadline, next_deadline
-from haptic_wall.controller.runtime.lateness.ticks import LateTicks
 from haptic_wall.controller.runtime.safety import End, StopReason
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.hw.clock import Clock
-from haptic_wall.hw.servo import Bus
 
 BLOCK = 1024
 """Ticks between two calls of ``on_block``; well below the rows that the telemetry holds."""
-
-_never = (math.inf, math.inf, math.inf)
+STALL_NS = 5_000_000
+"""A tick that ends this long after its deadline is a stall [ns], which may end a run ..."""
+RECENT_NS = 500_000_000
+"""... within this time [ns]"""
 
 
 class Loop:
@@ -27,10 +27,8 @@ class Loop:
         waiter: Waits for the deadlines.
         clock: The loop's clock.
         telemetry: Holds the control words: stop request, cut, counters.
-        bus: Counts its waiting time, which explains late ticks.
         period_ns: Period from one deadline to the next [ns].
         on_block: Called periodically between two ticks.
-        late: Explains late ticks; None: they are not explained.
         read_key: Reads the dead man's key at a time [ns], and returns when to do so again [ns];
             None: there is none.
     """
@@ -41,16 +39,12 @@ class Loop:
         waiter: Waiter,
         clock: Clock,
         telemetry: Telemetry,
-        bus: Bus,
         period_ns: int,
         on_block: Callable[[], None],
-        late: LateTicks | None,
         read_key: Callable[[int], float] | None = None,
     ) -> None:
         self.tick = tick
         self.period_ns = period_ns
-        self._bus = bus
-        self._late = late
         self._waiter = waiter
         self._clock = clock
         self._words = telemetry.words
@@ -60,9 +54,8 @@ class Loop:
         self._deadline = first_deadline(clock, period_ns)
         self._missed = 0
         self._begun = self._words[Word.BEGAN_NS] = self._deadline
-        self._begun_offset = self._waited = 0
-        if late is not None:
-            late.begin(self._deadline)
+        self._begun_offset = 0
+        self._stall = 0, 0  # end and duration of the longest recent stall [ns]
 
     @property
     def stalled_s(self) -> float:
@@ -80,13 +73,11 @@ class Loop:
         return (self._deadline - self._begun) // self.period_ns - self.tick.ticks
 
     def begin(self) -> None:
-        """Restart the counts of time, ticks, missed periods and late ticks."""
+        """Restart the counts of time, ticks and missed periods."""
         self._begun = self._deadline
         self._begun_offset = self._words[Word.OFFSET_NS]
         self.tick.ticks = self._words[Word.TICKS] = 0
         self.tick.missed = self._words[Word.MISSED] = 0
-        if self._late is not None:
-            self._late.begin(self._deadline)
 
     def serve(self, duration_s: float | None) -> StopReason | None:
         """Execute ticks for a duration [s], or without end; return the reason of an early end.
@@ -97,15 +88,10 @@ class Loop:
         """
         end = math.inf if duration_s is None else self._deadline + round(duration_s * 1e9)
         tick, words, period_ns = self.tick, self._words, self.period_ns
-        waiter, bus, late = self._waiter, self._bus, self._late
-        wait, run, now = waiter.wait, tick.run, self._clock.now_ns
-        limit_ns, long_ns, rest = _never if late is None else late.limits
+        wait, run, now = self._waiter.wait, tick.run, self._clock.now_ns
         deadline, missed = self._deadline, self._missed
         stop, cut = int(Word.STOP), int(Word.CUT)  # plain numbers: read in every tick
-        taken_out = int(Word.OFFSET_NS)
         read_key, key_ns = self._read_key, self._key_ns
-        self._before = self._began = words[taken_out]
-        waited_out = int(Word.WAITED_NS)
         served = woke = ended = deadline
         block = BLOCK
         try:
@@ -117,7 +103,6 @@ class Loop:
                 if woke >= key_ns and read_key is not None:
                     key_ns = read_key(woke)
                 served = deadline
-                self._began, self._waited = words[taken_out], words[waited_out]
                 run(deadline, woke, missed)
                 if tick.trip is not None:
                     deadline += period_ns
@@ -127,13 +112,8 @@ class Loop:
                     return End.DURATION
                 ended = now()
                 deadline, missed = next_deadline(deadline, ended, period_ns)
-                waited = bus.waited_ns
-                rest -= 1
-                stalled = words[taken_out] != self._before
-                if ended - served - waited > limit_ns or waited > long_ns or stalled:
-                    self._explain(served, woke, ended, missed)
-                elif rest <= 0 and late is not None:
-                    rest = late.rest(served, waiter, deadline - ended, bus.counts.lost)
+                if missed:
+                    self._stalled(served, ended)
                 block -= 1
                 if block == 0:
                     self._on_block()
@@ -141,16 +121,18 @@ class Loop:
         finally:
             self._deadline, self._missed, self._key_ns = deadline, missed, key_ns
             if ended < woke:  # in the tick that ended the run
-                self._explain(served, woke, now(), 0)
+                self._stalled(served, now())
         return None
 
-    def _explain(self, served: int, woke: int, ended: int, missed: int) -> None:
-        """Pass a late tick to ``late``, which finds its likely cause."""
-        bus, words = self._bus, self._words
-        before, self._before = self._before, words[Word.OFFSET_NS]
-        if self._late is not None:
-            lost = bus.counts.lost
-            # Late in real time, whatever an elastic clock has taken out.
-            waited_ns = bus.waited_ns + words[Word.WAITED_NS] - self._waited
-            offsets = before, self._began, self._before
-            self._late.late(served, woke, ended, self._waiter, waited_ns, lost, missed, offsets)
+    def stall_s(self, now_ns: int) -> float:
+        """Return the longest stall of the last half second before ``now_ns`` [s]; 0: none."""
+        end_ns, longest_ns = self._stall
+        return longest_ns * 1e-9 if now_ns - end_ns <= RECENT_NS else 0.0
+
+    def _stalled(self, deadline_ns: int, ended_ns: int) -> None:
+        """Record the tick of a deadline, ended so late [ns], if it was a stall."""
+        overdue_ns = ended_ns - deadline_ns
+        if overdue_ns > max(STALL_NS, 2 * self.period_ns):
+            end_ns, longest_ns = self._stall
+            if overdue_ns >= longest_ns or ended_ns - end_ns > RECENT_NS:
+                self._stall = ended_ns, overdue_ns

@@ -140,33 +140,20 @@ def scheduler_remedy(priority: int, root: Path = Path("/")) -> str:
     """
     if _text(root / "proc/sys/kernel/sched_rt_runtime_us") == "0":
         return "`sudo sysctl kernel.sched_rt_runtime_us=950000`"
-    for line in _text(root / "proc/self/cgroup").splitlines():
-        _, controllers, path = line.split(":", 2)
-        group = root / "sys/fs/cgroup/cpu" / path.lstrip("/") / "cpu.rt_runtime_us"
-        if "cpu" in controllers.split(",") and _text(group) == "0":
-            return (
-                "its control group has no real-time runtime: "
-                f"`echo 100000 | sudo tee {group}`, its parents first; for a container "
-                "`docker run --cpu-rt-runtime=100000 --ulimit rtprio=95 --cap-add=sys_nice`"
-            )
     most, _ = resource.getrlimit(resource.RLIMIT_RTPRIO)
-    if _has_sys_nice(root) or most == resource.RLIM_INFINITY or most >= priority:
+    lines = _text(root / "proc/self/status").splitlines()
+    held = next((line.split()[1] for line in lines if line.startswith("CapEff:")), "0")
+    if int(held, 16) >> _CAP_SYS_NICE & 1 or most == resource.RLIM_INFINITY or most >= priority:
         return (
             "it has the right, so its control group has no real-time runtime: start it outside of"
-            " the container or service, or in the root group: `echo $$ | sudo tee"
-            " /sys/fs/cgroup/cgroup.procs`"
+            " the container or service, in the root group (`echo $$ | sudo tee"
+            " /sys/fs/cgroup/cgroup.procs`), or with `docker run --cpu-rt-runtime=100000"
+            " --ulimit rtprio=95 --cap-add=sys_nice`"
         )
     return (
         "`sudo scripts/setup-testbed` and log in again, or once: `sudo prlimit --rtprio=95"
         " --pid $$`"
     )
-
-
-def _has_sys_nice(root: Path) -> bool:
-    """Whether this process has the capability CAP_SYS_NICE."""
-    lines = _text(root / "proc/self/status").splitlines()
-    held = next((line.split()[1] for line in lines if line.startswith("CapEff:")), "0")
-    return bool(int(held, 16) >> _CAP_SYS_NICE & 1)
 
 
 def _text(path: Path) -> str:

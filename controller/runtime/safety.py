@@ -121,7 +121,7 @@ EXPLANATIONS: Final[Mapping[Trip, Problem]] = {
     ),
     Trip.MISSED_PERIODS: Problem(
         "the loop missed a larger fraction of its periods than safety.max_missed allows",
-        advice="remove the cause that the report's key timing names, lower loop.rate_hz, or set "
+        advice="end programs that keep the cores busy, lower loop.rate_hz, or set "
         "realtime.profile=best-effort, which makes the wall softer instead",
     ),
     Trip.HARDWARE_ERROR: Problem(

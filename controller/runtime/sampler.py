@@ -145,24 +145,19 @@ class Sampler:
         self.position = position
         self.sampled_ns = sampled_ns
         self.first = last_ns is None
-        velocity = self._estimator.update(position, self._periods(last_ns, sampled_ns))
+        # Not the count of ticks: readings may be lost, periods skipped, ticks late. Nearly whole
+        # numbers are rounded, so that jitter does not disturb the velocity.
+        periods = 1.0 if last_ns is None else (sampled_ns - last_ns) / self._period_ns
+        if not -JITTER <= periods - 1.0 <= JITTER:
+            whole = round(periods)
+            near = abs(periods - whole) <= JITTER and whole
+            periods = whole if near else max(periods, SHORTEST)
+        else:
+            periods = 1.0
+        velocity = self._estimator.update(position, periods)
         self.velocity = velocity
         self.damped = velocity if self._filter is None else self._filter.update(velocity)
         return reading
-
-    def _periods(self, last_ns: int | None, sampled_ns: int) -> float:
-        """Return the number of periods between two samples.
-
-        The number is not the count of ticks: readings may be lost, periods skipped, ticks late.
-        Nearly whole numbers are rounded, so that jitter does not disturb the velocity.
-        """
-        if last_ns is None:
-            return 1.0
-        periods = (sampled_ns - last_ns) / self._period_ns
-        whole = round(periods)
-        if abs(periods - whole) <= JITTER and whole:
-            return whole
-        return max(periods, SHORTEST)
 
     def interval_ns(self, woke_ns: int) -> int:
         """Return the time since the last tick with a reading; call it once a tick.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import socket
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -13,21 +12,18 @@ from haptic_wall.controller.detector.watch import oscillation_report
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.runtime.assembly import (
-    cache_warm_up_of,
+    assembled,
     decision_in_force,
-    guard_schedule,
-    most_injected,
+    gain_schedule,
+    guard_decisions,
     rendered,
     situation_of,
-    tick_parts,
 )
-from haptic_wall.controller.runtime.change import KnownServo, whole_decision
 from haptic_wall.controller.runtime.deadlines import waiter_for
 from haptic_wall.controller.runtime.defect import defect_text
-from haptic_wall.controller.runtime.handover import Inbox
-from haptic_wall.controller.runtime.lateness.machine_setup import SettingState
-from haptic_wall.controller.runtime.lateness.ticks import LateTicks
+from haptic_wall.controller.runtime.handover import KnownServo
 from haptic_wall.controller.runtime.loop import Loop
+from haptic_wall.controller.runtime.machine_setup import SettingState
 from haptic_wall.controller.runtime.realtime import freeze_garbage, reserve_memory
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip
 from haptic_wall.controller.runtime.sampler import is_pipelined
@@ -39,7 +35,6 @@ from haptic_wall.controller.runtime.session_report import (
     trip_figures,
 )
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
-from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.controller.runtime.wall_wait import WallWait
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.capabilities import HasHealth, HasTrouble
@@ -74,12 +69,10 @@ class Result:
     """Duration of the run in real time, without the start-up [s]"""
     grid_hz: float
     guard: dict[str, Any] | None
-    """None, as the next two: a defect occurred before it was reported"""
+    """None, as the next one: a defect occurred before it was reported"""
     oscillation: dict[str, Any] | None
     delay: dict[str, float] | None
     bus: dict[str, Any] | None
-    timing: dict[str, Any] | None
-    """Late ticks and their causes; None: not observed, or a defect"""
     torque_off: bool
     checks: list[Check] = field(default_factory=list)
     setup: list[SettingState] = field(default_factory=list)
@@ -108,11 +101,9 @@ class Surroundings:
     """Called with messages for a person before the wall is on"""
     on_block: Callable[[], None] = lambda: None
     """Called periodically between ticks, where the same process must also record"""
-    take_real_time: Callable[[], LateTicks | None] = lambda: None
+    take_real_time: Callable[[], None] = lambda: None
     """Called after the long computations, just before the servo starts: real-time scheduling must
-    not be held through them. Its result explains late ticks"""
-    changes: socket.socket | None = None
-    """Changes of the running wall come from there; None: none come"""
+    not be held through them"""
     read_key: Callable[[int], float] | None = None
     """Reads the dead man's key, as for ``Loop``"""
     open_servo: Callable[[ServoSettings, Clock, int | None], Servo] = open_servo
@@ -182,29 +173,21 @@ class _Session:
     def prepare(self) -> None:
         """Do all long computations: a started servo needs a frame within its watchdog's time."""
         self._decide()
-        self._warm_up = None
-        if self._config.realtime.rehearse and not self._simulated:
-            self._warm_up = cache_warm_up_of(
-                self._config, self.servo, self._schedule, self._injected, self._program
-            )
         freeze_garbage()
         if not self._simulated:
             reserve_memory()
-        self._late = self._around.take_real_time()
-        self._waiter = waiter_for(
-            self._clock, _spin_ns(self._config), self._config.period_ns, self._warm_up
-        )
+        self._around.take_real_time()
+        self._waiter = waiter_for(self._clock, _spin_ns(self._config), self._config.period_ns)
 
     def _decide(self) -> None:
         """Compute the guard's decisions from the servo's known values."""
-        self._schedule = guard_schedule(
+        self._decided = guard_decisions(
             self._config,
             self.servo,
             self._simulated,
             program=bool(self._program),
             work=self._work,
         )
-        self._injected = most_injected(self._config, self.servo, self._schedule)
 
     def start(self) -> None:
         """Check the servo, switch its torque on, and build the tick; the loop then runs."""
@@ -231,29 +214,24 @@ class _Session:
                     "schedule pipelined: the adapter holds replies for "
                     f"{bus.longest_s * 1e3:.2g} ms"
                 )
-        inbox = Inbox(self._around.changes, telemetry.words)
-        inbox.tell(KnownServo(servo.facts, servo.bus and replace(servo.bus), self._simulated))
-        parts = tick_parts(
+        self._tick = assembled(
             config,
             self._clock,
             servo,
             telemetry,
-            self._schedule,
+            gain_schedule(config, self._decided),
             rendered(config, self._clock, servo, self._program),
-            self._injected,
-            inbox=inbox,
         )
+        self._known = KnownServo(servo.facts, servo.bus and replace(servo.bus), self._simulated)
+        self._tick.inbox.tell(self._known)
         self._health = servo if isinstance(servo, HasHealth) else None
-        self._tick = Tick(parts)
         self._loop = Loop(
             self._tick,
             self._waiter,
             self._clock,
             telemetry,
-            servo.bus or Bus(),
             config.period_ns,
             self._between_ticks,
-            self._late,
             self._around.read_key,
         )
         telemetry.words[Word.HEARTBEAT_NS] = self._clock.now_ns()
@@ -270,14 +248,12 @@ class _Session:
     def run(self, duration_s: float | None) -> None:
         """Run the loop until the end, and switch the torque off."""
         began_s = time.monotonic()
-        parts = self._tick.parts
-        self._waiting = WallWait(self._loop, self._config, parts, self._around.tell)
+        self._waiting = WallWait(self._loop, self._config, self._around.tell)
         self._reason, self._message = _run(
             self._loop, self._config, self.servo, duration_s, self._waiting
         )
         self._real_s = time.monotonic() - began_s
-        now_ns = self._clock.now_ns() + self._telemetry.words[Word.OFFSET_NS]
-        recent_s = 0.0 if self._late is None else self._late.stalled_s(now_ns)
+        recent_s = self._loop.stall_s(self._clock.now_ns())
         self._stalled = f"this computer stalled for {recent_s * 1e3:.0f} ms" if recent_s else ""
         self._torque_off = _stop(self.servo, self._clock, self._telemetry)
         if isinstance(self._clock, ElasticClock):
@@ -290,11 +266,11 @@ class _Session:
 
     def finish(self) -> Result:
         """Return the outcome; the servo is closed."""
-        servo, parts, tick = self.servo, self._tick.parts, self._tick
+        servo, tick = self.servo, self._tick
         trouble = servo.trouble if isinstance(servo, HasTrouble) else ""
         result = Result(
             stop_reason=self._reason,
-            message=self._message or trip_figures(tick.trip, parts) or trouble,
+            message=self._message or trip_figures(tick) or trouble,
             ticks=tick.ticks,
             missed=self._loop.missed,
             elapsed_s=self._loop.elapsed_s,
@@ -304,7 +280,6 @@ class _Session:
             oscillation=None,
             delay=None,
             bus=_bus(self._config, servo.bus),
-            timing=None,
             torque_off=self._torque_off,
             checks=self._checks,
             facts=_facts(servo),
@@ -320,30 +295,29 @@ class _Session:
 
     def _reported(self, result: Result) -> Result:
         """Add the report's computed parts to a result."""
-        servo, parts = self.servo, self._tick.parts
-        watch, gains, made = parts.motion.watch, parts.gains, parts.inbox.made
-        config = self._config if made is None else Config.model_validate_json("".join(made.config))
+        servo, tick = self.servo, self._tick
+        watch, schedule, made = tick.watch, tick.gains.schedule, tick.inbox.made
+        config, decided = self._config, self._decided
+        if made is not None:
+            config = Config.model_validate_json(made.config)
+            decided = guard_decisions(config, self._known, self._simulated, work=self._work)
         self._around.on_block()
-        if self._warm_up is not None and self._warm_up.fault:
-            self._around.tell(
-                f"the tick's cache warm-up failed, so ticks took longer: {self._warm_up.fault}"
-            )
-        decision = decision_in_force(config, servo, whole_decision(gains.decision), self._work)
+        decision = decided.decisions[schedule.index]
+        decision = decision_in_force(config, servo, decision, self._work)
         return replace(
             result,
             guard=guard_report(
                 config,
                 decision,
-                self._tick,
-                parts.law,
+                tick,
+                tick.law,
                 watch,
                 situation_of(config, servo),
                 (servo.bus or Bus()).counts,
             ),
             oscillation=oscillation_report(watch),
-            delay=delay_report(config, decision, gains.age_ns),
-            timing=None if self._late is None else self._late.report(),
-            warnings=[*missed_warnings(config, parts.missed), *stall_warnings(result.stalled_s)],
+            delay=delay_report(config, decision, schedule.age_ns),
+            warnings=[*missed_warnings(config, tick.skipped), *stall_warnings(result.stalled_s)],
         )
 
 

@@ -17,7 +17,7 @@ from haptic_wall.controller.runtime.missed import WINDOW_S as MISSED_S
 from haptic_wall.controller.runtime.missed import MissedPeriods
 from haptic_wall.controller.runtime.overspeed import WINDOW_S
 from haptic_wall.controller.runtime.safety import Trip
-from haptic_wall.controller.runtime.tick import Tick, TickParts
+from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.servo import BusCounts
 
@@ -35,10 +35,10 @@ def delay_report(config: Config, decision: Decision, age_ns: int) -> dict[str, f
     }
 
 
-def trip_figures(trip: Trip | None, parts: TickParts) -> str:
+def trip_figures(tick: Tick) -> str:
     """Describe the value that tripped and its limit; empty where the limit is no number."""
-    safety, driven, missed = parts.safety.found, parts.motion.driven.found, parts.missed
-    match trip:
+    safety, driven, missed = tick.safety.found, tick.driven.found, tick.skipped
+    match tick.trip:
         case Trip.OVERSPEED if safety:
             return f"{safety[0]:.3g} rad/s between two readings; at most {safety[1]:.3g} is allowed"
         case Trip.OVERSPEED if driven:
@@ -47,7 +47,7 @@ def trip_figures(trip: Trip | None, parts: TickParts) -> str:
                 f" {driven[1]:.3g} is allowed"
             )
         case Trip.LAW_FAILED:
-            return parts.law.fault
+            return tick.law.fault
         case Trip.MISSED_PERIODS:
             return (
                 f"{missed.worst:.1%} of the periods of {MISSED_S:g} s; at most"
@@ -116,7 +116,7 @@ def _besides_the_guard(
             f"{decision.stiffness:.4g} N·m/rad are allowed, but K rises only at positions where "
             "this adds at most safety.engage_torque, and the shaft has not been there since"
         )
-    law = tick.parts.law
+    law = tick.law
     if isinstance(law, ActiveLaw):
         tank = law.tank
         yield (
@@ -132,10 +132,9 @@ def _slower(config: Config, decision: Decision, missed: int, counts: BusCounts) 
         f"every {ms(decision.period)} instead of every {ms(config.period_ns * 1e-9)}, which counts"
         " as the period"
     )
-    late = "the report's key timing names the causes of late ticks"
     failed = counts.lost + counts.corrupt + counts.refused
     if not failed:
-        return f"a tick is executed {start}; {late}"
+        return f"a tick is executed {start}, because ticks were late"
     check = "cable, power, baud rate and adapter"
     if config.servo.is_emulated:
         check = "the emulator's processor time, and injected faults"
@@ -144,7 +143,7 @@ def _slower(config: Config, decision: Decision, missed: int, counts: BusCounts) 
         return f"a good reading came {start}: {replies}; check {check}"
     return (
         f"a good reading came {start}: {replies} (check {check}), and {missed} periods were missed"
-        f" ({late})"
+        " because ticks were late"
     )
 
 

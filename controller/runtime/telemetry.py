@@ -117,6 +117,8 @@ _ROW_STRUCT = struct.Struct(f"<{len(INT_FIELDS)}q{len(FLOAT_FIELDS)}d")
 _PACK, _ROW_BYTES = _ROW_STRUCT.pack_into, _ROW_STRUCT.size
 _PAGE = 4096
 CAPACITY = 1 << 16
+HALF_BYTES = 1 << 19
+"""Longest change of a running wall"""
 NO_DEAD_MAN = (1 << 63) - 1
 """Value of ``Word.HELD_NS`` without a dead man [ns]"""
 
@@ -151,9 +153,9 @@ class Word(IntEnum):
     LOG_FILE = 12
     """Identity of the log's file; 0: none was begun (recorder)."""
     OFFERED = 13
-    """Pieces of changes sent to the loop (dial)."""
+    """Number of the last change offered to the loop (door)."""
     WITHDRAWN = 14
-    """Number of the last change that must not be made any more (dial)."""
+    """Number of the last change that must not be made any more (door)."""
     SETTLED = 15
     """Number of the last change that was made or dropped (loop)."""
     CHANGED_AT = 16
@@ -170,6 +172,8 @@ class Word(IntEnum):
     """Supply of the servo [mV]; 0: not known (loop)."""
     TEMPERATURE_MC = 22
     """Temperature of the servo [m°C], known with the supply (loop)."""
+    KNOWN = 23
+    """Not 0: the servo has been told to the door (loop)."""
     OFFSET_NS = elastic.PLACE + elastic.OFFSET
     """Time that the loop has taken out of its clock [ns]; see ``hw.elastic`` (loop)."""
     WAITED_NS = elastic.PLACE + elastic.WAITED
@@ -202,16 +206,23 @@ class Telemetry:
         descriptor: Descriptor of a memory made by ``create``, possibly inherited.
         capacity: Number of rows in the ring.
         mapped: Map all pages now, which takes 10 ms, and none in a loop.
+
+    Attributes:
+        words: The control words.
+        halves: Two places for changes of the running wall.
     """
 
     def __init__(self, descriptor: int, capacity: int = CAPACITY, *, mapped: bool = True) -> None:
         self.descriptor = descriptor
         self._capacity = capacity
         flags = mmap.MAP_SHARED | (mmap.MAP_POPULATE if mapped else 0)
-        self._map = mmap.mmap(descriptor, _PAGE + capacity * _ROW_BYTES, flags)
+        self._map = mmap.mmap(descriptor, _size(capacity), flags)
         self.words = memoryview(self._map)[:_PAGE].cast("q")
+        halves = memoryview(self._map)[_PAGE + capacity * _ROW_BYTES :]
+        self.halves = halves[:HALF_BYTES], halves[HALF_BYTES:]
         # As plain numbers: NumPy copies rows of named fields field by field, ten times as slowly.
-        self._rows = np.frombuffer(self._map, np.int64, offset=_PAGE).reshape(capacity, -1)
+        numbers = capacity * _ROW_BYTES // 8
+        self._rows = np.frombuffer(self._map, np.int64, numbers, _PAGE).reshape(capacity, -1)
         self._head = int(self.words[Word.HEAD])
 
     @classmethod
@@ -222,17 +233,12 @@ class Telemetry:
             mapped: See the class. The process of a loop that inherits the memory maps it anew.
         """
         descriptor = os.memfd_create("haptic-wall-telemetry")
-        os.ftruncate(descriptor, _PAGE + CAPACITY * _ROW_BYTES)
+        os.ftruncate(descriptor, _size(CAPACITY))
         return cls(descriptor, mapped=mapped)._without_dead_man()
 
     def close(self) -> None:
         """Close the descriptor; the memory stays mapped while it is in use."""
         os.close(self.descriptor)
-
-    @classmethod
-    def scratch(cls) -> Telemetry:
-        """Return private memory of this process, for a few rows that are never read."""
-        return cls(-1, 8)._without_dead_man()
 
     def _without_dead_man(self) -> Self:
         self.words[Word.HELD_NS] = NO_DEAD_MAN
@@ -290,3 +296,8 @@ class Telemetry:
         # The writer may have overwritten rows meanwhile, wholly or in part.
         intact = int(self.words[Word.HEAD]) - self._capacity + 1
         return rows[max(0, intact - start) :], head
+
+
+def _size(capacity: int) -> int:
+    """Return the size of a memory for so many rows [bytes]."""
+    return _PAGE + capacity * _ROW_BYTES + 2 * HALF_BYTES

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import isfinite
 
+from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.engagement import Engagement
+from haptic_wall.controller.laws.passivity_control import PassivityControl
 from haptic_wall.controller.laws.wall import Law
-from haptic_wall.controller.runtime.change import Change
 from haptic_wall.controller.runtime.changeover import Changeover, Obstacle, Target, adopt
 from haptic_wall.controller.runtime.gains import Gains
-from haptic_wall.controller.runtime.handover import Inbox
+from haptic_wall.controller.runtime.handover import Change, Inbox
 from haptic_wall.controller.runtime.missed import MissedPeriods
-from haptic_wall.controller.runtime.motion_watch import MotionWatch
+from haptic_wall.controller.runtime.overspeed import DrivenSpeed
 from haptic_wall.controller.runtime.safety import Safety, Trip
 from haptic_wall.controller.runtime.sampler import Sampler
 from haptic_wall.controller.runtime.telemetry import (
@@ -39,21 +41,26 @@ _OFFSET_NS, _WAITED_NS = int(Word.OFFSET_NS), int(Word.WAITED_NS)
 _OFFERED, _WITHDRAWN = int(Word.OFFERED), int(Word.WITHDRAWN)
 
 
-@dataclass(frozen=True, slots=True)
-class TickParts:
-    """All parts of a tick."""
+@dataclass(slots=True)
+class Tick:
+    """Executes the steps of a period in order; holds its parts, its trip and its counters."""
 
     clock: Clock
     servo: Servo
     law: Law
+    """Only the tick sets its ``injected``"""
     sampler: Sampler
     gains: Gains
     ring: DelayRing
     safety: Safety
-    missed: MissedPeriods
+    skipped: MissedPeriods
     trips_on_missed: bool
     """Too many missed periods end the run; else they only lower stiffness and damping"""
-    motion: MotionWatch
+    watch: Watch
+    driven: DrivenSpeed
+    """Finds a motion that the torque drives beyond the servo's own speed"""
+    passivity: PassivityControl | None
+    """Injects damping where the wall generates energy; None: none"""
     telemetry: Telemetry
     wall_from_start: bool
     """The wall's position counts from the first reading"""
@@ -63,61 +70,54 @@ class TickParts:
     """Changes of the running wall"""
     changeover: Changeover
     """Finds the tick for a change"""
+    trip: Trip | None = None
+    """Why the run must end; None: no trip. Once set, no torque is sent"""
+    done: bool = False
+    """The program is over; the torque of the last period was zero"""
+    came_on: bool = False
+    """The wall has been on at least once"""
+    ticks: int = 0
+    """Periods executed"""
+    missed: int = 0
+    """Whole periods skipped"""
+    _on: bool = False
+    """The wall acts"""
+    _work_ns: int = 0
+    _bus_ns: int = 0
+    _waited: int = 0
+    _offset: int = 0
+    """Of an elastic clock, as last seen [ns]"""
+    _delay_s: float = 0.0
+    _started_at: float = 0.0
+    """Added to the positions of laws [rad]"""
+    _raises: int = 0
+    _limit: float = 0.0
+    _row: Row = field(default_factory=Row)
+    _bus: Bus = field(default_factory=Bus)
+    _words: memoryview[int] = field(init=False)
+    _now: Callable[[], int] = field(init=False)
 
-
-class Tick:
-    """Executes the steps of a period in order; holds its trip and its counters.
-
-    Attributes:
-        trip: Why the run must end; None: no trip. Once set, no torque is sent.
-        done: The program is over; the torque of the last period was zero.
-        came_on: The wall has been on at least once.
-        ticks: Periods executed.
-        missed: Whole periods skipped.
-    """
-
-    def __init__(self, parts: TickParts) -> None:
-        self._parts = parts
-        self._now = parts.clock.now_ns
-        self._words = parts.telemetry.words
-        self._row = Row()
-        self._limit = parts.servo.facts.torque_limit
-        self._bus = parts.servo.bus or Bus()
-        self._work_ns = 0
-        self._bus_ns = 0
-        self._offset = self._words[_OFFSET_NS]  # of an elastic clock, as last seen [ns]
-        self._waited = 0  # likewise
-        self._raises = self._words[Word.RAISE]
-        self._delay_s = 0.0
-        self._started_at = 0.0  # added to the positions of laws [rad]
-        self._on = False  # the wall acts
-        self.came_on = False
-        self.trip: Trip | None = None
-        self.done = False
-        self.ticks = 0
-        self.missed = 0
-        parts.sampler.request_ahead()
+    def __post_init__(self) -> None:
+        self._now = self.clock.now_ns
+        self._words = words = self.telemetry.words
+        self._limit = self.servo.facts.torque_limit
+        self._bus = self.servo.bus or self._bus
+        self._offset, self._raises = words[_OFFSET_NS], words[_RAISE]
+        self.law.derating = self.watch.backstop.derating
+        self.sampler.request_ahead()
 
     def wall_on(self) -> None:
         """End the warm-up: the guard's decision for the measured ages is in force at once."""
-        self._parts.gains.begin()
+        self.gains.begin()
         self._follow_gains()
 
-    @property
-    def parts(self) -> TickParts:
-        """Return the parts; a change replaces some."""
-        return self._parts
-
     def _follow_gains(self) -> None:
-        """Use the delay of the present decision."""
-        parts = self._parts
-        self._delay_s = parts.gains.decision.delay
-        parts.motion.follow_gains()
-
-    @property
-    def warm_up(self) -> bool:
-        """Whether the warm-up is on: the torque is zero, and only the delay is measured."""
-        return not self._parts.gains.in_force
+        """Use delay, sample age and injected damping of the present decision."""
+        schedule = self.gains.schedule
+        self._delay_s = schedule.allowed.delay
+        self.watch.set_age(schedule.age_ns * 1e-9)
+        if self.passivity is not None:
+            self.passivity.cap = schedule.allowed.injected
 
     @property
     def commanded(self) -> tuple[float, float]:
@@ -125,25 +125,26 @@ class Tick:
 
         Ramps count as complete. Probes are excluded: one takes most of K for a cycle.
         """
-        parts = self._parts
-        gains = parts.gains
-        scale, damping_scale = parts.motion.watch.backstop.reduced
+        gains = self.gains
+        scale, damping_scale = self.watch.backstop.reduced
         return gains.stiffness * scale, gains.damping * damping_scale
 
     @property
     def position(self) -> float:
         """Return the last known position of the shaft [rad]; NaN: none is known yet."""
-        return self._parts.sampler.position
+        return self.sampler.position
 
     def may_engage(self) -> bool:
         """Whether the wall would come on with the next reading, if that equals the last one."""
-        return self._parts.engagement.ready and self.held()
+        return self.engagement.ready and self.held()
 
     def held(self) -> bool:
         """Whether the dead man is held, or there is none."""
         return self._now() <= self._words[_HELD_NS]
 
-    def run(self, deadline_ns: int, woke_ns: int, missed: int) -> None:
+    def run(  # noqa: PLR0912, PLR0915 - in one piece for speed
+        self, deadline_ns: int, woke_ns: int, missed: int
+    ) -> None:
         """Serve one deadline.
 
         Args:
@@ -151,43 +152,52 @@ class Tick:
             woke_ns: When the loop woke for it [ns].
             missed: Whole periods skipped since the last tick.
         """
-        words, row = self._words, self._row
-        periods = 1 + missed
+        words, sampler, watch, inbox = self._words, self.sampler, self.watch, self.inbox
+        offset, self._waited = words[_OFFSET_NS], words[_WAITED_NS]
         # Reported is real time, whatever an elastic clock takes out.
-        row.lateness_ns = woke_ns - deadline_ns + words[_OFFSET_NS] - self._offset
-        self._offset, self._waited = words[_OFFSET_NS], words[_WAITED_NS]
+        lateness_ns = woke_ns - deadline_ns + offset - self._offset
+        self._offset = offset
 
-        self._sample(woke_ns)
-        change = self._parts.inbox.change
-        flags = 0 if change is None else self._change(change)
-        parts = self._parts
-        servo, law, sampler, motion = parts.servo, parts.law, parts.sampler, parts.motion
-        position, sampled_ns = sampler.position, sampler.sampled_ns
+        reading = sampler.sample(woke_ns)
+        outcome, position, sampled_ns = sampler.outcome, sampler.position, sampler.sampled_ns
+        if outcome is _OK:
+            self.trip = self.safety.good(reading)
+            if sampler.first and self.wall_from_start and self.trip is None:
+                self._started_at = position
+                self.law.position += position
+        elif outcome is not _WAITING:
+            self.trip = self.safety.failed(self._now())
+        flags = 0 if inbox.change is None else self._change(inbox.change)
 
-        wall_torque = 0.0
+        law, wall_torque = self.law, 0.0
         contact = law.in_contact(position)
         if missed:
             self._count_missed(deadline_ns, missed)
         on = (self._on and woke_ns <= words[_HELD_NS]) or self._engage(woke_ns)
         if not on:
-            flags |= FLAG_WARM_UP if self.warm_up else FLAG_OFF
+            flags |= FLAG_OFF if self.gains.in_force else FLAG_WARM_UP
         elif sampled_ns is not None:
-            found = motion.update(sampler, contact, periods)
-            self.trip = self.trip or found
+            watch.passed(1 + missed)
+            if outcome is _OK:
+                self._follow_motion(position, sampled_ns, contact)
             wall_torque = law.torque(position, sampler.damped)
         if contact:
             flags |= FLAG_CONTACT
-        torque = parts.ring.push(wall_torque, periods)
-        torque = self._checked(torque)
-        if abs(torque) > self._limit or abs(torque) >= law.clip:
+        torque = self.ring.push(wall_torque, 1 + missed)
+        if self.trip is None and not isfinite(torque):
+            self.trip = Trip.LAW_FAILED if law.fault else Trip.NOT_A_NUMBER
+        if self.trip is not None:
+            torque = 0.0
+        size = torque if torque >= 0.0 else -torque
+        if size > self._limit or size >= law.clip:
             flags |= FLAG_SATURATED
         if words[_CUT]:
             return  # the supervisor has taken the bus: write nothing more
         # From sending the request to sending the torque: both have the same travel time, which
         # therefore is no part of the age.
         sent_ns = self._now()
-        sent = servo.write(torque)
-        motion.watch.sent(sent)
+        sent = self.servo.write(torque)
+        watch.sent(sent)
         sampler.request_ahead()
 
         age_ns = 0
@@ -195,66 +205,75 @@ class Tick:
         interval_ns = sampler.interval_ns(woke_ns)
         if sampled_ns is not None:
             age_ns = sent_ns - sampled_ns
-            may_raise = not contact or not on or self._may_rise()
-            flags |= self._follow_guard(age_ns, interval_ns, may_raise)
+            may_raise = not (contact and on) or self._may_rise()
+            if words[_RAISE] != self._raises:  # the return to the full wall is requested
+                self._raises = words[_RAISE]
+                flags |= FLAG_RAISED
+                watch.raise_again()
+            if self.gains.follow(age_ns, interval_ns, may_raise):
+                self._follow_gains()
+        row, derating = self._row, law.derating
         row.deadline_ns = deadline_ns
+        row.lateness_ns = lateness_ns
+        row.work_ns = self._work_ns
+        row.bus_ns = self._bus_ns
+        row.sampled_ns = sampled_ns or 0
         row.age_ns = age_ns
+        row.outcome = outcome
         row.missed = missed
         row.flags = flags
+        row.phase = law.phase
+        row.oscillation = watch.current
+        row.position = position
+        row.velocity = sampler.velocity
         row.wall_torque = wall_torque
         row.torque = sent
-        self._write_row()
+        row.stiffness = law.stiffness * derating.scale
+        row.damping = (law.damping + law.injected) * derating.damping_scale
+        row.delay_s = self._delay_s
+        row.measured_torque = sampler.measured_torque
+        row.held_torque = law.held
+        self.telemetry.write(row)
         self.done = law.done
-        if words[_OFFERED] != parts.inbox.taken:
-            parts.inbox.take()
-        self._end(woke_ns, missed)
+        if words[_OFFERED] != inbox.taken:
+            inbox.take()
 
-    def _end(self, woke_ns: int, missed: int) -> None:
-        """Count the tick and its time."""
-        words = self._words
         self.ticks = words[_TICKS] = self.ticks + 1
         self.missed = words[_MISSED] = self.missed + missed
         bus_ns = self._bus.waited_ns
         words[_HEARTBEAT_NS] = ended_ns = self._now()
-        self._work_ns = ended_ns - woke_ns - bus_ns
+        work_ns = ended_ns - woke_ns - bus_ns
         if (offset := words[_OFFSET_NS]) != self._offset:  # elastic, in this tick
             waited_ns = words[_WAITED_NS] - self._waited
             bus_ns += waited_ns
-            self._work_ns += offset - self._offset - waited_ns
+            work_ns += offset - self._offset - waited_ns
             self._offset = offset
-        self._bus_ns = bus_ns
+        self._work_ns, self._bus_ns = work_ns, bus_ns
 
-    def _write_row(self) -> None:
-        """Fill the row with the parts' values, and write it."""
-        parts, row = self._parts, self._row
-        law, sampler = parts.law, parts.sampler
-        row.work_ns = self._work_ns
-        row.bus_ns = self._bus_ns
-        row.outcome = sampler.outcome
-        row.sampled_ns = sampler.sampled_ns or 0
-        row.position = sampler.position
-        row.velocity = sampler.velocity
-        row.measured_torque = sampler.measured_torque
-        row.phase = law.phase
-        row.oscillation = parts.motion.watch.current
-        row.stiffness = law.stiffness * law.derating.scale
-        row.damping = (law.damping + law.injected) * law.derating.damping_scale
-        row.held_torque = law.held
-        row.delay_s = self._delay_s
-        parts.telemetry.write(row)
+    def _follow_motion(self, position: float, sampled_ns: int, contact: bool) -> None:
+        """Watch the motion for oscillation, overspeed, and energy that the wall generates.
 
-    def _sample(self, woke_ns: int) -> None:
-        """Take the reading, and check it."""
-        parts = self._parts
-        sampler = parts.sampler
-        reading = sampler.sample(woke_ns)
-        if sampler.outcome is _OK:
-            self.trip = parts.safety.good(reading)
-            if sampler.first and parts.wall_from_start and self.trip is None:
-                self._started_at = sampler.position
-                parts.law.position += sampler.position
-        elif sampler.outcome is not _WAITING:
-            self.trip = parts.safety.failed(self._now())
+        The answer is a derating, injected damping, or a trip.
+        """
+        watch, law, passivity = self.watch, self.law, self.passivity
+        held = law.held
+        watch.sample(position, law, self.sampler.measured_torque)
+        if self.driven.too_fast(position, sampled_ns, watch.commanded, contact, law):
+            self.trip = self.trip or Trip.OVERSPEED
+        elif watch.failed:
+            self.trip = self.trip or Trip.OSCILLATION
+        injected = 0.0
+        if passivity is not None:
+            injected = passivity.update(
+                position,
+                law.elongation(position),
+                law.stiffness * law.derating.scale,
+                watch.acted - held,
+                watch.spanned,
+            )
+            if watch.outruns(law.stiffness):
+                injected = passivity.waive()  # a damper may feed the vibration of a link
+        law.injected = injected
 
     def _change(self, change: Change) -> int:
         """Make the change at hand, if this is the tick for it.
@@ -262,25 +281,23 @@ class Tick:
         Returns:
             ``FLAG_CHANGED`` where it is in force from this tick on; else 0.
         """
-        parts = self._parts
-        inbox, gains = parts.inbox, parts.gains
+        inbox, gains, changeover = self.inbox, self.gains, self.changeover
         if self.trip is not None or self._words[_WITHDRAWN] >= change.number:
             gains.release()
-            parts.changeover.restart()
+            changeover.restart()
             inbox.settle(-1, 0)
             return 0
         obstacle = self._obstacle(change)
         if obstacle is not Obstacle.NONE:
-            inbox.waits(obstacle, parts.changeover.size)
+            inbox.waits(obstacle, changeover.size)
             return 0
         self._make(change)
-        inbox.settle(self._words[_HEAD], gains.index)
+        inbox.settle(self._words[_HEAD], gains.schedule.index)
         return FLAG_CHANGED
 
     def _obstacle(self, change: Change) -> Obstacle:
         """Return the obstacle to making a change in this tick."""
-        parts = self._parts
-        sampler, gains, changeover = parts.sampler, parts.gains, parts.changeover
+        sampler, gains, changeover = self.sampler, self.gains, self.changeover
         if not self.came_on:
             return Obstacle.NOT_ON
         if sampler.outcome is not _OK:
@@ -289,103 +306,75 @@ class Tick:
             change.placed = True
             if change.law is not None:
                 change.law.position += self._started_at
-        decision = gains.schedule.present(change.rows)
-        softer = change.softer and decision.stiffness <= gains.stiffness
-        obstacle = changeover.watched(parts.motion.watch, softer)
+        allowed = change.table.at(gains.schedule.index)
+        softer = change.softer and allowed.stiffness <= gains.stiffness
+        obstacle = changeover.watched(self.watch, softer)
         if obstacle is not Obstacle.NONE or not self._on:
             return obstacle
         target = Target(
-            law=change.law or parts.law,
-            stiffness=decision.stiffness,
-            damping=decision.damping,
-            delay=max(decision.delay, self._delay_s),
+            law=change.law or self.law,
+            stiffness=allowed.stiffness,
+            damping=allowed.damping,
+            delay=max(allowed.delay, self._delay_s),
             steps=change.steps,
         )
         obstacle = changeover.obstacle(
-            parts.law, parts.ring, target, sampler.position, sampler.damped
+            self.law, self.ring, target, sampler.position, sampler.damped
         )
-        falls = decision.stiffness < gains.stiffness
+        falls = allowed.stiffness < gains.stiffness
         if obstacle is not Obstacle.NONE and falls and not change.moved:
-            gains.lower(decision.stiffness)
+            gains.lower(allowed.stiffness)
         return obstacle
 
     def _make(self, change: Change) -> None:
         """Render, command and watch as the change asks for, from this tick on."""
-        parts = self._parts
-        law, ring, position = parts.law, parts.ring, parts.sampler.position
+        law, ring, position = self.law, self.ring, self.sampler.position
         before = law.position
         if change.steps != ring.steps:
-            coming = law.torque(position, parts.sampler.damped) if self._on else 0.0
+            coming = law.torque(position, self.sampler.damped) if self._on else 0.0
             ring = ring.resized(change.steps, self._row.wall_torque, coming)
         if change.law is not None:
             adopt(change.law, law)
             law = change.law
             law.settle(position)
-        parts.gains.take(law, change.rows, change.highest)
-        parts.motion.change(
-            law,
-            position,
-            change.injected,
-            change.watch,
-            law.position - before,
-        )
+        self.gains.take(law, change.table)
+        self.watch.change(change.watch, law.position - before)
+        if self.passivity is not None:
+            self.passivity.rebase(law.elongation(position))
         if not self._on:
-            parts.engagement.restart()
-        self._parts = replace(parts, law=law, ring=ring)
-        parts.changeover.restart()
+            self.engagement.restart()
+        self.law, self.ring = law, ring
+        self.changeover.restart()
         self._follow_gains()
 
     def _engage(self, woke_ns: int) -> bool:
         """Record that the wall is off; return whether it comes on in this tick."""
-        parts = self._parts
-        gate, law, sampler = parts.engagement, parts.law, parts.sampler
+        gate, law, sampler = self.engagement, self.law, self.sampler
         if self._on:
             self._on = False
             gate.restart()
-            parts.ring.clear()
+            self.ring.clear()
             law.settle(sampler.position)  # what it has stored is lost with its torque
         if sampler.known:  # with slow replies the last position counts
-            gate.sample(parts.gains.coming, law.elongation(sampler.position))
-        if self.warm_up or not gate.ready or woke_ns > self._words[_HELD_NS]:
+            gate.sample(self.gains.coming, law.elongation(sampler.position))
+        if not (self.gains.in_force and gate.ready) or woke_ns > self._words[_HELD_NS]:
             return False
         if self.came_on:
-            parts.motion.resume()
+            self.watch.resume()
+            if self.passivity is not None:
+                self.passivity.restart()
         law.settle(sampler.position)
         self._on = self.came_on = True
         return True
 
     def _may_rise(self) -> bool:
         """Whether K may rise by the largest possible amount although the shaft is in contact."""
-        parts = self._parts
-        elongation = parts.law.elongation(parts.sampler.position)
-        return parts.engagement.may_rise(parts.gains.largest_rise, elongation)
-
-    def _checked(self, torque: float) -> float:
-        """Return the torque that may be sent [N·m]: zero after a trip."""
-        if self.trip is None and not math.isfinite(torque):
-            self.trip = Trip.LAW_FAILED if self._parts.law.fault else Trip.NOT_A_NUMBER
-        return torque if self.trip is None else 0.0
+        elongation = self.law.elongation(self.sampler.position)
+        return self.engagement.may_rise(self.gains.largest_rise, elongation)
 
     def _count_missed(self, deadline_ns: int, missed: int) -> None:
         """Count periods without a tick; too many may end the run."""
-        parts = self._parts
-        if self.warm_up or self.trip is not None:
+        if not self.gains.in_force or self.trip is not None:
             return
-        if parts.missed.count(deadline_ns, missed) and parts.trips_on_missed:
+        if self.skipped.count(deadline_ns, missed) and self.trips_on_missed:
             self.trip = Trip.MISSED_PERIODS
-
-    def _follow_guard(self, age_ns: int, interval_ns: int, may_raise: bool) -> int:
-        """Let the gains follow the guard's present decision.
-
-        Returns:
-            ``FLAG_RAISED`` where the return to the full wall was requested; else 0.
-        """
-        parts = self._parts
-        asked = 0
-        if self._words[_RAISE] != self._raises:
-            self._raises = self._words[_RAISE]
-            asked = FLAG_RAISED
-            parts.motion.watch.raise_again()
-        if parts.gains.follow(age_ns, interval_ns, may_raise):
-            self._follow_gains()
-        return asked

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from haptic_wall.controller.laws.engagement import REST_S, start_text, waiting_text
 from haptic_wall.controller.runtime.loop import Loop
 from haptic_wall.controller.runtime.safety import End, StopReason
-from haptic_wall.controller.runtime.tick import TickParts
 from haptic_wall.controller.settings.config import Config
 
 LOOK_S = 0.01
@@ -21,7 +20,6 @@ class WallWait:
     Args:
         loop: The running loop.
         config: The effective configuration.
-        parts: Parts of the tick.
         tell: Called with the positions of wall and shaft, and where the shaft must go.
 
     Attributes:
@@ -29,12 +27,9 @@ class WallWait:
         over: The wall may have come on.
     """
 
-    def __init__(
-        self, loop: Loop, config: Config, parts: TickParts, tell: Callable[[str], None]
-    ) -> None:
+    def __init__(self, loop: Loop, config: Config, tell: Callable[[str], None]) -> None:
         self._loop = loop
         self._config = config
-        self._parts = parts
         self._tell = tell
         self.waited_for = ""
         self.over = False
@@ -75,13 +70,9 @@ class WallWait:
 
     def _tell_start(self) -> bool:
         """Report the positions of wall and shaft; return whether they are known."""
-        config, law = self._config, self._parts.law
-        position = self._loop.tick.position
-        if (
-            math.isnan(position)
-            and config.servo.kind == "simulated"
-            and not self._parts.wall_from_start
-        ):
+        config, tick = self._config, self._loop.tick
+        law, position = tick.law, tick.position
+        if math.isnan(position) and config.servo.kind == "simulated" and not tick.wall_from_start:
             position = config.start_position  # no reading yet, and no torque has moved it
         if math.isnan(position):
             return False
@@ -91,19 +82,19 @@ class WallWait:
 
     def _reason(self) -> tuple[str, str]:
         """Return the unmet condition: a name, and a text for people."""
-        tick, parts = self._loop.tick, self._parts
+        tick = self._loop.tick
         if math.isnan(tick.position):
             return "reading", "the wall waits for the first reading"
         if not tick.held():
             return "dead man", "the dead man is not held; the wall comes on when it is"
-        stiffness = parts.gains.decision.stiffness
-        room = parts.engagement.limits.room(stiffness)
+        stiffness = tick.gains.schedule.allowed.stiffness
+        room = tick.engagement.limits.room(stiffness)
         text = waiting_text(
-            parts.law,
+            tick.law,
             self._config.wall.acting_side,
             tick.position,
             stiffness,
             room,
-            parts.servo.facts.torque_limit,
+            tick.servo.facts.torque_limit,
         )
         return "place", text

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Protocol
 
 from haptic_wall.controller.detector.settings import WatchSettings
-from haptic_wall.controller.detector.tuning import TUNING, Tuning
 from haptic_wall.controller.laws.engagement import engage_torque
 from haptic_wall.controller.laws.wall import SIGNS, Law
 from haptic_wall.controller.settings.config import Config
@@ -27,9 +26,7 @@ class WatchFacts(Protocol):
         """Return one count of the encoder [rad]; 0: the position is not quantised."""
 
 
-def watch_settings(
-    config: Config, facts: WatchFacts, law: Law, tuning: Tuning = TUNING
-) -> WatchSettings:
+def watch_settings(config: Config, facts: WatchFacts, law: Law) -> WatchSettings:
     """Return the settings of the watch.
 
     A program is only watched, without a reaction; without a guard an alarm trips.
@@ -38,7 +35,6 @@ def watch_settings(
         config: The effective configuration.
         facts: Facts of the servo.
         law: The rendered law.
-        tuning: Numbers of the detector.
     """
     belief, limit = config.belief(), min(facts.torque_limit, law.clip)
     answer = config.safety.on_oscillation
@@ -56,5 +52,4 @@ def watch_settings(
         rest_torque=engage_torque(config.safety.engage_torque, facts.stall_torque),
         passive=law.guarded and config.wall.passivity_control,
         elongation=None if law.linear else law.elongation,
-        tuning=tuning,
     )

@@ -121,11 +121,6 @@ class Realtime(Section):
         ge=0,
         le=1000,
     )
-    rehearse: bool = setting(
-        True,
-        "Cache warm-up: run a tick without effect shortly before each deadline; ticks get shorter, "
-        "and the loop's core busier",
-    )
 
 
 class _Rendered(Section):

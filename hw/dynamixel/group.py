@@ -24,7 +24,7 @@ from haptic_wall.hw.errors import (
     ServoLostError,
     UnfitServoError,
 )
-from haptic_wall.hw.serialport.line import FdLine, Line
+from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import BusCounts, Check, Outcome, Reading
 from haptic_wall.hw.settings import DriverSettings
 
@@ -212,19 +212,6 @@ class DynamixelGroup:
                 self.stop()
         finally:
             self.line.close()
-
-    def idle(self) -> None:
-        """Make the line's system calls without effect, to keep them quick."""
-        if isinstance(self.line, FdLine):
-            self.line.idle()
-
-    def pretend(self) -> None:
-        """Run without a start and without polls, on a line without servos."""
-        self._polls.due_ns = _NEVER_NS
-        for one in self.servos:
-            one.known = True
-            one.watchdog.heard_ns = self._now_ns()
-        self._run(running=True)
 
     def _run(self, *, running: bool) -> None:
         self.running = running

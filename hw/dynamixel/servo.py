@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.group import DynamixelGroup
-from haptic_wall.hw.dynamixel.stand_in import StandInLine
 from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import Bus, Check, Facts, Reading
 from haptic_wall.hw.settings import DriverSettings
@@ -86,17 +84,7 @@ class DynamixelServo:
         """Stop the servo if it was started and not stopped, and close the line."""
         self._group.close()
 
-    def idle(self) -> None:
-        """See ``HasIdleWork``."""
-        self._group.idle()
-
     def health(self) -> tuple[float, float]:
         """Return the last known supply [V] and temperature [°C]; see ``HasHealth``."""
         last = self._one.health.last
         return last["supply"] / 10, float(last["temperature"])
-
-    def stand_in(self, clock: Clock) -> DynamixelServo:
-        """Return the same driver on a line in memory, without a servo; see ``HasStandIn``."""
-        other = DynamixelServo(self._settings, StandInLine(self._settings.id, clock))
-        other._group.pretend()
-        return other

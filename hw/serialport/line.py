@@ -144,17 +144,6 @@ class FdLine:
             if remaining <= 0:
                 return False
 
-    def idle(self) -> None:
-        """Make the system calls of a request without effect: look for bytes, and write none.
-
-        Made just before a request they bring the kernel's code and the port's data into the caches.
-
-        Raises:
-            ServoLostError: The port is gone.
-        """
-        self._poll(0)
-        self.write(b"")
-
     def close(self) -> None:
         """Close the descriptor; the kernel then releases the lock. Safe to call twice."""
         if self._descriptor >= 0:

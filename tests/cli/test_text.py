@@ -95,32 +95,6 @@ def test_the_report_tells_what_happened_in_some_25_lines() -> None:
     assert "log         runs/a long way/run.hwlog" in lines
 
 
-def test_late_ticks_are_told_with_their_causes_and_the_worst_with_evidence() -> None:
-    tick: dict[str, float | str] = {
-        "time_s": 2.3141,
-        "lateness_us": 4941.0,
-        "work_us": 34.0,
-        "bus_us": 0.0,
-        "missed": 4,
-    }
-    tick |= {"cause": "another process ran on the core", "evidence": "waited 4.97 ms for the core"}
-    timing = {
-        "limit_us": 100.0,
-        "late_ticks": 4,
-        "causes": {"garbage collection": 1, "another process ran on the core": 3},
-        "worst": [tick, *[tick | {"missed": 0, "evidence": ""}] * 4],
-    }
-    text = joined(REPORT | {"timing": timing})
-    for fact in (
-        "late ticks 4 by more than 100 µs: another process ran on the core 3, garbage collection 1",
-        "worst ticks 4.97 ms, 4 missed, at 2.314 s: another process ran on the core (waited 4.97",
-        "4.97 ms, none missed, at 2.314 s: another process ran on the core bus 4998 cycles,",
-    ):
-        assert fact in text
-    assert text.count("at 2.314 s") == 3, "the others are in the JSON"
-    assert "late ticks" not in joined(REPORT | {"timing": timing | {"late_ticks": 0}})
-
-
 def test_a_trip_is_the_first_thing_one_reads() -> None:
     report = REPORT | {
         "stop_reason": "trip:overspeed",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
@@ -14,10 +13,9 @@ from numpy.typing import NDArray
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.wall import Law
-from haptic_wall.controller.runtime.change import KnownServo
 from haptic_wall.controller.runtime.changeover import Obstacle
 from haptic_wall.controller.runtime.changes import Changes
-from haptic_wall.controller.runtime.handover import Offers
+from haptic_wall.controller.runtime.handover import KnownServo, Offers
 from haptic_wall.controller.runtime.session import Result, Surroundings, run_session
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.settings.changes import changed
@@ -98,17 +96,15 @@ class ChangedRun:
 
     def run(self, seconds: float) -> tuple[Result, NDArray[np.void]]:
         """Run the wall; return the result, and the rows."""
-        ours, loops = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._telemetry = telemetry = Telemetry.create()
-        with ours, loops:
-            self._offers = Offers(ours, telemetry.words)
-            result = run_session(
-                self.config,
-                SimulatedClock(),
-                telemetry,
-                seconds,
-                surroundings=Surroundings(changes=loops, open_servo=self._open),
-            )
+        self._offers = Offers(telemetry)
+        result = run_session(
+            self.config,
+            SimulatedClock(),
+            telemetry,
+            seconds,
+            surroundings=Surroundings(open_servo=self._open),
+        )
         rows, _ = telemetry.read(0)
         telemetry.close()
         return result, rows

@@ -11,17 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.watch import oscillation_report
-from haptic_wall.controller.guard.schedule import GainSchedule
+from haptic_wall.controller.guard.schedule import Allowed, GainSchedule, GainTable
 from haptic_wall.controller.guard.types import Decision
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.runtime.assembly import (
-    guard_schedule,
+    assembled,
+    gain_schedule,
+    guard_decisions,
     most_injected,
     rendered,
-    tick_parts,
+    situation_of,
 )
 from haptic_wall.controller.runtime.telemetry import FLAG_SATURATED, NO_DEAD_MAN, Telemetry, Word
-from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
@@ -33,7 +34,12 @@ from tests.support.truths_drawn import bench_of, natural_hz
 
 _CHUNK = 8192
 """Ticks between two readings of the rows; the ring holds one more at least."""
-_USUAL = ("loop.clock=simulated", "servo.hand=none", "safety.max_speed=1000")
+_USUAL = (
+    "loop.clock=simulated",
+    "servo.hand=none",
+    "safety.max_speed=1000",
+    "safety.engage=at-once",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,18 +176,15 @@ def run_trial(
     telemetry = Telemetry(-1, _CHUNK + 8)
     telemetry.words[Word.HELD_NS] = NO_DEAD_MAN
     schedule = _schedule(config, servo, tuple(sets), wall)
-    law, injected = rendered(config, clock, servo, ()), most_injected(config, servo, schedule)
-    parts = tick_parts(
+    law = rendered(config, clock, servo, ())
+    tick = assembled(
         config,
         clock,
         servo,
         telemetry,
         schedule,
         law,
-        injected,
-        engage_at_once=True,
     )
-    tick = Tick(parts)
     tick.wall_on()
     blocks: list[NDArray[np.void]] = []
     period_ns, deadline, left, tail = config.period_ns, 0, round(duration_s / config.period_s), 0
@@ -197,7 +200,7 @@ def run_trial(
         rows, tail = telemetry.read(tail)
         blocks.append(rows)
     rows = np.concatenate(blocks)
-    backstop = parts.motion.watch.backstop
+    backstop = tick.watch.backstop
     return Trial(
         period=config.period_s,
         output=np.array(servo.outputs[: rows.size]),
@@ -208,9 +211,9 @@ def run_trial(
         held=rows["held_torque"],
         state=rows["oscillation"],
         saturated=(rows["flags"] & FLAG_SATURATED) != 0,
-        first_alarm_s=parts.motion.watch.first_alarm_s,
+        first_alarm_s=tick.watch.first_alarm_s,
         trip=None if tick.trip is None else tick.trip.label,
-        oscillation=oscillation_report(parts.motion.watch),
+        oscillation=oscillation_report(tick.watch),
         counts=(backstop.probes, backstop.hands, backstop.alarms),
     )
 
@@ -234,10 +237,12 @@ def _schedule(
 ) -> GainSchedule:
     """Return the guard's decisions, or the wall as requested at the guard's delay."""
     if not wall.forced:
-        return guard_schedule(config, servo, simulated=True)
+        return gain_schedule(config, guard_decisions(config, servo, simulated=True))
     decision = _decision(sets, servo.facts.torque_limit, servo.facts.counts_per_rev)
     asked = replace(decision, stiffness=wall.stiffness, damping=wall.damping)
-    return GainSchedule([[asked]], [0], [config.period_ns], 90.0, 1000)
+    (most,) = most_injected(config, situation_of(config, servo), [asked])
+    table = GainTable([Allowed(asked.stiffness, asked.damping, asked.delay, injected=most)])
+    return GainSchedule(table, [0], [config.period_ns], 90.0, 1000)
 
 
 @lru_cache(maxsize=64)
@@ -245,4 +250,4 @@ def _decision(sets: tuple[str, ...], torque_limit: float, counts_per_rev: int) -
     """Return any decision with this belief; its delay, reasons and limits are not used."""
     facts = Truth(inertia=1.0, torque_limit=torque_limit, counts_per_rev=counts_per_rev)
     servo = TrialServo(facts, SimulatedClock())
-    return guard_schedule(trial_config(sets), servo, simulated=True).decision
+    return guard_decisions(trial_config(sets), servo, simulated=True).decisions[0]

@@ -22,8 +22,6 @@ SETTINGS = [
 class LateWaiter:
     """Wakes up late as told, on a clock of its own."""
 
-    margin_ns = slept_ns = 0
-
     def __init__(self, late: Iterable[int]) -> None:
         self.now = 0
         self._late = iter(late)

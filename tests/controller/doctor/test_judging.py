@@ -9,7 +9,7 @@ import pytest
 from haptic_wall.controller.doctor.machine import judge_lateness, judge_rights, judge_setup
 from haptic_wall.controller.doctor.replies import Replies
 from haptic_wall.controller.doctor.timing import Wanted, judge_timing, suits, sustainable_hz
-from haptic_wall.controller.runtime.lateness.machine_setup import machine_setup
+from haptic_wall.controller.runtime.machine_setup import machine_setup
 from haptic_wall.controller.runtime.realtime import Setting
 from haptic_wall.hw.servo import Check
 from haptic_wall.hw.settings import Schedule

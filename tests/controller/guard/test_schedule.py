@@ -3,8 +3,6 @@
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 import pytest
@@ -14,14 +12,15 @@ from haptic_wall.controller.guard.schedule import (
     INTERVAL_BINS,
     RAISE_WINDOWS,
     RUN,
+    Allowed,
     BinFilter,
     GainSchedule,
+    GainTable,
     age_bins_ns,
     inserted_delays,
     interval_bins_ns,
     served_range,
 )
-from haptic_wall.controller.guard.types import Decision
 from haptic_wall.controller.laws.delay import DelayRing
 
 AGES = [0, 100_000, 200_000, 400_000, 800_000]
@@ -29,23 +28,12 @@ WINDOW = 100
 PERIOD = 1_000_000
 
 
-@dataclass(frozen=True)
-class Gains:
-    stiffness: float
-    delay: float
-
-
-def decisions_of(rows: list[list[Gains]]) -> Sequence[Sequence[Decision]]:
-    """The schedule hands out its decisions, and looks at their stiffness and delay alone."""
-    return cast(Sequence[Sequence[Decision]], rows)
-
-
 class Ages:
     """A schedule that is shown ages, at one tick a period."""
 
     def __init__(self, percentile: float = 90.0) -> None:
-        gains = [Gains(100.0 / (1 + age / 1e5), age * 1e-9) for age in AGES]
-        self.made = GainSchedule(decisions_of([gains]), AGES, [PERIOD], percentile, WINDOW)
+        table = GainTable(Allowed(100.0 / (1 + age / 1e5), 0.0, age * 1e-9) for age in AGES)
+        self.made = GainSchedule(table, AGES, [PERIOD], percentile, WINDOW)
 
     def observe(self, age: int, may_raise: bool) -> bool:
         return self.made.observe(age, PERIOD, may_raise)
@@ -155,8 +143,8 @@ def test_a_handful_of_ages_is_no_reason_for_a_stiffer_bin() -> None:
 
 def intervals(window: int = 1000, run: int = 50, percentile: float = 90.0) -> GainSchedule:
     bins = interval_bins_ns(PERIOD)
-    rows = decisions_of([[Gains(100.0 / k, 0.0)] for k in INTERVAL_BINS])
-    return GainSchedule(rows, [0], bins, percentile, window, run)
+    table = GainTable(Allowed(100.0 / k, 0.0) for k in INTERVAL_BINS)
+    return GainSchedule(table, [0], bins, percentile, window, run)
 
 
 def shown(
@@ -249,13 +237,13 @@ def test_one_stall_in_the_warm_up_changes_nothing(before: int) -> None:
 
 
 def test_both_bins_count_at_once() -> None:
-    rows = decisions_of([[Gains(10.0 * a / k, a) for a in (2, 1)] for k in (1, 2)])
-    subject = GainSchedule(rows, [0, 500_000], [PERIOD, 2 * PERIOD], 90.0, 1000, 50)
+    table = GainTable(Allowed(10.0 * a / k, 0.0, a) for k in (1, 2) for a in (2, 1))
+    subject = GainSchedule(table, [0, 500_000], [PERIOD, 2 * PERIOD], 90.0, 1000, 50)
     for _ in range(200):
         subject.observe(400_000, 2 * PERIOD, may_raise=False)
     assert (subject.age_ns, subject.interval_ns) == (500_000, 2 * PERIOD)
-    assert subject.decision is rows[1][1]
-    assert subject.decisions[subject.index] is subject.decision
+    assert subject.allowed == table.at(3) == (5.0, 0.0, 1.0, math.inf, 0.0)
+    assert subject.index == 3
 
 
 @pytest.mark.parametrize("seed", range(20))

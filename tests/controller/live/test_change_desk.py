@@ -1,7 +1,6 @@
 """A change that is asked for before the servo has been started."""
 
 import os
-import socket
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,8 +11,7 @@ import pytest
 from haptic_wall.controller.live import change_desk as module
 from haptic_wall.controller.live.change_desk import ChangeDesk
 from haptic_wall.controller.live.run_socket import Peer
-from haptic_wall.controller.runtime.change import KnownServo
-from haptic_wall.controller.runtime.handover import Inbox, Offers
+from haptic_wall.controller.runtime.handover import Inbox, KnownServo, Offers
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.servo import Facts
@@ -23,7 +21,7 @@ NOT_YET = "the servo has not been started yet"
 
 @dataclass
 class Side:
-    """A desk, and the loop's side of its socket."""
+    """A desk, and the loop's side."""
 
     desk: ChangeDesk
     telemetry: Telemetry
@@ -41,13 +39,12 @@ class Side:
 
 @pytest.fixture
 def side() -> Iterator[Side]:
-    ours, loops = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    with ours, loops:
-        telemetry = Telemetry.create()
-        told: list[dict[str, Any]] = []
-        config = load_config("simulated", ("servo.hand=none",)).config
-        desk = ChangeDesk(config, telemetry, Offers(ours, telemetry.words), told.append)
-        yield Side(desk, telemetry, Inbox(loops, telemetry.words), told)
+    telemetry = Telemetry.create()
+    told: list[dict[str, Any]] = []
+    config = load_config("simulated", ("servo.hand=none",)).config
+    desk = ChangeDesk(config, telemetry, Offers(telemetry), told.append)
+    yield Side(desk, telemetry, Inbox(telemetry), told)
+    telemetry.close()
 
 
 def test_it_waits_for_the_start_and_says_so(side: Side) -> None:
@@ -93,3 +90,11 @@ def test_it_is_given_up_with_whoever_asked(side: Side) -> None:
     assert side.telemetry.words[Word.OFFERED] == 0
     assert side.begin(60.0) is None
     assert side.desk.give_up("the run is over")["error"] == "not applied: the run is over"
+
+
+def test_a_law_of_too_many_numbers_is_refused_in_words(side: Side) -> None:
+    side.start()
+    side.desk._offers._halves = tuple(half[:1024] for half in side.telemetry.halves)  # type: ignore[assignment]
+    answer = side.begin(1.0)
+    assert answer is not None and answer["error"].startswith("refused: wall.law: found a law of ")
+    assert side.telemetry.words[Word.OFFERED] == 0

@@ -27,7 +27,6 @@ def test_an_error_nobody_foresaw_is_told_once_and_named_a_defect() -> None:
         "port": None,
         "parent": os.getpid(),
         "core": min(os.sched_getaffinity(0)),
-        "shared": False,
         "duration_s": 1.0,
         "program": [],
     }

@@ -1,7 +1,6 @@
 """Changes of a running wall on the simulated clock: when they are made, and what stays right."""
 
 import math
-import socket
 from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
@@ -13,27 +12,23 @@ from haptic_wall.controller.detector.backstop import Phase
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.wall import Wall
-from haptic_wall.controller.runtime.change import KnownServo
 from haptic_wall.controller.runtime.changeover import (
     ChangeLimits,
     Changeover,
     Obstacle,
     Target,
 )
-from haptic_wall.controller.runtime.handover import Inbox
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.session import Result
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_CHANGED,
     FLAG_CONTACT,
     FLAG_OFF,
-    Telemetry,
     Word,
 )
 from haptic_wall.controller.settings.changes import changed
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.hw.servo import Facts
 from tests.cases import sampled
 from tests.support.changed_walls import ChangedRun
 from tests.support.random_changes import Bench, tried
@@ -361,20 +356,6 @@ def test_a_law_that_is_changed_every_third_of_a_second_is_found_to_oscillate(sid
     seen = result.oscillation
     assert seen is not None and seen["first_alarm_s"] is not None
     assert seen["reduced_to"]["stiffness"] < 1.0
-
-
-def test_a_loop_whose_other_side_has_ended_goes_on_without_changes() -> None:
-    ours, loops = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    telemetry = Telemetry.create()
-    with loops:
-        inbox = Inbox(loops, telemetry.words)
-        inbox.tell(KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, False))
-        ours.close()  # before it has read this
-        inbox.take()
-        inbox.tell(KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, False))
-        inbox.take()
-    assert inbox.change is None
-    telemetry.close()
 
 
 def test_random_changes_give_the_shaft_no_energy() -> None:

@@ -1,15 +1,13 @@
 """One owner of the commanded stiffness: along a ramp down, at once and only at rest up."""
 
 import math
-from collections.abc import Sequence
-from typing import Any, NamedTuple, cast
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from haptic_wall.controller.guard.schedule import RUN, GainSchedule
-from haptic_wall.controller.guard.types import Decision
+from haptic_wall.controller.guard.schedule import RUN, Allowed, GainSchedule, GainTable
 from haptic_wall.controller.laws.wall import Wall
 from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.theory import flexible_boundary, flexible_ceiling
@@ -22,19 +20,12 @@ AGES = [0, 100_000, 200_000]
 RAMP = 30
 
 
-class Allowed(NamedTuple):
-    stiffness: float
-    damping: float
-    damping_ceiling: float = math.inf
-    delay: float = 0.0
-
-
 def gains(*allowed: tuple[Any, ...], window: int = 100) -> tuple[Gains, Wall]:
     wall = Wall(0.0, 0.0, 0.0, "both", clip=2.0)
-    decisions = [Allowed(*each) for each in allowed]
-    schedule = GainSchedule(
-        [cast(Sequence[Decision], decisions)], AGES[: len(allowed)], [PERIOD_NS], 90.0, window
+    table = GainTable(
+        Allowed(stiffness, damping, 0.0, *ceiling) for stiffness, damping, *ceiling in allowed
     )
+    schedule = GainSchedule(table, AGES[: len(allowed)], [PERIOD_NS], 90.0, window)
     return Gains(schedule, wall, RAMP), wall
 
 

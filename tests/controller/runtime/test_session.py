@@ -12,8 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 from haptic_wall.controller.cli import main as cli
-from haptic_wall.controller.guard.schedule import GainSchedule
-from haptic_wall.controller.runtime.assembly import guard_schedule, most_injected
+from haptic_wall.controller.runtime.assembly import Decided, guard_decisions
+from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.runtime.session import Result, Surroundings, run_session
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_OFF,
@@ -220,16 +220,16 @@ def test_an_end_in_the_warm_up_counts_no_ticks() -> None:
 @pytest.mark.parametrize("stalled", sampled([500, 499, 999, 700], 2))
 def test_every_period_is_a_tick_or_missed(stalled: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Wherever a stall falls: in the warm-up's last tick, the first or the last of the run."""
-    plain = Tick._follow_guard
+    plain = Gains.follow
     seen = []
 
-    def stalling(self: Tick, age_ns: int, interval_ns: int, may_raise: bool) -> int:
+    def stalling(self: Gains, age_ns: int, interval_ns: int, may_raise: bool) -> bool:
         seen.append(0)
         if len(seen) == stalled + 1:
             clock.wait_until(clock.now_ns() + 7_300_000)
         return plain(self, age_ns, interval_ns, may_raise)
 
-    monkeypatch.setattr(Tick, "_follow_guard", stalling)
+    monkeypatch.setattr(Gains, "follow", stalling)
     config = load_config("emulated-ideal", ["loop.clock=simulated"]).config
     clock = SimulatedClock()
     telemetry = Telemetry.create()
@@ -371,13 +371,13 @@ def test_decisions_for_slow_replies_are_computed_with_the_torque_off(
         torque_on[0] = False
         return real_stop(servo)
 
-    def decided(config: Config, servo: Servo, simulated: bool, **given: Any) -> GainSchedule:
+    def decided(config: Config, servo: Servo, simulated: bool, **given: Any) -> Decided:
         when.append(torque_on[0])
-        return guard_schedule(config, servo, simulated, **given)
+        return guard_decisions(config, servo, simulated, **given)
 
     monkeypatch.setattr(DynamixelServo, "start", start)
     monkeypatch.setattr(DynamixelServo, "stop", stop)
-    monkeypatch.setattr("haptic_wall.controller.runtime.session.guard_schedule", decided)
+    monkeypatch.setattr("haptic_wall.controller.runtime.session.guard_decisions", decided)
     result, _ = session("emulated-ideal", "loop.clock=simulated", duration=0.2)
     assert when == [False, False]
     assert result.wall_came_on
@@ -499,7 +499,7 @@ def test_an_error_in_the_loop_ends_with_torque_off_and_a_name(
     def broken(*_: object, **__: object) -> NoReturn:
         raise ZeroDivisionError("boom")
 
-    monkeypatch.setattr(Tick, "_follow_guard", broken)
+    monkeypatch.setattr(Gains, "follow", broken)
     result, _ = session("emulated-ideal", "loop.clock=simulated")
     assert result.stop_reason == "trip:internal_error"
     assert "ZeroDivisionError: boom (in broken, test_session.py line" in result.message
@@ -620,6 +620,5 @@ def test_a_start_computes_few_limits(sets: Sequence[str], monkeypatch: pytest.Mo
     monkeypatch.setattr(one_sided, "exit_speed", simulated)
     config = load_config("emulated-ideal", [*sets, "loop.clock=simulated"]).config
     servo = open_servo(config.servo_settings(), SimulatedClock())
-    schedule = guard_schedule(config, servo, simulated=True)
-    assert len(most_injected(config, servo, schedule)) == len(schedule.decisions)
+    guard_decisions(config, servo, simulated=True)
     assert sum(solved) < 20_000

@@ -161,7 +161,7 @@ def test_an_error_before_the_start_touches_no_servo(
     def broken(*_: object, **__: object) -> NoReturn:
         raise ZeroDivisionError("boom")
 
-    monkeypatch.setattr(session, "guard_schedule", broken)
+    monkeypatch.setattr(session, "guard_decisions", broken)
     with pytest.raises(ZeroDivisionError):
         scene.run()
     assert scene.words[Word.STATE] == LoopState.STARTING
@@ -192,7 +192,7 @@ def test_a_defect_after_a_trip_does_not_hide_the_trip(
     def gone(*_: object, **__: object) -> NoReturn:
         raise ServoLostError("The serial port is gone.")
 
-    monkeypatch.setattr("haptic_wall.controller.runtime.tick.Tick._follow_guard", gone)
+    monkeypatch.setattr("haptic_wall.controller.runtime.gains.Gains.follow", gone)
     monkeypatch.setattr(session, "guard_report", broken_report)
     result = scene.run()
     assert result.stop_reason == Trip.SERVO_LOST

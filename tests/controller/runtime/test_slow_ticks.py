@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.runtime.missed import MissedPeriods
 from haptic_wall.controller.runtime.session import Result, Surroundings, run_session
-from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP, Telemetry
+from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.checks import IntArray
@@ -123,6 +123,39 @@ def test_one_stall_does_not_soften_the_wall() -> None:
     assert rows["missed"].max() == 19
     assert not_none(result.guard)["interval_s"] == pytest.approx(PERIOD)
     assert rows["stiffness"].min() == rows["stiffness"].max()
+
+
+def test_a_stall_just_before_the_end_is_told() -> None:
+    stalled = iter([0.1] * 1900 + [7.0] + [0.1] * 400)
+    assert run(stalled, duration=2.0)[0].stalled == "this computer stalled for 7 ms"
+    long_before = iter([0.1] * 500 + [7.0] + [0.1] * 1800)
+    assert run(long_before, duration=2.0)[0].stalled == ""
+
+
+@pytest.mark.parametrize("waited", [False, True])
+def test_what_an_elastic_clock_takes_out_is_in_the_row_all_the_same(waited: bool) -> None:
+    """A tick of 7 ms, as its own work or as a wait for the bus."""
+    clock, telemetry = SimulatedClock(), Telemetry.create()
+    words = telemetry.words
+
+    class Stalling(SlowServo):
+        def write(self, torque: float) -> float:
+            if words[Word.HEAD] == 699:
+                words[Word.OFFSET_NS] += 7_000_000
+                words[Word.WAITED_NS] += 7_000_000 * waited
+            return self._servo.write(torque)
+
+    def opener(settings: ServoSettings, _: Clock, port: int | None) -> Servo:
+        return cast(Servo, Stalling(open_servo(settings, clock, port), clock, always(0.0)))
+
+    config = load_config("emulated-ideal", ["loop.clock=simulated"]).config
+    around = Surroundings(open_servo=opener)
+    result = run_session(config, clock, telemetry, 0.5, surroundings=around)
+    rows, _ = telemetry.read(0)
+    usual_ns = int(rows[690]["bus_ns"])
+    assert int(rows[700]["work_ns"]) == 7_000_000 * (not waited)
+    assert int(rows[700]["bus_ns"]) == usual_ns + 7_000_000 * waited
+    assert result.missed == 0
 
 
 def test_a_wall_made_softer_by_slow_ticks_is_restored_after_five_windows_at_the_surface() -> None:

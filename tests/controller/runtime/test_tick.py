@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.settings import WatchSettings
 from haptic_wall.controller.detector.watch import Watch
-from haptic_wall.controller.guard.schedule import GainSchedule
-from haptic_wall.controller.guard.types import Decision
+from haptic_wall.controller.guard.schedule import Allowed, GainSchedule, GainTable
 from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.engagement import EngageLimits, Engagement
 from haptic_wall.controller.laws.friction import Friction
@@ -25,7 +24,6 @@ from haptic_wall.controller.runtime.deadlines import next_deadline
 from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.runtime.handover import Inbox
 from haptic_wall.controller.runtime.missed import MissedPeriods
-from haptic_wall.controller.runtime.motion_watch import MotionWatch
 from haptic_wall.controller.runtime.overspeed import DrivenLimits, DrivenSpeed
 from haptic_wall.controller.runtime.safety import Safety, SafetyLimits, Trip
 from haptic_wall.controller.runtime.sampler import COLLECT_SHARE, LONGER_SHARE, Sampler
@@ -37,7 +35,7 @@ from haptic_wall.controller.runtime.telemetry import (
     Telemetry,
     Word,
 )
-from haptic_wall.controller.runtime.tick import Tick, TickParts
+from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.servo import Bus, Facts, Outcome, Reading, Servo
 
@@ -46,10 +44,8 @@ LOST = object()
 WAITING = object()
 
 
-class Rung:
-    def __init__(self, stiffness: float, damping: float, delay: float) -> None:
-        self.stiffness, self.damping, self.delay = stiffness, damping, delay
-        self.damping_ceiling = 1.0
+def bin_of(stiffness: float, damping: float, delay: float) -> Allowed:
+    return Allowed(stiffness, damping, delay, ceiling=1.0)
 
 
 class ScriptedServo:
@@ -103,7 +99,7 @@ class Rig:
         self,
         positions: Iterable[object],
         steps: int = 0,
-        rungs: Sequence[Rung] | None = None,
+        rungs: Sequence[Allowed] | None = None,
         ages: Sequence[int] = (0,),
         age_ns: int = 0,
         **wall: Any,
@@ -111,10 +107,8 @@ class Rig:
         self.clock = SimulatedClock(10**9)
         self.servo = ScriptedServo(self.clock, positions, age_ns)
         self.telemetry = Telemetry.create()
-        rungs = rungs or [Rung(wall.get("stiffness", 10.0), wall.get("damping", 0.0), 0.0)]
-        self.schedule = GainSchedule(
-            [cast(Sequence[Decision], rungs)], list(ages), [PERIOD_NS], 90.0, 100
-        )
+        rungs = rungs or [bin_of(wall.get("stiffness", 10.0), wall.get("damping", 0.0), 0.0)]
+        self.schedule = GainSchedule(GainTable(rungs), list(ages), [PERIOD_NS], 90.0, 100)
         self.wall = wall.get("law") or Wall(
             0.0, 0.0, 0.0, wall.get("side", "both"), wall.get("clip", math.inf)
         )
@@ -122,37 +116,30 @@ class Rig:
         pipelined = wall.get("pipelined", False)
         self.watch = CountingWatch(WatchSettings(1e-3))
         self.tick = Tick(
-            TickParts(
-                clock=self.clock,
-                servo=cast(Servo, self.servo),
-                law=self.wall,
-                sampler=Sampler(
-                    cast(Servo, self.servo),
-                    BackwardDifference(1e-3),
-                    PERIOD_NS,
-                    pipelined=pipelined,
-                ),
-                gains=gains,
-                ring=DelayRing(steps),
-                safety=Safety(SafetyLimits(1000.0, 0.0, 0.5, 10, 3 * PERIOD_NS)),
-                missed=MissedPeriods(PERIOD_NS, 0.2),
-                trips_on_missed=wall.get("strict", False),
-                motion=MotionWatch(
-                    self.wall,
-                    gains,
-                    self.watch,
-                    DrivenSpeed(DrivenLimits(wall.get("driven", math.inf))),
-                    None,
-                    [0.0] * len(rungs),
-                ),
-                telemetry=self.telemetry,
-                wall_from_start=wall.get("from_start", False),
-                inbox=Inbox(None, self.telemetry.words),
-                changeover=Changeover(ChangeLimits(0.1, math.inf, 1e-3)),
-                engagement=Engagement(
-                    EngageLimits(0.1, 0.0, 3), start_room=wall.get("start_room", math.inf)
-                ),
-            )
+            clock=self.clock,
+            servo=cast(Servo, self.servo),
+            law=self.wall,
+            sampler=Sampler(
+                cast(Servo, self.servo),
+                BackwardDifference(1e-3),
+                PERIOD_NS,
+                pipelined=pipelined,
+            ),
+            gains=gains,
+            ring=DelayRing(steps),
+            safety=Safety(SafetyLimits(1000.0, 0.0, 0.5, 10, 3 * PERIOD_NS)),
+            skipped=MissedPeriods(PERIOD_NS, 0.2),
+            trips_on_missed=wall.get("strict", False),
+            watch=self.watch,
+            driven=DrivenSpeed(DrivenLimits(wall.get("driven", math.inf))),
+            passivity=None,
+            telemetry=self.telemetry,
+            wall_from_start=wall.get("from_start", False),
+            inbox=Inbox(self.telemetry),
+            changeover=Changeover(ChangeLimits(0.1, math.inf, 1e-3)),
+            engagement=Engagement(
+                EngageLimits(0.1, 0.0, 3), start_room=wall.get("start_room", math.inf)
+            ),
         )
         self.deadline = self.clock.now_ns()
 
@@ -304,12 +291,12 @@ def test_waiting_for_the_bus_is_no_work() -> None:
 
 
 def test_the_delay_of_the_decision_in_force_is_told_from_the_first_tick() -> None:
-    rig = on(Rig([0.0], rungs=[Rung(10.0, 0.0, 0.7e-3)])).run(1)
+    rig = on(Rig([0.0], rungs=[bin_of(10.0, 0.0, 0.7e-3)])).run(1)
     assert rig.rows["delay_s"][0] == 0.7e-3
 
 
 def test_old_samples_lower_stiffness_and_then_damping_over_fifty_ticks_each() -> None:
-    rungs = [Rung(20.0, 0.02, 0.0), Rung(10.0, 0.01, 1e-3)]
+    rungs = [bin_of(20.0, 0.02, 0.0), bin_of(10.0, 0.01, 1e-3)]
     rig = on(Rig([0.0] * 130, rungs=rungs, ages=(0, 500_000)))
     rig.run(5)
     rig.servo.age_ns = 400_000
@@ -340,7 +327,7 @@ def test_stiffer_again_only_where_that_loads_the_spring_with_no_more_than_a_smal
     side: str, position: float, raised: bool
 ) -> None:
     """10 N·m/rad more, and 0.1 N·m is small."""
-    rungs = [Rung(20.0, 0.0, 0.0), Rung(10.0, 0.0, 1e-3)]
+    rungs = [bin_of(20.0, 0.0, 0.0), bin_of(10.0, 0.0, 1e-3)]
     rig = on(Rig([position] * 900, rungs=rungs, ages=(0, 500_000), side=side))
     rig.servo.age_ns = 400_000
     rig.run(100)
@@ -382,7 +369,7 @@ def test_the_watch_scales_the_limit_of_the_elastic_torque_too() -> None:
 
 
 def test_a_request_to_raise_is_handed_to_the_watch_and_raises_nothing_in_contact() -> None:
-    rig = on(Rig([0.1] * 300, rungs=[Rung(20.0, 0.02, 0.0)], ages=(0,)))
+    rig = on(Rig([0.1] * 300, rungs=[bin_of(20.0, 0.02, 0.0)], ages=(0,)))
     reduced(rig, 0.25, 0.5).run(20)
     rig.telemetry.words[Word.RAISE] += 1
     rig.run(100)
@@ -395,7 +382,7 @@ def test_a_request_to_raise_is_handed_to_the_watch_and_raises_nothing_in_contact
 def test_an_alarm_while_an_increase_is_pending_lowers_what_is_rendered_and_it_stays_pending(
     scale: float,
 ) -> None:
-    rungs = [Rung(2.0, 0.2, 0.0), Rung(10.0, 0.1, 1e-3)]
+    rungs = [bin_of(2.0, 0.2, 0.0), bin_of(10.0, 0.1, 1e-3)]
     positions = [0.1] * 205 + [-0.001] * 20
     rig = on(Rig(positions, rungs=rungs, ages=(0, 500_000), side="above"))
     rig.servo.age_ns = 400_000
@@ -408,7 +395,7 @@ def test_an_alarm_while_an_increase_is_pending_lowers_what_is_rendered_and_it_st
 
 
 def test_before_the_first_sample_no_age_is_counted() -> None:
-    rungs = [Rung(20.0, 0.0, 0.0), Rung(10.0, 0.0, 1e-3)]
+    rungs = [bin_of(20.0, 0.0, 0.0), bin_of(10.0, 0.0, 1e-3)]
     rig = Rig([*[WAITING] * 185, *[0.0] * 5], rungs=rungs, ages=(0, 500_000))
     rig.servo.age_ns = 400_000
     on(rig.run(190))
@@ -498,7 +485,7 @@ def test_friction_comes_on_again_after_a_pause() -> None:
 
 
 def test_what_an_alarm_took_stays_taken_over_a_pause() -> None:
-    rig = on(Rig([0.0] * 200, rungs=[Rung(20.0, 0.02, 0.0)]))
+    rig = on(Rig([0.0] * 200, rungs=[bin_of(20.0, 0.02, 0.0)]))
     reduced(rig, 0.25, 0.25).run(20)
     lets_go(rig).run(20)
     holds(rig).run(20)

@@ -6,7 +6,7 @@ import random
 import pytest
 
 from haptic_wall.controller.errors import ConfigError
-from haptic_wall.controller.runtime.assembly import guard_schedule
+from haptic_wall.controller.runtime.assembly import guard_decisions
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.fields import fields
 from haptic_wall.controller.settings.load import load_config
@@ -90,5 +90,5 @@ def test_each_accepted_belief_about_a_rigid_servo_has_limits(seed: int) -> None:
     if config is None:
         return
     servo = open_servo(config.servo_settings(), SimulatedClock(), None)
-    schedule = guard_schedule(config, servo, simulated=False)
-    assert all(0.0 <= each.stiffness < math.inf for row in schedule.rows for each in row)
+    decided = guard_decisions(config, servo, simulated=False)
+    assert all(0.0 <= each.stiffness < math.inf for each in decided.decisions)

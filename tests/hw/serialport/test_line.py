@@ -74,20 +74,6 @@ def test_every_byte_passes_unchanged_both_ways(ends: Ends, line: FdLine) -> None
     assert received == EVERY_BYTE
 
 
-def test_idle_work_sends_nothing_and_takes_nothing(ends: Ends, line: FdLine) -> None:
-    os.write(ends.far, b"came")
-    assert line.wait(time.monotonic_ns() + 5_000_000_000)
-    for _ in range(50):
-        line.idle()
-    assert line.read() == b"came"
-    line.write(b"sent")
-    assert ends.receive(4) == b"sent", "nothing before it"
-    assert line.read() == b""
-    line.close()
-    with pytest.raises(ServoLostError):
-        line.idle()
-
-
 def test_more_bytes_than_a_reply_has_are_all_read(ends: Ends, line: FdLine) -> None:
     os.write(ends.far, 4 * EVERY_BYTE)
     received = b""

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_wall.controller.runtime.lateness.machine_setup import (
+from haptic_wall.controller.runtime.machine_setup import (
     SettingState,
     machine_setup,
     start_table,

@@ -1,1 +1,0 @@
-"""Explains late ticks: the machine's set-up, and what it did meanwhile."""
