@@ -176,7 +176,8 @@ class Evaluation:
         samples = self.request.velocity_samples
         if self._simulated:
             return one_sided_limit(*loop, samples)
-        ceiling = p.gain * (_ceiling(p, self.request) / p.gain)
+        alone = self.box.size == 1
+        ceiling = p.gain * self.rigid_ceiling if alone else _ceiling(p, self.request)
         exact = self._exact_acting
         return one_sided_limit_tabulated(*loop, samples, exact=exact, ceiling=ceiling)
 

@@ -191,23 +191,11 @@ class Backlash:
         belief, p = at.situation.belief, at.corners
         width = belief.backlash.high
         amplitude = self.COUNTS * at.situation.position_step or width
-        found = [
-            backlash_limit(
-                inertia,
-                p.damping,
-                belief.coulomb.low,
-                gain * at.damping,
-                p.period,
-                p.delay,
-                width,
-                amplitude,
-                at.request.velocity_samples,
-            )
-            / gain
-            for inertia in {belief.inertia.low, belief.inertia.high}
-            for gain in {belief.torque_gain.low, belief.torque_gain.high}
-        ]
-        least: FloatArray = np.min(found, axis=0)
+        inertia = np.unique([belief.inertia.low, belief.inertia.high])[:, None, None]
+        gain = np.unique([belief.torque_gain.low, belief.torque_gain.high])[:, None]
+        loop = (gain * at.damping, p.period, p.delay, width, amplitude, at.request.velocity_samples)
+        found = backlash_limit(inertia, p.damping, belief.coulomb.low, *loop) / gain
+        least: FloatArray = found.min(axis=(0, 1))
         return np.minimum(least, UNBOUND)
 
 

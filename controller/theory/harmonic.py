@@ -37,9 +37,10 @@ from haptic_wall.controller.theory.crossings import Loops, poles
 from haptic_wall.controller.theory.loop import HeldLoop
 from haptic_wall.controller.theory.roots import dips, zeros
 
-_AMPLITUDES, _LARGEST = 24, 1.0
-"""Amplitudes of backlash that are looked at, up to this one [rad]"""
-_FREQUENCIES = 80
+_AMPLITUDES, _WIDTHS = 12, 10.0
+"""Amplitudes of backlash that are looked at, up to so many widths: dense near the least, where the
+limit is lowest. In 300 random settings the limit is up to 1.15 times that of a grid of 300"""
+_FREQUENCIES = 56
 _NEAR = np.linspace(-1.0, 2.0, 10)
 """Then frequencies about the least of each amplitude, in steps between these"""
 _SLOWEST, _FASTEST = 1e-3, 2.5
@@ -136,13 +137,13 @@ def _least(
 ) -> FloatArray:
     """Return the limits of settings along the first of three axes: settings, amplitudes, w."""
     begin = np.maximum(amplitude, 0.501 * width)
-    ratio = np.maximum(_LARGEST, 2.0 * begin) / begin
+    ratio = np.maximum(_WIDTHS * width, 2.0 * begin) / begin
     late = 1.0 + delay / period
     every_a, every_w = (np.linspace(0.0, 1.0, n) for n in (_AMPLITUDES, _FREQUENCIES))
 
     def crossings(part_a: FloatArray, part_w: FloatArray) -> FloatArray:
         """Return the stiffness of cycles between neighbouring frequencies; infinite if none."""
-        a = begin * ratio**part_a
+        a = begin * ratio**part_a**3
         w = _SLOWEST * (_FASTEST / _SLOWEST) ** part_w / late
         b = damping + 4.0 * coulomb / (np.pi * a * w / period)
         delta = b * period / inertia
@@ -385,7 +386,7 @@ def _lasts(
         return False
     whole, one = int(late), np.ones(1)
     chain, _ = one_mass(1.0, delta)
-    loops = Loops(sampled(chain, one, np.array([late - whole])), one, whole, 1)
+    loops = Loops(sampled(chain, one, np.array([late - whole])), one, np.array([whole]), 1)
     (found,) = poles(loops, np.array([alpha]), np.array([beta]))
     found = found[found.imag > -1e-9]
     others = np.delete(found, np.argmin(np.abs(found - np.exp(1j * w))))

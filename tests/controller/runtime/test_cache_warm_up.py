@@ -155,7 +155,8 @@ def test_an_error_ends_the_warm_ups_and_nothing_else(machine: Machine) -> None:
 
 def test_damping_put_in_stays_below_the_ceiling_of_a_vibration() -> None:
     link = ("servo.load_inertia=0.003", "servo.transmission_stiffness=200",
-            "servo.transmission_damping=0.0277", "servo.counts_per_rev=0")  # fmt: skip
+            "servo.transmission_damping=0.0277", "servo.counts_per_rev=0",
+            "wall.passivity_control=true")  # fmt: skip
     config = load_config("simulated", ("loop.clock=simulated", *link)).config
     servo = open_servo(config.servo_settings(), SimulatedClock(), None)
     schedule = guard_schedule(config, servo, True)
