@@ -224,6 +224,8 @@ class Flexible:
             share = np.divide(at.damping, at.vibration, out=full, where=at.vibration > 0.0)
             exact = at.at_corner(at.exact)
             return fast_limit(belief, exact, share, situation.served[0] * p.period)
+        if at.is_starved:
+            return np.zeros_like(at.damping)
         found = flexible_limit(
             belief,
             p.period,

@@ -18,8 +18,8 @@ from haptic_wall.controller.theory.checks import ComplexArray, FloatArray
 from haptic_wall.controller.theory.crossings import Loops
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
-_FEW, _EVEN = 96, 120
-"""Frequencies of the grid: in equal ratios, and in equal steps"""
+_FEW, _EVEN = 64, 80
+"""Frequencies of the grid: in equal ratios, and in equal steps. A coarser one gives lower limits"""
 _FLANK = np.geomspace(1e-5, 0.4, 80)
 _ABOUT = np.concatenate([1.0 - _FLANK, 1.0 + _FLANK])
 """Frequencies about a filter's, relative to it: on the flanks of a notch its phase turns"""
