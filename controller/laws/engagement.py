@@ -134,7 +134,9 @@ def start_text(law: Law, side: str, position: float) -> str:
 
 
 def felt_text(stiffness: float, friction: float) -> str:
-    """Say how far inside a wall can be felt at all; empty: there is no wall, or no friction.
+    """Return a sentence for ``start_text``: how far inside a wall can be felt at all.
+
+    Empty where there is no wall, or no friction.
 
     Args:
         stiffness: Commanded [N·m/rad].
@@ -143,7 +145,7 @@ def felt_text(stiffness: float, friction: float) -> str:
     if not (stiffness > 0.0 and friction > 0.0):
         return ""
     return (
-        f"the wall can be felt from {math.degrees(friction / stiffness):.2g}° inside: nearer to its"
+        f". It can be felt from {math.degrees(friction / stiffness):.2g}° inside: nearer to its"
         f" surface its torque is less than the servo's own friction of {friction:.2g} N·m"
     )
 

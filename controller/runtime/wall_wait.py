@@ -86,11 +86,9 @@ class WallWait:
         if math.isnan(position):
             return False
         if law.guarded:
-            self._tell(start_text(law, config.wall.acting_side, position))
             stiffness = self._parts.gains.decision.stiffness
             felt = felt_text(stiffness, config.belief().coulomb.value) if law.linear else ""
-            if felt:
-                self._tell(felt)
+            self._tell(start_text(law, config.wall.acting_side, position) + felt)
         return True
 
     def _reason(self) -> tuple[str, str]:

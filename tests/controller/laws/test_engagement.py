@@ -103,7 +103,7 @@ def test_the_text_says_where_the_shaft_is_and_where_it_must_go() -> None:
 
 
 def test_the_text_says_from_where_on_a_wall_is_felt() -> None:
-    assert felt_text(1.2, 0.0128).startswith("the wall can be felt from 0.61° inside")
+    assert felt_text(1.2, 0.0128).startswith(". It can be felt from 0.61° inside")
     assert felt_text(0.0, 0.0128) == felt_text(1.2, 0.0) == ""
 
 
