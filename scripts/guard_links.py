@@ -194,7 +194,7 @@ def growth(
     for whole in np.unique(np.floor(late)).tolist():
         part = np.flatnonzero(np.floor(late) == whole)
         chains = sampled(chain.take(part), interval[part], late[part] - whole)
-        loops = Loops(chains, interval[part], int(whole), 1, velocity_filter)
+        loops = Loops(chains, interval[part], np.full(part.size, int(whole)), 1, velocity_filter)
         closed = poles(loops, gain[part] * wall.stiffness, gain[part] * wall.damping)
         found[part] = np.log(np.abs(closed).max(axis=1)) / interval[part]
     return found

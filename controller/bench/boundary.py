@@ -22,7 +22,7 @@ from haptic_wall.controller.theory import (
 from haptic_wall.controller.theory.checks import FloatArray
 
 _ROUNDS = 7
-_MIXED, _COMPARED = 100_000, 25
+_MIXED, _COMPARED = 2_000, 25
 _LOADED = 4096
 _SAME = 1e-6
 """Relative difference up to which two answers agree."""

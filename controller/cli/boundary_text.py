@@ -34,7 +34,6 @@ def boundary_text(found: Mapping[str, Any]) -> str:
             *_points(found),
             "",
             *_design(found["design"], len(found["points"])),
-            *_unknown(found["unknown"]),
         ]
     )
 
@@ -142,27 +141,6 @@ def _design(design: Mapping[str, Any], points: int) -> Iterator[str]:
             )
             yield from wrapped(f"{what}: {listed}", "", "  ")
     yield from _not_counted(design)
-
-
-def _unknown(unknown: Mapping[str, Any] | None) -> Iterator[str]:
-    if unknown is None:
-        return
-    yield ""
-    yield (
-        f"Limit at the least safe corner of the ranges, two-sided: "
-        f"{unknown['stiffness']:.4g} N·m/rad; {unknown['known']:.4g} if all values were known"
-    )
-    rows = [["if exactly known", "at", "limit", "lost now"]]
-    rows += [
-        [
-            each["name"].replace("_", " "),
-            f"{each['known_at']:.4g}",
-            f"{each['stiffness']:.4g}",
-            f"{100 * each['lost']:.1f} %",
-        ]
-        for each in sorted(unknown["costs"], key=lambda each: -each["lost"])
-    ]
-    yield from _aligned(rows, left=(0,))
 
 
 def _not_counted(design: Mapping[str, Any]) -> Iterator[str]:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any, get_args
 
 import numpy as np
 
-from haptic_wall.controller.guard.belief import Bounded
 from haptic_wall.controller.guard.boundary_curve import (
     EVERY_DAMPING,
     Curve,
@@ -20,7 +19,6 @@ from haptic_wall.controller.guard.boundary_curve import (
 from haptic_wall.controller.guard.decision_report import filter_report, finite
 from haptic_wall.controller.guard.design import Change, Improvement, Wall, improvements
 from haptic_wall.controller.guard.limits import smallest
-from haptic_wall.controller.theory import critical_stiffness, linear_limit
 
 _CHANGES: tuple[str, ...] = tuple(c for c in get_args(Change) if c != "largest_part")
 _BELIEVED = ("inertia", "damping", "delay", "torque_gain")
@@ -37,15 +35,13 @@ def report(question: Question, virtual_damping: Sequence[float]) -> dict[str, An
         ValueError: A value lies outside its domain; the message names it.
     """
     points = curve(question, virtual_damping)
-    answered = design(question, points)
     return {
         "max_virtual_damping": ceiling(question),
         "encoder_damping": finite(float(points.found.encoder_damping[0])),
         "peak": highest(question),
         "points": [_point(points, i) for i in range(len(virtual_damping))],
         "settings": _settings(question),
-        "design": answered,
-        "unknown": unknown(question, answered["virtual_damping"]),
+        "design": design(question, points),
     }
 
 
@@ -124,53 +120,3 @@ def design(question: Question, points: Curve) -> dict[str, Any]:
             for each in better
         ],
     }
-
-
-def unknown(question: Question, damping: float) -> dict[str, Any] | None:
-    """Return the two-sided stiffness at the least safe corner, and the cost of each open bound.
-
-    Args:
-        question: The servo and its loop.
-        damping: Virtual damping [N·m·s/rad].
-
-    Returns:
-        None where every value is known exactly, where a load may vibrate or the velocity is
-        filtered.
-    """
-    belief = question.situation.belief
-    open_ = [name for name in _BELIEVED if getattr(belief, name).low < getattr(belief, name).high]
-    if not open_ or belief.is_flexible or question.velocity_filter is not None:
-        return None
-
-    def stiffness(known: Iterable[str]) -> float:
-        """Return the limit with the named values known exactly."""
-        exact: dict[str, Any] = {
-            name: Bounded.exactly(getattr(belief, name).value) for name in known
-        }
-        situation = replace(question.situation, belief=replace(belief, **exact))
-        p = replace(question, situation=situation).plants(1)
-        loop = (p.damping, p.gain * damping, p.period, p.delay, question.velocity_samples)
-        limit = np.minimum(critical_stiffness(p.inertia, *loop), linear_limit(*loop))
-        return max(0.0, float((limit / p.gain)[0]))
-
-    now, known = stiffness(()), stiffness(open_)
-    each = {name: stiffness([name]) for name in open_}
-    return {
-        "virtual_damping": damping,
-        "stiffness": now,
-        "known": known,
-        "lost": _lost(now, known),
-        "costs": [
-            {
-                "name": name,
-                "known_at": getattr(belief, name).value,
-                "stiffness": limit,
-                "lost": _lost(now, limit),
-            }
-            for name, limit in each.items()
-        ],
-    }
-
-
-def _lost(now: float, known: float) -> float:
-    return 1.0 - now / known if known > now else 0.0

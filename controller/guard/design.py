@@ -23,12 +23,11 @@ from haptic_wall.controller.guard.delay_parts import (
     ms,
     shorter,
 )
-from haptic_wall.controller.guard.evaluation import Evaluation, quantisation_limit
+from haptic_wall.controller.guard.evaluation import Evaluation
 from haptic_wall.controller.guard.limits import evaluate, smallest
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.guard.work import Work
-from haptic_wall.controller.theory import linear_limit
 from haptic_wall.controller.theory.checks import FloatArray
 
 FAST_BAUD = 4_000_000
@@ -135,7 +134,7 @@ def _changed(  # noqa: PLR0912 - a table of changes
     belief, period = situation.belief, situation.period
     match change:
         case "virtual_damping":
-            best = _searched_damping(wall, work) if exact else _promising_damping(wall, work)
+            best = _best_damping(wall, exact, work)
             text = f"virtual damping {best:.2g} instead of {request.damping:.3g} N·m·s/rad"
             return wall._replace(request=replace(request, damping=best)), text
         case "largest_part":
@@ -227,58 +226,30 @@ def _twice(value: Bounded) -> Bounded:
     return Bounded(2.0 * value.value, 2.0 * value.low, 2.0 * value.high)
 
 
-# Virtual damping
-
-
-def _highest_damping(wall: Wall, work: Work) -> float:
-    request, settings, situation, _ = wall
-    at = Evaluation(request, settings, situation, wall.corner, work=work)
-    share = 1.0 if settings.mode == "off" else settings.damping_cap
-    return share * float(at.vibration[0])
-
-
-def _promising_damping(wall: Wall, work: Work) -> float:
-    """Return a virtual damping that allows a high stiffness, by a quick approximation.
-
-    Relative to the linear limit, the exact limit falls about in proportion to the fraction of the
-    ceiling, and the one-sided limit falls below the exact one by about the same. This approximation
-    guides only the choice; the limits at the chosen damping are evaluated properly.
-    """
-    request, settings, situation, _ = wall
-    if settings.mode == "passive":
-        return 0.0  # virtual damping costs passivity
-    p, share = wall.corner, np.geomspace(1e-4, 1.0, 200)
-    tried = _highest_damping(wall, work) * share
-    of_ceiling = share if settings.mode == "off" else settings.damping_cap * share
-    guide = linear_limit(p.damping, p.gain * tried, p.period, p.delay) / p.gain * (1 - of_ceiling)
-    if request.side != "both":
-        guide = guide * (1 - of_ceiling)
-    if situation.position_step > 0:
-        rigid = tried + np.inf
-        rough = quantisation_limit(request, settings, situation, tried, p.period, rigid)
-        guide = np.minimum(guide, rough)
-    return float(tried[np.argmax(guide)])
-
-
-_SHARES, _POINTS, _ROUNDS = np.geomspace(1e-3, 1.0, 25), 9, 4
+_FEW, _MANY = np.geomspace(1e-2, 1.0, 10), np.geomspace(1e-3, 1.0, 25)
+_POINTS, _ROUNDS = 9, 3
 _WITHIN = 1e-4  # fraction of the range left out at both ends, where no stiffness is allowed
 
 
-def _searched_damping(wall: Wall, work: Work) -> float:
-    """Return the virtual damping with the highest limit over the belief, to 1e-3 of itself.
+def _best_damping(wall: Wall, exact: bool, work: Work) -> float:
+    """Return the virtual damping with the highest limit over the belief.
 
-    The first points are spaced by a factor, as the encoder may leave only small dampings.
+    The first points are spaced by a factor, as the encoder may leave only small dampings. ``exact``
+    searches between them too, to 1e-3 of the damping.
     """
     request, settings, situation, _ = wall
     p = wall.corner
+    at = Evaluation(request, settings, situation, p, work=work)
+    share = 1.0 if settings.mode == "off" else settings.damping_cap
     low = -float((p.damping / p.gain)[0]) * (1 - _WITHIN)
-    high = _highest_damping(wall, work) * (1 - _WITHIN)
-    tried: FloatArray = np.array([low, 0.0, *(high * _SHARES)])
+    high = share * float(at.vibration[0]) * (1 - _WITHIN)
+    shares = [low, 0.0, *(high * _MANY)] if exact else [0.0, *(high * _FEW)]
+    tried: FloatArray = np.array(shares)
     best = 0.0
-    for _ in range(_ROUNDS):
+    for _ in range(1 + _ROUNDS if exact else 1):
         spread = p.take(np.zeros(tried.size, dtype=np.int64))
         asked = (request, settings, situation, spread)
-        after = evaluate(Evaluation(*asked, asked=tried, exact=True, work=work))
+        after = evaluate(Evaluation(*asked, asked=tried, exact=exact, work=work))
         top = int(np.argmax(after.smallest()))
         best = float(after.damping[top])
         ends = tried[max(top - 1, 0)], tried[min(top + 1, tried.size - 1)]

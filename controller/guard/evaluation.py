@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.guard.flexible import fast_ceiling, flexible_ceiling
-from haptic_wall.controller.guard.plants import Box, Plants
+from haptic_wall.controller.guard.plants import LIGHT, Box, Plants
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.theory import one_sided_limit
@@ -27,6 +27,13 @@ from haptic_wall.controller.theory.one_sided_table import one_sided_limit_tabula
 
 UNBOUND = 1e12
 """Stands for no limit at all [N·m/rad]"""
+LONGEST_WITH_LINK, _REGULAR = 7.0, 1.01
+"""Served interval above which a servo with a link gets no stiffness and no damping, and up to which
+it is the period itself [periods]. What long intervals would allow takes minutes to compute, and a
+loop that runs so seldom is stalled for a tenth of its time"""
+WIDE, SLOWLY_SAMPLED = 2.0, 0.25
+"""Ratio of the ends of a vibration's frequency, and cycles per interval, above both of which it
+gets none either"""
 T = TypeVar("T")
 
 
@@ -87,6 +94,8 @@ class Evaluation:
             return np.minimum(rigid, fast_ceiling(belief, rigid))
         if not belief.is_flexible:
             return rigid
+        if self.is_starved:
+            return np.zeros_like(rigid)
         found = flexible_ceiling(
             belief,
             p.period,
@@ -104,6 +113,17 @@ class Evaluation:
         """Whether a believed light load vibrates too fast to be sampled."""
         situation = self.situation
         return situation.belief.is_fast(situation.served[0] * situation.period)
+
+    @property
+    def is_starved(self) -> bool:
+        """Whether a link is believed and the interval is too long to command it anything."""
+        situation = self.situation
+        belief, intervals = situation.belief, situation.period / situation.sampled
+        if not belief.is_flexible or self.is_fast or intervals < _REGULAR:
+            return False
+        hz = belief.flexible_hz
+        is_doubted = hz.high > WIDE * hz.low and hz.high * situation.period > SLOWLY_SAMPLED
+        return is_doubted or intervals > LONGEST_WITH_LINK
 
     @cached_property
     def ceiling(self) -> FloatArray:
@@ -176,8 +196,13 @@ class Evaluation:
         samples = self.request.velocity_samples
         if self._simulated:
             return one_sided_limit(*loop, samples)
-        ceiling = p.gain * (_ceiling(p, self.request) / p.gain)
+        alone = self.box.size == 1
+        ceiling = p.gain * self.rigid_ceiling if alone else _ceiling(p, self.request)
         exact = self._exact_acting
+        # longer differences are a tenth less timid, and simulated: only for the period itself
+        situation, spans = self.situation, samples * p.period * p.damping
+        if situation.period > _REGULAR * situation.sampled and np.all(spans <= LIGHT * p.inertia):
+            samples = 1
         return one_sided_limit_tabulated(*loop, samples, exact=exact, ceiling=ceiling)
 
     @cached_property

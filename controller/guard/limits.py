@@ -191,23 +191,11 @@ class Backlash:
         belief, p = at.situation.belief, at.corners
         width = belief.backlash.high
         amplitude = self.COUNTS * at.situation.position_step or width
-        found = [
-            backlash_limit(
-                inertia,
-                p.damping,
-                belief.coulomb.low,
-                gain * at.damping,
-                p.period,
-                p.delay,
-                width,
-                amplitude,
-                at.request.velocity_samples,
-            )
-            / gain
-            for inertia in {belief.inertia.low, belief.inertia.high}
-            for gain in {belief.torque_gain.low, belief.torque_gain.high}
-        ]
-        least: FloatArray = np.min(found, axis=0)
+        inertia = np.unique([belief.inertia.low, belief.inertia.high])[:, None, None]
+        gain = np.unique([belief.torque_gain.low, belief.torque_gain.high])[:, None]
+        loop = (gain * at.damping, p.period, p.delay, width, amplitude, at.request.velocity_samples)
+        found = backlash_limit(inertia, p.damping, belief.coulomb.low, *loop) / gain
+        least: FloatArray = found.min(axis=(0, 1))
         return np.minimum(least, UNBOUND)
 
 
@@ -236,6 +224,8 @@ class Flexible:
             share = np.divide(at.damping, at.vibration, out=full, where=at.vibration > 0.0)
             exact = at.at_corner(at.exact)
             return fast_limit(belief, exact, share, situation.served[0] * p.period)
+        if at.is_starved:
+            return np.zeros_like(at.damping)
         found = flexible_limit(
             belief,
             p.period,

@@ -133,6 +133,23 @@ def start_text(law: Law, side: str, position: float) -> str:
     )
 
 
+def felt_text(stiffness: float, friction: float) -> str:
+    """Return a sentence for ``start_text``: how far inside a wall can be felt at all.
+
+    Empty where there is no wall, or no friction.
+
+    Args:
+        stiffness: Commanded [N·m/rad].
+        friction: Coulomb friction of the servo [N·m].
+    """
+    if not (stiffness > 0.0 and friction > 0.0):
+        return ""
+    return (
+        f". It can be felt from {math.degrees(friction / stiffness):.2g}° inside: nearer to its"
+        f" surface its torque is less than the servo's own friction of {friction:.2g} N·m"
+    )
+
+
 def waiting_text(
     law: Law, side: str, position: float, stiffness: float, room: float, torque_limit: float
 ) -> str:

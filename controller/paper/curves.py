@@ -48,21 +48,25 @@ class FigureData:
         ]
 
 
+_POINTS = 401
+
+
 def dimensionless(curves: Iterable[Curve]) -> FigureData:
     """Return figure data in the plane of beta = B T / m and alpha = K T² / m."""
     return FigureData("beta", "alpha", tuple(curves))
 
 
-def exact_boundary(delta: float, delay: float, points: int = 401) -> Curve:
+def exact_boundary(delta: float, delay: float) -> Curve:
     """Return the full exact boundary, from beta = -delta to the end at alpha = 0.
+
+    Points are denser towards both ends.
 
     Args:
         delta: Dimensionless viscous damping b T / m.
         delay: Total delay in periods.
-        points: Number of points; they are denser towards both ends.
     """
     ceiling = float(max_virtual_damping(1.0, delta, 1.0, delay))
-    share = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, points))
+    share = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, _POINTS))
     return exact_at(delta, delay, -delta + (ceiling + delta) * share)
 
 

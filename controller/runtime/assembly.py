@@ -191,16 +191,15 @@ def _driven_limits(config: Config, servo: Servo, speed: float) -> DrivenLimits:
 def most_injected(
     config: Config, situation: Situation, all_decisions: list[Decision]
 ) -> list[float]:
-    """Return the damping that may be added to each decision's [N·m·s/rad].
+    """Return the damping that passivity control may add to each decision's [N·m·s/rad].
 
     It reaches to the peak of the boundary, beyond which more damping lowers the critical stiffness,
     and to the amount that one encoder count may command. With a load that vibrates it also stays
     below the ceiling: the damper takes energy out of the motion that the encoder sees, but its late
     torque at the motor feeds the vibration. It is zero where the wall must be passive:
-    any added damping lowers the passive stiffness; and with a filter of the velocity, whose
-    boundary has another peak.
+    any added damping lowers the passive stiffness; and without passivity control.
     """
-    if config.guard.mode == "passive" or config.velocity_filter() is not None:
+    if config.guard.mode == "passive" or not config.wall.passivity_control:
         return [0.0] * len(all_decisions)
     shared = {id(decision): decision for decision in all_decisions}
     decisions = [*shared.values()]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from haptic_wall.controller.laws.engagement import REST_S, start_text, waiting_text
+from haptic_wall.controller.laws.engagement import REST_S, felt_text, start_text, waiting_text
 from haptic_wall.controller.runtime.loop import Loop
 from haptic_wall.controller.runtime.safety import End, StopReason
 from haptic_wall.controller.settings.config import Config
@@ -77,7 +77,9 @@ class WallWait:
         if math.isnan(position):
             return False
         if law.guarded:
-            self._tell(start_text(law, config.wall.acting_side, position))
+            stiffness = self._parts.gains.decision.stiffness
+            felt = felt_text(stiffness, config.belief().coulomb.value) if law.linear else ""
+            self._tell(start_text(law, config.wall.acting_side, position) + felt)
         return True
 
     def _reason(self) -> tuple[str, str]:

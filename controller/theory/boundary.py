@@ -4,9 +4,8 @@ The stable stiffnesses at a virtual damping are in general several intervals. A 
 the one that begins at 0, and 0 where none begins there: to raise the stiffness from 0 to a limit
 never crosses what is unstable.
 
-One mass with light damping and a difference of one sample is solved on its first branch, in a tenth
-of the time (``first_branch``); everything else by all crossings of its chain (``crossings``).
-One mass is solved in units of its inertia and period, in which only four numbers count.
+All is solved by the crossings of a chain (``crossings``). One mass is a chain of one, in units of
+its inertia and period, in which only four numbers count.
 """
 
 from __future__ import annotations
@@ -15,9 +14,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from haptic_wall.controller.theory import first_branch
 from haptic_wall.controller.theory.chain import Chain, one_mass, sampled
 from haptic_wall.controller.theory.checks import (
     FloatArray,
@@ -36,7 +34,6 @@ from haptic_wall.controller.theory.crossings import (
     unstable_softest,
 )
 from haptic_wall.controller.theory.dimensionless import Settings, settings
-from haptic_wall.controller.theory.loop import HeldLoop
 from haptic_wall.controller.theory.roots import golden
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
@@ -44,7 +41,6 @@ MOST_PERIODS = 10_000
 """Longest delay, in periods"""
 _AT_ONCE = 400_000
 """Frequencies of all settings that are solved at once"""
-_LIGHT_CHUNK = 2048
 _TINY = 1e-16
 _PEAK_POINTS, _PEAK_STEPS = 17, 28  # to 2e-7 of the ceiling
 
@@ -81,13 +77,11 @@ def chain_boundary(
     rows = _rows(chain, given, shape)
     if _is_plain(chain, velocity_filter):
         s = _settings(chain, rows, big_b, t, t_d, n)
-        alpha, w = _critical(s.delta, s.beta, s.delay, s.samples)
+        alpha, w = _unit_mass(s)
         stiffness, frequency = alpha * s.stiffness_unit, w / (2 * np.pi * t)
     else:
-        stiffness, frequency = np.zeros(big_b.size), np.zeros(big_b.size)
-        for part, loops in _groups(chain, rows, t, t_d, n, velocity_filter):
-            first, w = _first_interval(loops, big_b[part])
-            stiffness[part], frequency[part] = first, w / (2 * np.pi * t[part])
+        stiffness, w = _solved(chain, rows, big_b, t, t_d, n, velocity_filter)
+        frequency = w / (2 * np.pi * t)
     return CriticalPoint(*(x.reshape(given)[()] for x in (stiffness, big_b.copy(), frequency)))
 
 
@@ -107,13 +101,14 @@ def chain_ceiling(
         velocity_samples=samples("velocity_samples", velocity_samples),
     )
     rows = _rows(chain, given, shape)
+    unit: FloatArray = np.ones_like(t)
     if _is_plain(chain, velocity_filter):
         s = _settings(chain, rows, np.zeros_like(t), t, t_d, n)
-        ceiling = _ceiling(s.delta, s.delay, s.samples) * s.damping_unit
-    else:
-        ceiling = np.zeros(t.size)
-        for part, loops in _groups(chain, rows, t, t_d, n, velocity_filter):
-            ceiling[part] = ceilings(loops)
+        chain, rows, unit = one_mass(1.0, s.delta)[0], np.arange(t.size), s.damping_unit
+        t, t_d = np.ones_like(t), s.delay
+    ceiling = np.zeros(t.size)
+    for part, loops in _groups(chain, rows, t, t_d, n, velocity_filter):
+        ceiling[part] = unit[part] * ceilings(loops)
     result: FloatArray = ceiling.reshape(given)[()]
     return result
 
@@ -171,6 +166,38 @@ def _settings(
     return settings(mass, damping, virtual_damping, period, delay, velocity_samples)
 
 
+def _unit_mass(s: Settings) -> tuple[FloatArray, FloatArray]:
+    """Return the dimensionless critical stiffness of one mass, and its frequency [rad/sample]."""
+    alpha, w = np.zeros_like(s.beta), np.zeros_like(s.beta)
+    # with so little damping the linear condition is exact to rounding
+    late = s.delay + s.samples
+    tiny = (s.delta + np.abs(s.beta)) * late * late < _TINY
+    some = np.flatnonzero((s.beta > -s.delta) & ~tiny)
+    tiny &= s.beta > -s.delta
+    alpha[tiny] = (s.delta + s.beta)[tiny] / (s.delay[tiny] + 0.5)
+    w[tiny] = np.sqrt(alpha[tiny])
+    chain, _ = one_mass(np.ones(some.size), s.delta[some])
+    loop = (s.beta[some], np.ones(some.size), s.delay[some], s.samples[some])
+    alpha[some], w[some] = _solved(chain, np.arange(some.size), *loop, None)
+    return alpha, w
+
+
+def _solved(
+    chain: Chain,
+    rows: IntArray,
+    virtual_damping: FloatArray,
+    period: FloatArray,
+    delay: FloatArray,
+    velocity_samples: FloatArray,
+    velocity_filter: VelocityFilter | None,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the critical stiffness of each setting, and the frequency there [rad/sample]."""
+    stiffness, w = np.zeros(rows.size), np.zeros(rows.size)
+    for part, loops in _groups(chain, rows, period, delay, velocity_samples, velocity_filter):
+        stiffness[part], w[part] = _first_interval(loops, virtual_damping[part])
+    return stiffness, w
+
+
 def _first_interval(loops: Loops, virtual_damping: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the end of the stable stiffnesses that begin at 0, and the frequency there."""
     found = first_crossing(loops, virtual_damping)
@@ -199,89 +226,19 @@ def _groups(
     velocity_samples: FloatArray,
     velocity_filter: VelocityFilter | None,
 ) -> Iterator[tuple[IntArray, Loops]]:
-    """Yield the settings of each whole delay and number of samples, as indices and loops."""
+    """Yield settings of similar delays and one number of samples, as indices and loops."""
     late = delay / period
     if np.any(late > MOST_PERIODS):
         raise ValueError(f"delay must be at most {MOST_PERIODS} periods, got {late.max():g}")
-    whole = np.floor(late)
-    for d, n in sorted(set(zip(whole.tolist(), velocity_samples.tolist(), strict=True))):
-        every = np.flatnonzero((whole == d) & (velocity_samples == n))
-        size = max(1, int(_AT_ONCE / (200.0 + 12.0 * (d + n))))
+    whole = np.floor(late).astype(np.int64)
+    similar = np.ceil(np.log2(whole + 1.0 + velocity_samples))  # the grid grows with it
+    for d, n in sorted(set(zip(similar.tolist(), velocity_samples.tolist(), strict=True))):
+        every = np.flatnonzero((similar == d) & (velocity_samples == n))
+        size = max(1, int(_AT_ONCE / (200.0 + 12.0 * 2.0**d)))
         for start in range(0, every.size, size):
             part = every[start : start + size]
-            servos = np.stack([rows[part], period[part], late[part] - d], axis=1)
+            servos = np.stack([rows[part], period[part], late[part] - whole[part]], axis=1)
             own, which = np.unique(servos, axis=0, return_inverse=True)
             chains = sampled(chain.take(own[:, 0].astype(np.int64)), own[:, 1], own[:, 2])
             chains = chains.take(which.ravel())
-            yield part, Loops(chains, period[part], int(d), int(n), velocity_filter)
-
-
-def _ceiling(delta: FloatArray, delay: FloatArray, samples: FloatArray) -> FloatArray:
-    """Return the dimensionless ceiling of one mass; flat arrays."""
-    found = np.empty_like(delta)
-    light = first_branch.holds(delta, delay, samples)
-    for part in _parts(light):
-        _, found[part] = first_branch.ceiling(_loop(delta[part], delay[part], samples[part]))
-    for part, loops in _unit_masses(~light, delta, delay, samples):
-        found[part] = ceilings(loops)
-    return found
-
-
-def _critical(
-    delta: FloatArray, beta: FloatArray, delay: FloatArray, samples: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the critical stiffness of one mass, and the frequency [rad/sample] there; flat arrays.
-
-    Args:
-        delta: Dimensionless viscous damping b T / m.
-        beta: Dimensionless virtual damping B T / m.
-        delay: Total delay in periods.
-        samples: N of the velocity difference.
-
-    Returns:
-        (alpha, w); both 0 where no stiffness is stable.
-    """
-    alpha, w = np.zeros_like(beta), np.zeros_like(beta)
-    some, light = beta > -delta, first_branch.holds(delta, delay, samples)
-    for part in _parts(some & light):
-        loop = _loop(delta[part], delay[part], samples[part])
-        w_max, top = first_branch.ceiling(loop)
-        below = beta[part] < top
-        a, at = first_branch.crossing(loop, np.where(below, beta[part], 0.0), w_max, top)
-        alpha[part] = np.where(below, np.maximum(a, 0.0), 0.0)
-        w[part] = np.where(below, at, 0.0)
-    # with so little damping the linear condition is exact to rounding
-    late = delay + samples
-    tiny = some & ~light & ((delta + np.abs(beta)) * late * late < _TINY)
-    alpha[tiny] = (delta + beta)[tiny] / (delay[tiny] + 0.5)
-    w[tiny] = np.sqrt(alpha[tiny])
-    for part, loops in _unit_masses(some & ~light & ~tiny, delta, delay, samples):
-        alpha[part], w[part] = _first_interval(loops, beta[part])
-    return alpha, w
-
-
-def _unit_masses(
-    which: NDArray[np.bool_], delta: FloatArray, delay: FloatArray, samples: FloatArray
-) -> Iterator[tuple[IntArray, Loops]]:
-    """Yield the selected settings as loops of unit inertia and period, with their indices."""
-    index = np.flatnonzero(which)
-    if index.size:
-        chain, _ = one_mass(np.ones(index.size), delta[index])
-        rows, one = np.arange(index.size), np.ones(index.size)
-        for part, loops in _groups(chain, rows, one, delay[index], samples[index], None):
-            yield index[part], loops
-
-
-def _parts(which: NDArray[np.bool_]) -> Iterator[IntArray]:
-    """Yield the indices of the selected settings, in parts that fit the processor's cache."""
-    index = np.flatnonzero(which)
-    for start in range(0, index.size, _LIGHT_CHUNK):
-        yield index[start : start + _LIGHT_CHUNK]
-
-
-def _loop(delta: FloatArray, delay: FloatArray, samples: FloatArray) -> HeldLoop:
-    """Return the loop; many settings of one plant share one."""
-    arrays = [delta, delay, samples]
-    if all(np.all(a == a[0]) for a in arrays):
-        arrays = [a[:1] for a in arrays]
-    return HeldLoop.of(*arrays)
+            yield part, Loops(chains, period[part], whole[part], int(n), velocity_filter)

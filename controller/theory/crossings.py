@@ -17,7 +17,7 @@ the function is also looked at where it comes closest to zero: two crossings may
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -43,12 +43,12 @@ _LAST = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Loops:
-    """Chains with a wall's delay and velocity difference; whole delay and samples are common."""
+    """Chains with a wall's delay and velocity difference; the samples are common."""
 
     chains: Sampled
     period: FloatArray
     """T [s]"""
-    whole: int
+    whole: IntArray
     """Whole periods of the delay"""
     samples: int
     """N of the velocity difference"""
@@ -57,20 +57,20 @@ class Loops:
 
     def take(self, index: IntArray) -> Loops:
         """Return the loops at ``index``."""
-        return replace(self, chains=self.chains.take(index), period=self.period[index])
+        chains, period, whole = self.chains.take(index), self.period[index], self.whole[index]
+        return Loops(chains, period, whole, self.samples, self.velocity_filter)
 
-    def responses(
-        self, w: FloatArray, lead: FloatArray | None = None
-    ) -> tuple[ComplexArray, ComplexArray]:
+    def responses(self, w: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Return F = -1/G and D, filtered, at frequencies [rad/sample], loops × frequencies.
 
         ``w`` may have fewer rows, for loops that repeat every so many: so has the difference then.
-        ``lead`` is one more than the whole delay of each row, where they differ, rows × 1.
         """
         half = _turned(0.5 * w)
         turned = half if self.samples == 1 else _turned(0.5 * self.samples * w)
-        late = _turned((self.whole + 1.0 if lead is None else lead) * w)
+        late = _turned((self.whole[: len(w), None] + 1.0) * w)
         times = max(self.period.size // max(len(w), 1), 1)
+        if times == 1:
+            return self._inverse(half, late), self._difference(w, turned)
         every = np.split(np.arange(self.period.size), times)
         inverse = [self.take(part)._inverse(half, late) for part in every]
         return np.concatenate(inverse), self.take(every[0])._difference(w, turned)
@@ -224,7 +224,7 @@ def _looked_at(
 
 def _grid(loops: Loops) -> FloatArray:
     """Return rising frequencies up to pi, a row for each loop [rad/sample]."""
-    chains, turns = loops.chains, loops.whole + 1 + loops.samples
+    chains, turns = loops.chains, int(loops.whole.max(initial=0)) + 1 + loops.samples
     even = np.linspace(0.0, np.pi, 24 + _PER_TURN * turns // 2)[1:-1]
     common = np.concatenate([even[0] * np.geomspace(_SLOWEST, 0.5, 20), even])
     if loops.velocity_filter is not None:
@@ -261,11 +261,14 @@ def poles(
 ) -> ComplexArray:
     """Return the closed-loop poles, loops × poles; arguments as of ``unstable_poles``.
 
+    Loops with fewer whole periods of delay than others have so many more poles at 0.
+
     Complex ones are those of a wall behind a gain that lags.
     """
     chains, samples, filtered = loops.chains, loops.samples, loops.velocity_filter
     count, order = chains.old.shape
-    torques = loops.whole + 1
+    rows, late = np.arange(count), order + loops.whole
+    torques = int(loops.whole.max(initial=0)) + 1
     past = order + torques + samples
     size = past if filtered is None else past + 2
     a = np.zeros((count, size, size), np.result_type(stiffness, virtual_damping))
@@ -285,11 +288,11 @@ def poles(
     command = -virtual_damping[:, None] * difference
     command[:, order - 1] -= stiffness
     a[:, :order, :order] = chains.step + np.eye(order)
-    a[:, :order, order + torques - 1] += chains.old
-    if loops.whole:
-        a[:, :order, order + torques - 2] += chains.new
-    else:
-        a[:, :order] += chains.new[:, :, None] * command[:, None]
+    a[rows, :order, late] += chains.old
+    later = np.flatnonzero(loops.whole)
+    a[later, :order, late[later] - 1] += chains.new[later]
+    at_once = np.flatnonzero(loops.whole == 0)
+    a[at_once, :order] += chains.new[at_once, :, None] * command[at_once, None]
     a[:, order] = command
     shifted = np.arange(order + 1, order + torques)
     a[:, shifted, shifted - 1] = 1.0

@@ -18,8 +18,8 @@ from haptic_wall.controller.theory.checks import ComplexArray, FloatArray
 from haptic_wall.controller.theory.crossings import Loops
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
-_FEW, _EVEN = 96, 120
-"""Frequencies of the grid: in equal ratios, and in equal steps"""
+_FEW, _EVEN = 64, 80
+"""Frequencies of the grid: in equal ratios, and in equal steps. A coarser one gives lower limits"""
 _FLANK = np.geomspace(1e-5, 0.4, 80)
 _ABOUT = np.concatenate([1.0 - _FLANK, 1.0 + _FLANK])
 """Frequencies about a filter's, relative to it: on the flanks of a notch its phase turns"""
@@ -74,11 +74,11 @@ class FlexibleScan:
         inertia, _, load_inertia, stiffness, transmission_damping = every
         chain, shape = two_masses(*every, encoder=encoder)
         late = np.repeat([group.delay / period for group in groups], sizes)
-        whole = np.floor(late)
         times = np.full(math.prod(shape), period)
-        fraction = np.broadcast_to(late - whole, shape).ravel()
+        fraction = np.broadcast_to(late - np.floor(late), shape).ravel()
         chains = sampled(chain, times, fraction)
-        loops = Loops(chains, times, 0, samples, velocity_filter)
+        whole = np.floor(np.broadcast_to(late, shape).ravel()).astype(np.int64)
+        loops = Loops(chains, times, whole, samples, velocity_filter)
         with_both = np.sqrt(stiffness * (1.0 / inertia + 1.0 / load_inertia))
         near = np.stack([with_both, np.sqrt(stiffness / load_inertia)], axis=1)
         ratios = 0.5 * (transmission_damping / stiffness)[:, None] * near
@@ -90,7 +90,7 @@ class FlexibleScan:
                 for own in spans
             ]
         )
-        parts = _Parts.of(*loops.responses(w, whole[:, None] + 1.0))
+        parts = _Parts.of(*loops.responses(w))
         ceiling, floor = parts.dampings()
         return [cls(parts.take(own), ceiling[own], floor[own]) for own in spans]
 

@@ -15,14 +15,12 @@ Source: Gelb and Vander Velde, Multiple-Input Describing Functions, 1968, sec. 2
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from haptic_wall.controller.theory.chain import one_mass, sampled
 from haptic_wall.controller.theory.checks import (
     ComplexArray,
     FloatArray,
@@ -33,13 +31,13 @@ from haptic_wall.controller.theory.checks import (
     samples,
     scalar,
 )
-from haptic_wall.controller.theory.crossings import Loops, poles
+from haptic_wall.controller.theory.exact import critical_point, critical_stiffness
 from haptic_wall.controller.theory.loop import HeldLoop
-from haptic_wall.controller.theory.roots import dips, zeros
 
-_AMPLITUDES, _LARGEST = 24, 1.0
-"""Amplitudes of backlash that are looked at, up to this one [rad]"""
-_FREQUENCIES = 80
+_AMPLITUDES, _WIDTHS = 12, 10.0
+"""Amplitudes of backlash that are looked at, up to so many widths: dense near the least, where the
+limit is lowest. In 300 random settings the limit is up to 1.15 times that of a grid of 300"""
+_FREQUENCIES = 56
 _NEAR = np.linspace(-1.0, 2.0, 10)
 """Then frequencies about the least of each amplitude, in steps between these"""
 _SLOWEST, _FASTEST = 1e-3, 2.5
@@ -52,7 +50,8 @@ _LEAST = 0.05
 """Least gain of a dead band"""
 _CLIPPED = np.geomspace(1.0, 1e9, 4000)
 """Commanded amplitudes over the torque limit that are looked at"""
-_OUTSIDE = 1.0 + 1e-7
+_LEAST_GAIN, _GAINS, _ROUNDS_OF_GAINS = 1e-6, 33, 3
+"""Gains of a clipped torque that are looked at: the least, their number, and how often"""
 
 
 def backlash_gain(amplitude: ArrayLike, width: ArrayLike) -> ComplexArray:
@@ -136,13 +135,13 @@ def _least(
 ) -> FloatArray:
     """Return the limits of settings along the first of three axes: settings, amplitudes, w."""
     begin = np.maximum(amplitude, 0.501 * width)
-    ratio = np.maximum(_LARGEST, 2.0 * begin) / begin
+    ratio = np.maximum(_WIDTHS * width, 2.0 * begin) / begin
     late = 1.0 + delay / period
     every_a, every_w = (np.linspace(0.0, 1.0, n) for n in (_AMPLITUDES, _FREQUENCIES))
 
     def crossings(part_a: FloatArray, part_w: FloatArray) -> FloatArray:
         """Return the stiffness of cycles between neighbouring frequencies; infinite if none."""
-        a = begin * ratio**part_a
+        a = begin * ratio**part_a**3
         w = _SLOWEST * (_FASTEST / _SLOWEST) ** part_w / late
         b = damping + 4.0 * coulomb / (np.pi * a * w / period)
         delta = b * period / inertia
@@ -313,6 +312,8 @@ def clipped_cycle(
 ) -> Cycle | None:
     """Return the largest oscillation at which the torque limit ends growth, two-sided wall.
 
+    The gain of a clipped torque scales spring and damper alike, and falls with the amplitude. The
+    cycle is where the scaled wall is at its exact limit, seen from the largest amplitude.
     Simulations agree to 10 % without a damper. With one a wall has many cycles, up to thirteen
     times as large as this one and at a third of its frequency.
 
@@ -334,30 +335,27 @@ def clipped_cycle(
     given = {"inertia": inertia, "stiffness": stiffness, "period": period, "limit": torque_limit}
     for name, value in given.items():
         scalar(positive, name, value)
-    delta, late = damping * period / inertia, delay / period
-    plant = HeldLoop.of(np.array(delta), np.array(late), np.ones(()))
-    alpha, beta = stiffness * period**2 / inertia, virtual_damping * period / inertia
+    loop = (period, delay)
 
-    def needed(w: FloatArray) -> ComplexArray:
-        result: ComplexArray = plant.inverse_plant(w) / (alpha + beta * plant.difference(w))
-        return result
-
-    grid = np.linspace(3e-2, np.pi, 464 + 64 * int(late), endpoint=False)
-    grid = np.concatenate([np.geomspace(1e-5, 3e-2, 600, endpoint=False), grid])
-    closest = dips(lambda w: needed(w).imag, grid[None], needed(grid[None]).imag)
-    found = zeros(lambda w: needed(w).imag, np.sort(np.append(grid, closest)))
-    gains = needed(found).real
-    cycles = [
-        Cycle(_clipped(n) * torque_limit / abs(stiffness + beta_w), w / (2.0 * np.pi * period))
-        for n, w, beta_w in zip(
-            gains.tolist(),
-            found.tolist(),
-            (virtual_damping / period * plant.difference(found)).tolist(),
-            strict=True,
+    def grows(gain: FloatArray) -> NDArray[np.bool_]:
+        found: NDArray[np.bool_] = gain * stiffness > critical_stiffness(
+            inertia, damping, gain * virtual_damping, *loop
         )
-        if 0.0 < n < 1.0 and _lasts(delta, late, n * alpha, n * beta, w, needed)
-    ]
-    return max(cycles, default=None)
+        return found
+
+    tried = np.geomspace(_LEAST_GAIN, 1.0, _GAINS)
+    if not grows(tried[-1:])[0]:
+        return None
+    for _ in range(_ROUNDS_OF_GAINS):
+        first = int(np.argmax(grows(tried)))
+        if first == 0:
+            return None  # it grows at any size
+        tried = np.linspace(tried[first - 1], tried[first], _GAINS)
+    gain = float(tried[first])
+    hertz = critical_point(inertia, damping, gain * virtual_damping, *loop).frequency
+    turn = 2.0 * np.pi * float(hertz) * period
+    wall = abs(stiffness + virtual_damping / period * (1.0 - np.exp(-1j * turn)))
+    return Cycle(_clipped(gain) * torque_limit / float(wall), float(hertz))
 
 
 def _clipped(gain: float) -> float:
@@ -365,28 +363,3 @@ def _clipped(gain: float) -> float:
     share = 1.0 / _CLIPPED
     gains = 2.0 / np.pi * (np.arcsin(share) + share * np.sqrt(1.0 - share**2))
     return float(np.exp(np.interp(-np.log(gain), -np.log(gains), np.log(_CLIPPED))))
-
-
-def _lasts(
-    delta: float,
-    late: float,
-    alpha: float,
-    beta: float,
-    w: float,
-    needed: Callable[[FloatArray], ComplexArray],
-) -> bool:
-    """Whether a disturbed oscillation returns to itself, and no other mode grows beside it.
-
-    To first order a disturbance decays where the needed gain turns forward with the frequency,
-    because the gain of a clipped torque falls with the amplitude.
-    """
-    turn = needed(np.array(w * (1.0 + 1e-6))) - needed(np.array(w * (1.0 - 1e-6)))
-    if turn.imag <= 0.0:
-        return False
-    whole, one = int(late), np.ones(1)
-    chain, _ = one_mass(1.0, delta)
-    loops = Loops(sampled(chain, one, np.array([late - whole])), one, whole, 1)
-    (found,) = poles(loops, np.array([alpha]), np.array([beta]))
-    found = found[found.imag > -1e-9]
-    others = np.delete(found, np.argmin(np.abs(found - np.exp(1j * w))))
-    return bool(np.all(np.abs(others) < _OUTSIDE))

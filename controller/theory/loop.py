@@ -14,7 +14,6 @@ For any damping, no term of F is a small difference of large numbers.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -22,27 +21,11 @@ from haptic_wall.controller.theory.checks import ComplexArray, FloatArray
 from haptic_wall.controller.theory.response import held_response
 
 
-class PlantCurve(NamedTuple):
-    """The inverse plant F = s (P + j Q) / M and its derivatives, each at one frequency."""
-
-    s: FloatArray
-    """2 sin(w/2)"""
-    c: FloatArray
-    """cos(w/2)"""
-    p: FloatArray
-    q: FloatArray
-    m: FloatArray
-    dp: FloatArray
-    dq: FloatArray
-    dm: FloatArray
-
-
 @dataclass(frozen=True, slots=True)
 class HeldLoop:
     """The loop without its wall: plant, hold, delay and velocity difference.
 
-    The fields are arrays of one shape, or of shapes that broadcast with the frequencies: columns
-    (settings × 1) when frequencies run along the second axis.
+    The fields are arrays of shapes that broadcast with the frequencies.
     """
 
     delta: FloatArray
@@ -81,45 +64,6 @@ class HeldLoop:
             b_sum=phi,
             b_even=b2 + b0,
             b_odd=b2 - b0,
-        )
-
-    def column(self) -> HeldLoop:
-        """Return the loop as columns, so that frequencies run along the second axis."""
-        return HeldLoop(
-            self.delta[:, None],
-            self.delay[:, None],
-            self.samples[:, None],
-            self.lead[:, None],
-            self.decay[:, None],
-            self.b_sum[:, None],
-            self.b_even[:, None],
-            self.b_odd[:, None],
-        )
-
-    def curve(self, w: FloatArray) -> PlantCurve:
-        """Return the real quantities that F(w) consists of, and their derivatives by w."""
-        half = 0.5 * w
-        s, c = 2.0 * np.sin(half), np.cos(half)
-        angle = self.lead * w
-        cos, sin = np.cos(angle), np.sin(angle)
-        sc, even_s = s * c, self.b_even * s
-        real, imag = self.b_sum - 0.5 * s * even_s, self.b_odd * sc
-        d_real, d_imag = -even_s * c, self.b_odd * (1.0 - 0.5 * s * s)
-        x, y = cos * real + sin * imag, sin * real - cos * imag
-        dx = cos * d_real + sin * d_imag - self.lead * y
-        dy = sin * d_real - cos * d_imag + self.lead * x
-        a = 1.0 - 0.5 * self.decay
-        q, dq = a * s, a * c
-        r, dr = self.decay * c, -0.25 * self.decay * s
-        return PlantCurve(
-            s=s,
-            c=c,
-            p=q * x + r * y,
-            q=q * y - r * x,
-            m=real * real + imag * imag,
-            dp=dq * x + q * dx + dr * y + r * dy,
-            dq=dq * y + q * dy - dr * x - r * dx,
-            dm=2.0 * (real * d_real + imag * d_imag),
         )
 
     def inverse_plant(self, w: FloatArray) -> ComplexArray:

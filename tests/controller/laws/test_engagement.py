@@ -9,6 +9,7 @@ from haptic_wall.controller.laws.engagement import (
     EngageLimits,
     Engagement,
     engage_torque,
+    felt_text,
     place_text,
     waiting_text,
 )
@@ -99,6 +100,11 @@ def test_the_text_says_where_the_shaft_is_and_where_it_must_go() -> None:
     below = waiting_text(Wall(8.0, 0.0, -6.3, "below"), "below", -12.6, 8.0, 0.0125, 99.0)
     assert "would push it with 50.4 N·m" in below
     assert "turned above -361.0° (-1.00 turns)" in below
+
+
+def test_the_text_says_from_where_on_a_wall_is_felt() -> None:
+    assert felt_text(1.2, 0.0128).startswith(". It can be felt from 0.61° inside")
+    assert felt_text(0.0, 0.0128) == felt_text(1.2, 0.0) == ""
 
 
 def test_turns_are_shown_and_a_zero_has_no_sign() -> None:

@@ -132,7 +132,7 @@ def test_no_pair_on_the_way_to_lower_gains_is_unstable(encoder: str) -> None:
         pairs.append((0.8 * limit, damping, ceiling))
     chain, _ = two_masses(*servo, encoder=encoder)
     periods = np.full(n, period)
-    loops = Loops(sampled(chain, periods, np.full(n, 0.5)), periods, 2, 1)
+    loops = Loops(sampled(chain, periods, np.full(n, 0.5)), periods, np.full(n, 2), 1)
     walks = []
     for k0, b0, c0, k1, b1, c1 in np.stack([*pairs[0], *pairs[1]], axis=1).tolist():
         made, wall = gains((k0, b0, c0), (k1, b1, c1))
