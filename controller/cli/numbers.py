@@ -1,12 +1,13 @@
-"""Reads numbers from the command line: lists, and ranges LOW:HIGH.
+"""Reads numbers from the command line: within bounds, lists, and ranges LOW:HIGH.
 
-They are callbacks of options that take text, so that a message names the option.
+Lists and ranges are callbacks of options that take text, so that a message names the option.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from typing import Any
 
 import click
 
@@ -17,6 +18,22 @@ from haptic_wall.hw.errors import Problem
 
 _DIGITS = 9
 """Largest number of digits of an id or firmware; Python refuses numbers of thousands"""
+
+
+class Number(click.FloatRange):
+    """A finite number within bounds, of which each may be left out."""
+
+    def convert(
+        self,
+        value: Any,
+        param: click.Parameter | None,
+        ctx: click.Context | None,  # noqa: ANN401 - click's signature
+    ) -> float:
+        """Read the number; refuse one that is not finite as text is."""
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a valid float.", param, ctx)
+        return number
 
 
 def numbers(_: click.Context, parameter: click.Parameter, text: str | None) -> list[float] | None:

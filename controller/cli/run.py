@@ -39,7 +39,6 @@ from haptic_wall.controller.system.signals import STOPPING, interrupting, on_sig
 
 if TYPE_CHECKING:
     from haptic_wall.controller.live.place import Live
-    from haptic_wall.controller.live.stream import Stream
     from haptic_wall.controller.processes.hold import Hold
 
 MUCH = 1e8
@@ -73,13 +72,6 @@ SIMULATED_S = 5.0
     help="Record every frame of the emulated bus and the true motion to this CSV file.",
 )
 @click.option(
-    "--stream",
-    metavar="HOST:PORT",
-    help="Send rows to this address during the run: UDP, one JSON object each, for PlotJuggler.",
-)
-@click.option("--stream-rate", type=float, metavar="HZ", help="Rows per second; default: 100.")
-@click.option("--stream-anywhere", is_flag=True, help="Let --stream go to another machine.")
-@click.option(
     "--live",
     metavar="[HOST:PORT]",
     is_flag=False,
@@ -112,9 +104,6 @@ def command(
     plot_path: Path | None,
     no_plot: bool,
     witness: Path | None,
-    stream: str | None,
-    stream_rate: float | None,
-    stream_anywhere: bool,
     live: str | None,
     page_socket: int | None,
     live_control: bool,
@@ -145,7 +134,6 @@ def command(
             field="--witness",
             advice="run emulated-xm430 on the monotonic clock, or leave the option out",
         )
-    streamed = _stream(effective, stream, stream_rate, stream_anywhere)
     shown_live = _live(effective, live, control=live_control)
     held = _hold(effective, hold, page=shown_live is not None and bool(shown_live.token))
     log, plot = _places(log_path, plot_path, witness, loaded.name, draws=not no_plot, force=force)
@@ -159,7 +147,6 @@ def command(
             "config": effective.model_dump(mode="json"),
         },
         witness=witness,
-        stream=streamed,
         live=shown_live,
         page=page_socket,
         hold=held,
@@ -190,30 +177,6 @@ def command(
         answer(as_json(report) if as_json_wanted else as_text(report))
     no_wall = report["waited_for"] or report["no_stiffness"]
     sys.exit(reports.exit_status(ended.stop_reason, no_wall, ended.log))
-
-
-def _stream(
-    config: Config, place: str | None, rate_hz: float | None, anywhere: bool
-) -> Stream | None:
-    """Return the destination of the live stream; None if there is none."""
-    if place is None:
-        for option, given in (("rate", rate_hz is not None), ("anywhere", anywhere)):
-            if given:
-                raise UserError(
-                    "found without --stream",
-                    field=f"--stream-{option}",
-                    advice="add --stream HOST:PORT, or leave the option out",
-                )
-        return None
-    if _in_memory(config):
-        raise UserError(
-            "on the simulated clock a run is over before it can be watched",
-            field="--stream",
-            advice="read the log instead, or run with --set loop.clock=monotonic",
-        )
-    from haptic_wall.controller.live.stream import RATE_HZ, stream_to
-
-    return stream_to(place, RATE_HZ if rate_hz is None else rate_hz, anywhere)
 
 
 def _live(config: Config, place: str | None, *, control: bool) -> Live | None:

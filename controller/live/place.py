@@ -6,6 +6,7 @@ import contextlib
 import importlib.util
 import json
 import os
+import re
 import secrets
 import socket
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from typing import Any, Final
 
 from haptic_wall.controller.errors import PlatformError, UserError
 
+_PLACE: Final = re.compile(r"(?:\[(?P<six>[^\]]+)\]|(?P<host>[^:\[\]]+)):(?P<port>\d{1,5})")
 _MOST_ORDERS: Final = 1 << 17
 """Largest orders of a run for a page [bytes]"""
 
@@ -54,9 +56,7 @@ def live_at(place: str, *, control: bool = False, field: str = "--live") -> Live
             "the live page needs the package websockets, which is not installed",
             advice="run pip install -e '.[live]' in the clone",
         )
-    from haptic_wall.controller.live.stream import parsed_place
-
-    found = parsed_place(place)
+    found = _parsed(place)
     if found is None:
         raise UserError(
             f"found {place!r}",
@@ -79,6 +79,14 @@ def live_at(place: str, *, control: bool = False, field: str = "--live") -> Live
     name = f"[{host}]" if ":" in host else host
     address = f"http://{name}:{port}/" + (f"?token={token}" if token else "")
     return Live(listener.detach(), host, address, token)
+
+
+def _parsed(place: str) -> tuple[str, int] | None:
+    """Return host and port of ``HOST:PORT``, an IPv6 address in brackets; None: it is not that."""
+    found = _PLACE.fullmatch(place)
+    if found is None or int(found["port"]) > 65535:
+        return None
+    return found["six"] or found["host"], int(found["port"])
 
 
 def hand_over(page: int, shown: dict[str, Any], inherited: dict[str, int]) -> None:

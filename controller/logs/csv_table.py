@@ -18,7 +18,7 @@ import numpy as np
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.file import SUFFIX
-from haptic_wall.controller.logs.recording import Floats
+from haptic_wall.controller.logs.recording import MOST_ROWS, Floats
 from haptic_wall.controller.system.csv_habits import ADVICE, WANTED, habits, has_decimal_comma
 from haptic_wall.controller.system.files import opened
 from haptic_wall.controller.system.printable import in_line
@@ -26,8 +26,6 @@ from haptic_wall.controller.system.printable import in_line
 NEEDED = ("time_s", "position_rad")
 TORQUE = "torque_nm"
 MOST_BYTES = 1 << 29
-MOST_ROWS = 4_000_000
-"""Largest number of rows: more than an hour at 1 kHz"""
 _MOST_IN_LINE = 1 << 16
 """Longest line [characters]"""
 _MOST_LINES = 100

@@ -64,7 +64,7 @@ class Door:
         self.trouble = ""
         log, live = plan.log, plan.live
         takes = plan.changeable and not plan.program and (not log.exists() or log.is_file())
-        if not (takes or live or plan.stream or plan.page is not None):
+        if not (takes or live or plan.page is not None):
             return
         with ExitStack() as handed:
             inherited = {"telemetry": telemetry.descriptor}
@@ -82,7 +82,7 @@ class Door:
             }
             if plan.page is not None:
                 hand_over(plan.page, shown, inherited)
-            if not (takes or live or plan.stream):
+            if not (takes or live):
                 return
             if takes:
                 self.loop, ours = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -95,7 +95,6 @@ class Door:
                 "parent": os.getpid(),
                 "period_ns": plan.config.period_ns,
                 "live": live and asdict(live),
-                "stream": plan.stream and asdict(plan.stream),
                 "log": str(server_log_of(log)),
             }
             descriptors = [*inherited.values(), *([] if live is None else [live.descriptor])]
@@ -122,7 +121,7 @@ class Door:
         if door.ended() and not self._over:
             self._over = True
             remove_if_dead(self._path)
-            gone = f"the process for changes, page and stream {door.exit_text()}"
+            gone = f"the process for changes and page {door.exit_text()}"
             self._tell(f"{gone}; the run goes on without it")
             self._release(gone)
 

@@ -10,7 +10,6 @@ from typing import Any
 
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.live.place import Live
-from haptic_wall.controller.live.stream import Stream
 from haptic_wall.controller.processes.hold import Hold
 from haptic_wall.controller.runtime.safety import StopReason
 from haptic_wall.controller.runtime.statistics import RunStatistics
@@ -84,8 +83,6 @@ class Plan:
     """Record of the emulated bus; None: none"""
     program: tuple[Phase, ...] = ()
     """Phases that are rendered in place of the wall; the run ends with them. Empty: the wall"""
-    stream: Stream | None = None
-    """Receiver of the live stream; None: none"""
     live: Live | None = None
     """The page in a browser; None: none"""
     page: int | None = None

@@ -108,7 +108,7 @@ def test_a_killed_page_changes_nothing_for_the_run(tmp_path: Path) -> None:
     assert child.returncode == 0
     assert report["stop_reason"] == "duration"
     assert report["ticks"] + report["missed_ticks"] >= 4000
-    assert "page and stream was killed by SIGKILL; the run goes on without it" in said
+    assert "for changes and page was killed by SIGKILL; the run goes on without it" in said
     assert "refused" not in said and "Traceback" not in said
     assert server_log_of(tmp_path / "a").read_text().count("refused") == 2
 
