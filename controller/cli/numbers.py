@@ -25,9 +25,9 @@ class Number(click.FloatRange):
 
     def convert(
         self,
-        value: Any,
+        value: Any,  # noqa: ANN401 - click's signature
         param: click.Parameter | None,
-        ctx: click.Context | None,  # noqa: ANN401 - click's signature
+        ctx: click.Context | None,
     ) -> float:
         """Read the number; refuse one that is not finite as text is."""
         number = float(super().convert(value, param, ctx))

@@ -78,7 +78,6 @@ SIMULATED_S = 5.0
     flag_value="localhost:0",
     help="Show the run in a browser; prints the address. Default: a free port, for this machine.",
 )
-@click.option("--page-socket", type=int, hidden=True)  # inherited, of a page of several runs
 @click.option(
     "--live-control",
     is_flag=True,
@@ -105,7 +104,6 @@ def command(
     no_plot: bool,
     witness: Path | None,
     live: str | None,
-    page_socket: int | None,
     live_control: bool,
     hold: tuple[str, ...],
     verbose: bool,
@@ -148,7 +146,6 @@ def command(
         },
         witness=witness,
         live=shown_live,
-        page=page_socket,
         hold=held,
         changeable=True,
         force=force,

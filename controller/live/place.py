@@ -1,23 +1,18 @@
-"""The live page's listening socket, its address, and the token of its knobs; and its runs."""
+"""The live page's listening socket, its address, and the token of its knobs."""
 
 from __future__ import annotations
 
-import contextlib
 import importlib.util
-import json
-import os
 import re
 import secrets
 import socket
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from haptic_wall.controller.errors import PlatformError, UserError
 
 _PLACE: Final = re.compile(r"(?:\[(?P<six>[^\]]+)\]|(?P<host>[^:\[\]]+)):(?P<port>\d{1,5})")
-_MOST_ORDERS: Final = 1 << 17
-"""Largest orders of a run for a page [bytes]"""
 
 
 def server_log_of(log: Path) -> Path:
@@ -87,32 +82,3 @@ def _parsed(place: str) -> tuple[str, int] | None:
     if found is None or int(found["port"]) > 65535:
         return None
     return found["six"] or found["host"], int(found["port"])
-
-
-def hand_over(page: int, shown: dict[str, Any], inherited: dict[str, int]) -> None:
-    """Send the page's process the orders of a run, with the descriptors that belong to them."""
-    message = json.dumps({**shown, "descriptors": list(inherited)}).encode()
-    with (
-        socket.socket(fileno=os.dup(page)) as line,
-        contextlib.suppress(OSError),  # it is gone: the run goes on without it
-    ):
-        socket.send_fds(line, [message], list(inherited.values()))
-
-
-def take_over(line: socket.socket) -> dict[str, Any] | None:
-    """Return the orders of the next run that a page shows; None: there are none yet.
-
-    Args:
-        line: The other end of the socket that ``hand_over`` sends to; it does not block.
-
-    Raises:
-        EOFError: No run comes any more.
-    """
-    try:
-        message, received, _, _ = socket.recv_fds(line, _MOST_ORDERS, 3)
-    except BlockingIOError:
-        return None
-    if not message:
-        raise EOFError
-    orders: dict[str, Any] = json.loads(message)
-    return {"hand": None, **orders, **dict(zip(orders["descriptors"], received, strict=True))}

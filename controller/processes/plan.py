@@ -85,8 +85,6 @@ class Plan:
     """Phases that are rendered in place of the wall; the run ends with them. Empty: the wall"""
     live: Live | None = None
     """The page in a browser; None: none"""
-    page: int | None = None
-    """Socket to the process of a page that shows this run besides others; None: none"""
     hold: Hold | None = None
     """The dead man; None: none"""
     changeable: bool = False
@@ -97,6 +95,6 @@ class Plan:
     @property
     def elastic(self) -> bool:
         """Whether loop and emulated bus wait for each other: nobody else shares their time."""
-        config, alone = self.config, not (self.hold or self.live or self.page is not None)
+        config, alone = self.config, not (self.hold or self.live)
         real = config.loop.clock == "monotonic" and config.realtime.profile != "strict"
         return config.servo.kind == "emulated" and real and alone
