@@ -20,6 +20,7 @@ from click.shell_completion import CompletionItem
 
 from haptic_wall.controller.cli.working import aside
 from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.system.files import is_full
 from haptic_wall.controller.system.printable import printable
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -305,10 +306,9 @@ def writing(option: str, path: PurePath) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
         raise UserError(
             f"cannot be written: {error.strerror or error}",
             field=option,
             given=path,
-            advice="make room, or name another place" if full else "name another place",
+            advice="make room, or name another place" if is_full(error) else "name another place",
         ) from error

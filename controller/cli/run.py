@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -31,7 +32,7 @@ from haptic_wall.controller.cli.places import force_option, new_stem, take_file
 from haptic_wall.controller.cli.text import report_text
 from haptic_wall.controller.cli.working import is_shown, working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.logs.file import SUFFIX, foreign_beside
+from haptic_wall.controller.logs.file import SUFFIX, foreign_beside, is_held
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import file_of, load_config
@@ -317,6 +318,14 @@ def _refuse_no_log(path: Path) -> None:
     """
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise UserError(f"{path} is a device", field="--log", advice="name a file")
+    if path.is_file() and is_held(path):
+        raise UserError(
+            f"another program has {path} open, such as the run that writes it",
+            field="--log",
+            advice="wait for its end, or name another place",
+        )
+    if not path.exists() and not os.access(path.parent, os.W_OK | os.X_OK):
+        say(f"--log {path}: its folder cannot be written: unless that changes, there is no log")
     other = foreign_beside(path)
     if other is not None:
         raise UserError(
