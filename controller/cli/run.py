@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 import click
 
 from haptic_wall import __version__
-from haptic_wall.controller.cli.brief import brief_text
 from haptic_wall.controller.cli.drawing import drawn
 from haptic_wall.controller.cli.options import (
     FileToWrite,
@@ -29,7 +28,7 @@ from haptic_wall.controller.cli.options import (
     set_option,
 )
 from haptic_wall.controller.cli.places import force_option, new_stem, take_file
-from haptic_wall.controller.cli.text import report_text
+from haptic_wall.controller.cli.text import brief_text, report_text
 from haptic_wall.controller.cli.working import is_shown, working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.file import SUFFIX, foreign_beside, is_held
@@ -92,7 +91,7 @@ SIMULATED_S = 5.0
     " pedal (default: any key); or page, a button on the page of --live-control.",
 )
 @click.option(
-    "-v", "--verbose", is_flag=True, help="Print the whole report instead of eight lines."
+    "-v", "--verbose", is_flag=True, help="Print the whole report instead of about eight lines."
 )
 @force_option
 @json_option
@@ -120,7 +119,7 @@ def command(
     from haptic_wall.controller.cli.live_line import live_line
     from haptic_wall.controller.processes import run_report as reports
     from haptic_wall.controller.processes.plan import Plan
-    from haptic_wall.controller.processes.run import run
+    from haptic_wall.controller.processes.run import Shown, run
 
     loaded = load_config(config, sets, runs=True)
     effective = loaded.config
@@ -155,7 +154,7 @@ def command(
     if shown_live is not None:
         say(f"live: {shown_live.address}")
     if not as_json_wanted and is_shown(sys.stdout) and not _in_memory(effective):
-        shown = partial(live_line, effective)
+        shown: Shown = live_line
     else:
         shown = partial(_progress, effective, seconds)
     ended = run(plan, say, shown)

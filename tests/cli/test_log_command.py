@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from haptic_wall.controller.cli.brief import brief_text
 from haptic_wall.controller.cli.log import command
-from haptic_wall.controller.cli.text import report_text
+from haptic_wall.controller.cli.text import brief_text, report_text
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.writer import LogWriter, append_end

@@ -16,7 +16,7 @@ import pytest
 from click.core import Context
 
 from haptic_wall.controller.cli import run as run_command
-from haptic_wall.controller.cli.brief import brief_text
+from haptic_wall.controller.cli.text import brief_text
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.writer import LogWriter
 from haptic_wall.controller.processes import inline
