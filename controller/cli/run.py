@@ -6,7 +6,7 @@ import math
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -132,8 +132,9 @@ def command(
             field="--witness",
             advice="run emulated-xm430 on the monotonic clock, or leave the option out",
         )
-    shown_live = _live(effective, live, control=live_control)
-    held = _hold(effective, hold, page=shown_live is not None and bool(shown_live.token))
+    _refuse_unseen(effective, {"--live": live is not None, "--hold": bool(hold)})
+    shown_live = _live(live, control=live_control)
+    held = _hold(hold, page=shown_live is not None and bool(shown_live.token))
     log, plot = _places(log_path, plot_path, witness, loaded.name, draws=not no_plot, force=force)
     plan = Plan(
         config=effective,
@@ -176,7 +177,22 @@ def command(
     sys.exit(reports.exit_status(ended.stop_reason, no_wall, ended.log))
 
 
-def _live(config: Config, place: str | None, *, control: bool) -> Live | None:
+def _refuse_unseen(config: Config, options: Mapping[str, bool]) -> None:
+    """Refuse options for a person beside the run where it is over before anybody can act.
+
+    Raises:
+        UserError: One is given on the simulated clock.
+    """
+    given = [option for option, is_given in options.items() if is_given and _in_memory(config)]
+    if given:
+        raise UserError(
+            "on the simulated clock a run is over before it can be watched",
+            field=given[0],
+            advice="leave it out, or run with --set loop.clock=monotonic",
+        )
+
+
+def _live(place: str | None, *, control: bool) -> Live | None:
     """Return the live page's place; it listens already."""
     if place is None:
         if control:
@@ -184,23 +200,15 @@ def _live(config: Config, place: str | None, *, control: bool) -> Live | None:
                 "found without --live", field="--live-control", advice="add --live, or leave it out"
             )
         return None
-    if _in_memory(config):
-        raise UserError(
-            "on the simulated clock a run is over before it can be watched",
-            field="--live",
-            advice="run with --set loop.clock=monotonic, or look at the log with "
-            "`haptic-wall live LOG`",
-        )
     from haptic_wall.controller.live.place import live_at
 
     return live_at(place, control=control)
 
 
-def _hold(config: Config, sources: tuple[str, ...], *, page: bool) -> Hold | None:
+def _hold(sources: tuple[str, ...], *, page: bool) -> Hold | None:
     """Return the dead man's source; None if there is none.
 
     Args:
-        config: Of the run.
         sources: As given.
         page: Whether there is a page that may change the wall.
 
@@ -214,12 +222,6 @@ def _hold(config: Config, sources: tuple[str, ...], *, page: bool) -> Hold | Non
             f"found {len(sources)} sources ({', '.join(sources)})",
             field="--hold",
             wanted="one: a run has one dead man",
-        )
-    if _in_memory(config):
-        raise UserError(
-            "on the simulated clock a run is over before a key can be held",
-            field="--hold",
-            advice="leave it out, or run with --set loop.clock=monotonic",
         )
     from haptic_wall.controller.processes.hold import PAGE, Hold, hold_by
 

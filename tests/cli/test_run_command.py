@@ -44,7 +44,10 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ("arguments", "message"),
     [
         (["--log", "a", "--plot", "./a"], "--log and --plot both name a"),
-        (["--hold", "a", "--hold", "b"], "--hold: found 2 sources (a, b), wanted one"),
+        (
+            ["--set=loop.clock=monotonic", "--hold", "a", "--hold", "b"],
+            "--hold: found 2 sources (a, b), wanted one",
+        ),
         (["--set=loop.clock=monotonic", "--hold", "page"], "add --live --live-control"),
         (["--plot", "a.svg"], "--plot a.svg: found a name ending in .svg"),
         (["--log", "."], "--log: . is a folder"),
