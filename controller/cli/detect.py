@@ -28,7 +28,7 @@ from haptic_wall.controller.errors import UserError
 
 _BYTES_S = 1e7
 """Bytes of a file processed in a second"""
-_POSITIVE, _ANY = Number(1e-12, 1e6), Number()
+_POSITIVE, _ANY = Number(0.0, 1e6, above=True), Number()
 _FROM_0 = Number(0.0, 1e6)
 OWN = "the run's own result; any option makes detect judge the recorded motion"
 

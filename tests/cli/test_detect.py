@@ -112,12 +112,12 @@ def test_a_constant_sine_does_not_grow(tmp_path: Path) -> None:
         (["nofile.csv"], "LOG nofile.csv: cannot be read"),
         (
             ["{}", "--inertia", "0"],
-            "--inertia: found 0.0, wanted a number x with 1e-12<=x",
+            "--inertia: found 0, wanted a number above 0, up to 1e+06",
         ),
-        (["{}", "--delay", "-1"], "--delay: found -1.0, wanted a number x with 0.0<=x<=10.0"),
-        (["{}", "--coulomb", "nan"], "--coulomb: found 'nan', wanted a number"),
-        (["{}", "--stiffness", "0"], "--stiffness: found 0.0, wanted a number x with"),
-        (["{}", "--wall-position", "inf"], "--wall-position: found 'inf', wanted a number"),
+        (["{}", "--delay", "-1"], "--delay: found -1, wanted a number from 0, up to 10"),
+        (["{}", "--coulomb", "nan"], "--coulomb: found nan, wanted a number"),
+        (["{}", "--stiffness", "0"], "--stiffness: found 0, wanted a number above 0"),
+        (["{}", "--wall-position", "inf"], "--wall-position: found inf, wanted a number"),
         (["{}", "--plot", "a.pdf"], "wanted one ending in .png"),
     ],
 )

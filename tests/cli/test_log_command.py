@@ -176,8 +176,8 @@ def test_a_stretch_is_shown_and_exported_by_the_log_s_time(
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--from", "-1"], "--from: found -1.0, wanted a number"),
-        (["--to", "nan"], "--to: found 'nan', wanted a number"),
+        (["--from", "-1"], "--from: found -1, wanted a number from 0"),
+        (["--to", "nan"], "--to: found nan, wanted a number"),
         (["--from", "2", "--to", "1"], "--to: found 1, wanted more than --from, which is 2"),
         (["--from", "5"], "holds no rows in that stretch"),
     ],
