@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import socket
 import time
 from collections.abc import Callable
@@ -34,6 +35,7 @@ MOST_SETS: Final = 100
 IDLE_S: Final = 0.5
 """Longest wait for a request [s]"""
 _LOOK_S: Final = 0.01
+_NUMBERS: Final = re.compile(r"\d[-+.\de]*")
 
 
 class Desk(Protocol):
@@ -181,7 +183,7 @@ class Dial:
             self._end(told)
         elif time.monotonic() > self._began_s + TOLD_S:
             obstacle = desk.obstacle()
-            kind = obstacle.partition(":")[0]
+            kind = _NUMBERS.sub("", obstacle)  # the same obstacle, of another size
             if kind != self._told:
                 self._told = kind
                 self._say({"waits": obstacle})
