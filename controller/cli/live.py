@@ -37,7 +37,7 @@ def command(log: Path, place: str, start_s: float | None, end_s: float | None) -
     """Show LOG, a file that run wrote, in a browser, until Ctrl-C.
 
     The address is the first line on standard output. The page is that of `run --live` for a running
-    wall: zoom, cursors, events, export.
+    wall: zoom, cursors, events.
     """
     stretch = TimeSpan(*stretch_between(start_s, end_s))
     live = live_at(place, field="--at")

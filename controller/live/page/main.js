@@ -10,7 +10,6 @@ import { Knobs } from "./knobs.js";
 import { Hand } from "./hand.js";
 import { DeadMan } from "./dead_man.js";
 import { keepLaws } from "./backdrop.js";
-import { saveCsv, savePng } from "./exports.js";
 
 const element = (id) => document.getElementById(id);
 const state = { laws: [], marks: [], pin: null, cursor: null, hello: null, ended: "", health: "" };
@@ -160,8 +159,6 @@ for (const span of SPANS) {
   element("spans").append(" ");
 }
 element("pause").addEventListener("click", () => change(() => (view.follows ? view.hold() : view.follow())));
-element("csv").addEventListener("click", () => saveCsv(store, view.stretch, state.hello.name));
-element("png").addEventListener("click", () => savePng(scope, state.hello.name, `${document.title}  ${element("state").textContent}`));
 addEventListener("keydown", (event) => {
   if (event.key === " " && event.target === document.body) {
     event.preventDefault();
