@@ -12,8 +12,13 @@ from typing import TYPE_CHECKING
 import click
 
 from haptic_wall.controller.cli import interrupt
-from haptic_wall.controller.cli.options import answer, place_option, reading
-from haptic_wall.controller.cli.stretch import stretch_between
+from haptic_wall.controller.cli.options import (
+    answer,
+    place_option,
+    reading,
+    stretch_between,
+    stretch_options,
+)
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.live.place import live_at, server_log_of
 from haptic_wall.controller.logs.reader import LogReader, TimeSpan
@@ -27,15 +32,14 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("log", type=click.Path(path_type=Path))
 @place_option
-@click.option("--from", "start_s", type=float, metavar="S", help="Start of the stretch [s].")
-@click.option("--to", "end_s", type=float, metavar="S", help="End of the stretch [s].")
+@stretch_options
 def command(log: Path, place: str, start_s: float | None, end_s: float | None) -> int:
     """Show LOG, a file that run wrote, in a browser, until Ctrl-C.
 
     The address is the first line on standard output. The page is that of `run --live` for a running
-    wall: zoom, cursors, events, export.
+    wall: zoom, cursors, events.
     """
-    stretch = stretch_between(start_s, end_s)
+    stretch = TimeSpan(*stretch_between(start_s, end_s))
     live = live_at(place, field="--at")
     with socket.socket(fileno=live.descriptor) as listener:
         view = _view(log, stretch)

@@ -16,13 +16,14 @@ from haptic_wall.controller.cli.options import (
     reading,
     refuse_other_pictures,
     refuse_same_file,
+    stretch_between,
+    stretch_options,
     writing,
 )
 from haptic_wall.controller.cli.places import force_option, take_file
-from haptic_wall.controller.cli.stretch import stretch_between
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.logs.reader import LogReader
+from haptic_wall.controller.logs.reader import LogReader, TimeSpan
 from haptic_wall.controller.logs.summary import summarised
 from haptic_wall.controller.system.files import whole
 
@@ -32,8 +33,7 @@ _READ_BYTES_S, _WRITTEN_ROWS_S = 5e7, 1.2e5
 
 @click.command()
 @click.argument("log", type=click.Path(path_type=Path))
-@click.option("--from", "start_s", type=float, metavar="S", help="Start of the stretch [s].")
-@click.option("--to", "end_s", type=float, metavar="S", help="End of the stretch [s].")
+@stretch_options
 @click.option("--csv", "csv_path", type=FileToWrite(), help="Write the rows as CSV to this path.")
 @click.option("--plot", type=FileToWrite(), help="Draw the rows as PNG to this path.")
 @force_option
@@ -62,7 +62,7 @@ def command(
         reading("LOG", log, "a log of run"),
         working("reading the log", log.stat().st_size / _READ_BYTES_S),
     ):
-        read = LogReader.open(log, stretch_between(start_s, end_s))
+        read = LogReader.open(log, TimeSpan(*stretch_between(start_s, end_s)))
         summary = summarised(read)
     if not summary.rows and (start_s or end_s or csv_path or plot):
         raise UserError("holds no rows in that stretch", field="LOG", given=log)

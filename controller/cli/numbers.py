@@ -1,12 +1,13 @@
-"""Reads numbers from the command line: lists, and ranges LOW:HIGH.
+"""Reads numbers from the command line: within bounds, lists, and ranges LOW:HIGH.
 
-They are callbacks of options that take text, so that a message names the option.
+Lists and ranges are callbacks of options that take text, so that a message names the option.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from typing import Any
 
 import click
 
@@ -17,6 +18,40 @@ from haptic_wall.hw.errors import Problem
 
 _DIGITS = 9
 """Largest number of digits of an id or firmware; Python refuses numbers of thousands"""
+
+
+class Number(click.types.FloatParamType):
+    """A finite number within bounds, of which each may be left out.
+
+    Args:
+        low: Smallest number.
+        high: Largest number.
+        above: Whether ``low`` itself is refused.
+    """
+
+    def __init__(
+        self, low: float = -math.inf, high: float = math.inf, *, above: bool = False
+    ) -> None:
+        self._low, self._high = low, high
+        self._without = (low,) if above else ()
+
+    def convert(
+        self,
+        value: Any,  # noqa: ANN401 - click's signature
+        param: click.Parameter | None,
+        ctx: click.Context | None,  # noqa: ARG002 - click's signature
+    ) -> float:
+        """Read the number; raise if it is none, or outside of the bounds."""
+        number = _number(str(value))
+        if number is None or not self._low <= number <= self._high or number in self._without:
+            raise WrongValueError(Problem(f"found {value}", wanted=self._wanted()), param)
+        return number
+
+    def _wanted(self) -> str:
+        if self._low == -math.inf:
+            return "a number"
+        low = f"a number {'above' if self._without else 'from'} {self._low:g}"
+        return low if self._high == math.inf else f"{low}, up to {self._high:g}"
 
 
 def numbers(_: click.Context, parameter: click.Parameter, text: str | None) -> list[float] | None:

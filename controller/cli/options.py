@@ -18,8 +18,10 @@ from typing import Any, Final, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
+from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.working import aside
 from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.system.files import is_full
 from haptic_wall.controller.system.printable import printable
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -96,6 +98,28 @@ def place_option(command: Command) -> Command:
         default="localhost:0",
         help="Address to listen on; default: a free port, for this machine only.",
     )(command)
+
+
+def stretch_options(command: Command) -> Command:
+    """Add ``--from`` and ``--to``, which choose a stretch of a log, as ``start_s``, ``end_s``."""
+    for option, name, text in (("--to", "end_s", "End"), ("--from", "start_s", "Start")):
+        command = click.option(
+            option, name, type=Number(0.0), metavar="S", help=f"{text} of the stretch [s]."
+        )(command)
+    return command
+
+
+def stretch_between(start_s: float | None, end_s: float | None) -> tuple[float, float]:
+    """Return the stretch that these options choose [s].
+
+    Raises:
+        UserError: It is empty.
+    """
+    if start_s is not None and end_s is not None and start_s >= end_s:
+        raise UserError(
+            f"found {end_s:g}", field="--to", wanted=f"more than --from, which is {start_s:g}"
+        )
+    return -math.inf if start_s is None else start_s, math.inf if end_s is None else end_s
 
 
 def as_json(value: Mapping[str, Any]) -> str:
@@ -305,10 +329,9 @@ def writing(option: str, path: PurePath) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
         raise UserError(
             f"cannot be written: {error.strerror or error}",
             field=option,
             given=path,
-            advice="make room, or name another place" if full else "name another place",
+            advice="make room, or name another place" if is_full(error) else "name another place",
         ) from error

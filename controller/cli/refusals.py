@@ -10,7 +10,7 @@ from haptic_wall.hw.errors import Problem
 class WrongValueError(click.BadParameter):
     """A parameter's value cannot be read."""
 
-    def __init__(self, problem: Problem, parameter: click.Parameter) -> None:
+    def __init__(self, problem: Problem, parameter: click.Parameter | None) -> None:
         super().__init__(str(problem), param=parameter)
         self.problem = problem
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -14,7 +15,6 @@ from typing import TYPE_CHECKING
 import click
 
 from haptic_wall import __version__
-from haptic_wall.controller.cli.brief import brief_text
 from haptic_wall.controller.cli.drawing import drawn
 from haptic_wall.controller.cli.options import (
     FileToWrite,
@@ -28,10 +28,10 @@ from haptic_wall.controller.cli.options import (
     set_option,
 )
 from haptic_wall.controller.cli.places import force_option, new_stem, take_file
-from haptic_wall.controller.cli.text import report_text
+from haptic_wall.controller.cli.text import brief_text, report_text
 from haptic_wall.controller.cli.working import is_shown, working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.logs.file import SUFFIX, foreign_beside
+from haptic_wall.controller.logs.file import SUFFIX, foreign_beside, is_held
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import file_of, load_config
@@ -39,7 +39,6 @@ from haptic_wall.controller.system.signals import STOPPING, interrupting, on_sig
 
 if TYPE_CHECKING:
     from haptic_wall.controller.live.place import Live
-    from haptic_wall.controller.live.stream import Stream
     from haptic_wall.controller.processes.hold import Hold
 
 MUCH = 1e8
@@ -73,20 +72,12 @@ SIMULATED_S = 5.0
     help="Record every frame of the emulated bus and the true motion to this CSV file.",
 )
 @click.option(
-    "--stream",
-    metavar="HOST:PORT",
-    help="Send rows to this address during the run: UDP, one JSON object each, for PlotJuggler.",
-)
-@click.option("--stream-rate", type=float, metavar="HZ", help="Rows per second; default: 100.")
-@click.option("--stream-anywhere", is_flag=True, help="Let --stream go to another machine.")
-@click.option(
     "--live",
     metavar="[HOST:PORT]",
     is_flag=False,
     flag_value="localhost:0",
     help="Show the run in a browser; prints the address. Default: a free port, for this machine.",
 )
-@click.option("--page-socket", type=int, hidden=True)  # inherited, of a page of several runs
 @click.option(
     "--live-control",
     is_flag=True,
@@ -100,7 +91,7 @@ SIMULATED_S = 5.0
     " pedal (default: any key); or page, a button on the page of --live-control.",
 )
 @click.option(
-    "-v", "--verbose", is_flag=True, help="Print the whole report instead of eight lines."
+    "-v", "--verbose", is_flag=True, help="Print the whole report instead of about eight lines."
 )
 @force_option
 @json_option
@@ -112,11 +103,7 @@ def command(
     plot_path: Path | None,
     no_plot: bool,
     witness: Path | None,
-    stream: str | None,
-    stream_rate: float | None,
-    stream_anywhere: bool,
     live: str | None,
-    page_socket: int | None,
     live_control: bool,
     hold: tuple[str, ...],
     verbose: bool,
@@ -132,7 +119,7 @@ def command(
     from haptic_wall.controller.cli.live_line import live_line
     from haptic_wall.controller.processes import run_report as reports
     from haptic_wall.controller.processes.plan import Plan
-    from haptic_wall.controller.processes.run import run
+    from haptic_wall.controller.processes.run import Shown, run
 
     loaded = load_config(config, sets, runs=True)
     effective = loaded.config
@@ -145,9 +132,9 @@ def command(
             field="--witness",
             advice="run emulated-xm430 on the monotonic clock, or leave the option out",
         )
-    streamed = _stream(effective, stream, stream_rate, stream_anywhere)
-    shown_live = _live(effective, live, control=live_control)
-    held = _hold(effective, hold, page=shown_live is not None and bool(shown_live.token))
+    _refuse_unseen(effective, {"--live": live is not None, "--hold": bool(hold)})
+    shown_live = _live(live, control=live_control)
+    held = _hold(hold, page=shown_live is not None and bool(shown_live.token))
     log, plot = _places(log_path, plot_path, witness, loaded.name, draws=not no_plot, force=force)
     plan = Plan(
         config=effective,
@@ -159,9 +146,7 @@ def command(
             "config": effective.model_dump(mode="json"),
         },
         witness=witness,
-        stream=streamed,
         live=shown_live,
-        page=page_socket,
         hold=held,
         changeable=True,
         force=force,
@@ -170,7 +155,7 @@ def command(
     if shown_live is not None:
         say(f"live: {shown_live.address}")
     if not as_json_wanted and is_shown(sys.stdout) and not _in_memory(effective):
-        shown = partial(live_line, effective)
+        shown: Shown = live_line
     else:
         shown = partial(_progress, effective, seconds)
     ended = run(plan, say, shown)
@@ -192,31 +177,22 @@ def command(
     sys.exit(reports.exit_status(ended.stop_reason, no_wall, ended.log))
 
 
-def _stream(
-    config: Config, place: str | None, rate_hz: float | None, anywhere: bool
-) -> Stream | None:
-    """Return the destination of the live stream; None if there is none."""
-    if place is None:
-        for option, given in (("rate", rate_hz is not None), ("anywhere", anywhere)):
-            if given:
-                raise UserError(
-                    "found without --stream",
-                    field=f"--stream-{option}",
-                    advice="add --stream HOST:PORT, or leave the option out",
-                )
-        return None
-    if _in_memory(config):
+def _refuse_unseen(config: Config, options: Mapping[str, bool]) -> None:
+    """Refuse options for a person beside the run where it is over before anybody can act.
+
+    Raises:
+        UserError: One is given on the simulated clock.
+    """
+    given = [option for option, is_given in options.items() if is_given and _in_memory(config)]
+    if given:
         raise UserError(
             "on the simulated clock a run is over before it can be watched",
-            field="--stream",
-            advice="read the log instead, or run with --set loop.clock=monotonic",
+            field=given[0],
+            advice="leave it out, or run with --set loop.clock=monotonic",
         )
-    from haptic_wall.controller.live.stream import RATE_HZ, stream_to
-
-    return stream_to(place, RATE_HZ if rate_hz is None else rate_hz, anywhere)
 
 
-def _live(config: Config, place: str | None, *, control: bool) -> Live | None:
+def _live(place: str | None, *, control: bool) -> Live | None:
     """Return the live page's place; it listens already."""
     if place is None:
         if control:
@@ -224,23 +200,15 @@ def _live(config: Config, place: str | None, *, control: bool) -> Live | None:
                 "found without --live", field="--live-control", advice="add --live, or leave it out"
             )
         return None
-    if _in_memory(config):
-        raise UserError(
-            "on the simulated clock a run is over before it can be watched",
-            field="--live",
-            advice="run with --set loop.clock=monotonic, or look at the log with "
-            "`haptic-wall live LOG`",
-        )
     from haptic_wall.controller.live.place import live_at
 
     return live_at(place, control=control)
 
 
-def _hold(config: Config, sources: tuple[str, ...], *, page: bool) -> Hold | None:
+def _hold(sources: tuple[str, ...], *, page: bool) -> Hold | None:
     """Return the dead man's source; None if there is none.
 
     Args:
-        config: Of the run.
         sources: As given.
         page: Whether there is a page that may change the wall.
 
@@ -254,12 +222,6 @@ def _hold(config: Config, sources: tuple[str, ...], *, page: bool) -> Hold | Non
             f"found {len(sources)} sources ({', '.join(sources)})",
             field="--hold",
             wanted="one: a run has one dead man",
-        )
-    if _in_memory(config):
-        raise UserError(
-            "on the simulated clock a run is over before a key can be held",
-            field="--hold",
-            advice="leave it out, or run with --set loop.clock=monotonic",
         )
     from haptic_wall.controller.processes.hold import PAGE, Hold, hold_by
 
@@ -357,6 +319,14 @@ def _refuse_no_log(path: Path) -> None:
     """
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise UserError(f"{path} is a device", field="--log", advice="name a file")
+    if path.is_file() and is_held(path):
+        raise UserError(
+            f"another program has {path} open, such as the run that writes it",
+            field="--log",
+            advice="wait for its end, or name another place",
+        )
+    if not path.exists() and not os.access(path.parent, os.W_OK | os.X_OK):
+        say(f"--log {path}: its folder cannot be written: unless that changes, there is no log")
     other = foreign_beside(path)
     if other is not None:
         raise UserError(

@@ -8,13 +8,12 @@ from typing import Any
 
 import click
 
+from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import answer, as_json, json_option, say
 from haptic_wall.controller.cli.text import number
-from haptic_wall.controller.errors import UserError
 
 WAIT_S = 10.0
 """Default of the longest wait for a suitable moment [s]"""
-MOST_WAIT_S = 3600.0
 
 
 @click.command()
@@ -29,7 +28,7 @@ MOST_WAIT_S = 3600.0
 @click.option(
     "--wait",
     "wait_s",
-    type=float,
+    type=Number(0.0, 3600.0),
     default=WAIT_S,
     metavar="S",
     help="Longest wait for a moment at which the change is safe [s]; default: 10.",
@@ -45,10 +44,6 @@ def command(sets: tuple[str, ...], run: Path | None, wait_s: float, as_json_want
     from haptic_wall.controller.live.ask import ask
     from haptic_wall.controller.live.run_socket import alive, chosen
 
-    if not 0.0 <= wait_s <= MOST_WAIT_S:
-        raise UserError(
-            f"found {wait_s:g}", field="--wait", wanted=f"a time from 0 to {MOST_WAIT_S:g} s"
-        )
     changed = chosen(run, alive())
     told = ask(changed, sets, wait_s, say) | {"log": str(changed.log)}
     lines = _lines(told)

@@ -20,9 +20,9 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import IO, Any, Final
 
 from haptic_wall.controller.errors import HapticWallError, UserError
 from haptic_wall.controller.live.ask import ask
@@ -57,8 +57,7 @@ class RunningWall:
     Args:
         log: Path of its log.
         arguments: Of its command, ``haptic-wall`` left out.
-        descriptors: Descriptors that it inherits.
-        quiet: Whether its messages are dropped; else they go to standard error.
+        said: File that its messages go to; None: standard error.
 
     Attributes:
         log: See above.
@@ -68,17 +67,14 @@ class RunningWall:
         self,
         log: Path,
         arguments: Sequence[str],
-        descriptors: Sequence[int] = (),
-        *,
-        quiet: bool = False,
+        said: IO[str] | None = None,
     ) -> None:
         self.log = log
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "haptic_wall.controller.cli.attached", *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL if quiet else None,
-            pass_fds=descriptors,
+            stderr=said,
             process_group=0,  # a Ctrl-C is for the starter, which ends the run as it leaves
         )
         self._said = b""
@@ -154,10 +150,10 @@ class RunningWall:
         assert self._process.stdout is not None
         self._said = self._process.stdout.read()
 
-    def await_start(self, given_up: Callable[[], bool] = lambda: False) -> None:
+    def await_start(self) -> None:
         """Wait until the run takes changes, or has ended."""
         end_s = time.monotonic() + START_S
-        while self.running() and time.monotonic() < end_s and not given_up():
+        while self.running() and time.monotonic() < end_s:
             with contextlib.suppress(OSError):
                 connected(socket_of(self.log)).close()
                 return

@@ -1,7 +1,8 @@
-"""Formats the whole report of a run (``run -v``): events, commanded values and reasons."""
+"""Formats the report of a run: in short, or in full (``run -v``)."""
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -14,22 +15,58 @@ _UNCONFIRMED = (
 )
 
 
-def report_text(report: Mapping[str, Any]) -> str:
-    """Format the report of ``haptic-wall run -v`` as text of some 25 lines.
+def brief_text(report: Mapping[str, Any]) -> str:
+    """Format the report of ``haptic-wall run`` in about eight lines.
+
+    The guard's first reason and the last note stand whole; the line ``more`` counts the others.
 
     Args:
         report: The report, as for ``--json``; fields that are None are omitted.
     """
+    notes, reasons, asked = _notes(report), _reasons(report), changes(report)
+    others = (len(notes) - 1, "note"), (len(asked), "change"), (len(reasons) - 1, "reason")
+    more = [f"{count} {what}{'s' * (count > 1)}" for count, what in others if count > 0]
+    log = report.get("log")
+    where = f"haptic-wall log {shlex.quote(str(log))}" if log else "run -v"
     return "\n".join(
         [
             *ending(report),
-            *_timing(report),
-            *_delay(report.get("delay_s")),
-            *_interval(report),
-            *_guard(report.get("guard")),
             *_motion(report),
+            *_wall(report.get("guard")),
+            *(line for text in reasons[:1] for line in entry("why", text)),
+            *_ticks(report),
+            *_bus(report.get("bus")),
+            *(line for text in notes[-1:] for line in entry("note", text)),
+            *(entry("more", f"{', '.join(more)}: `{where}`") if more else ()),
+            *files(report),
+        ]
+    )
+
+
+def report_text(report: Mapping[str, Any]) -> str:
+    """Format the report of ``haptic-wall run -v`` as text of some 25 lines.
+
+    Args:
+        report: As of ``brief_text``.
+    """
+    labelled = [
+        *(("why", text) for text in _reasons(report)),
+        *changes(report),
+        *(("note", text) for text in _notes(report)),
+    ]
+    return "\n".join(
+        [
+            *ending(report),
+            *_motion(report),
+            *_wall(report.get("guard")),
+            *_limits(report.get("guard")),
+            *_ticks(report),
+            *_timing(report),
+            *_bus(report.get("bus")),
+            *_delay(report),
             *_realtime(report.get("realtime") or []),
-            *_notes(report),
+            *(line for label, text in labelled for line in entry(label, text)),
+            *files(report),
         ]
     )
 
@@ -60,79 +97,53 @@ def ending(report: Mapping[str, Any]) -> Iterator[str]:
         yield from entry("", _UNCONFIRMED)
 
 
-def _timing(report: Mapping[str, Any]) -> Iterator[str]:
-    ticks, missed = report["ticks"], report["missed_ticks"]
-    if not ticks and not missed:
-        yield from entry("ticks", "none: the run ended before the wall was on")
-        return
-    share = f" ({100 * missed / (ticks + missed):.2f} %)" if missed else ""
-    yield from entry(
-        "ticks",
-        f"{ticks} in {number(report['duration_s'])} s: {number(report['rate_hz'], 6)} Hz; "
-        f"{missed} missed{share}",
-    )
-    factor = report.get("real_time_factor")
-    if factor is not None:  # on the simulated clock nothing is ever late
-        yield from entry("clock", f"simulated, {number(factor)} times faster than real time")
-    for key, meaning in (
-        ()
-        if factor is not None
-        else (
-            ("lateness_us", "lateness"),
-            ("work_us", "work"),
-            ("bus_us", "bus wait"),
-        )
-    ):
-        times = report.get(key) or {}
-        if times.get("p50") is not None:
-            yield from entry(meaning, _percentiles(times))
-    bus = report.get("bus")
-    if bus:
-        refused = f", {bus['refused']} refused" if bus.get("refused") else ""
-        yield from entry(
-            "bus",
-            f"{bus['cycles']} cycles, {bus['schedule']}: {bus['lost']} lost, {bus['late']} late, "
-            f"{bus['corrupt']} corrupt{refused}; sample age {_percentiles(bus['sample_age_us'])}",
-        )
+def _oscillation(seen: Mapping[str, Any]) -> str:
+    """Format the detector's state, frequency and amplitude."""
+    known = [
+        f"{number(seen[key])} {unit}"
+        for key, unit in (("frequency_hz", "Hz"), ("amplitude_rad", "rad"))
+        if seen.get(key) is not None
+    ]
+    return ", ".join([str(seen["state"]), *known])
 
 
-def _delay(delay: Mapping[str, Any] | None) -> Iterator[str]:
-    if delay:
-        parts = " + ".join(
-            f"{name} {milli(delay[name])}" for name in ("inserted", "device", "measured")
-        )
-        yield from entry("delay", f"{milli(delay['total'])} ms = {parts} ms")
+def _motion(report: Mapping[str, Any]) -> list[str]:
+    seen, torque = report.get("oscillation"), report.get("torque") or {}
+    parts = []
+    if seen:
+        first = seen.get("first_alarm_s")
+        share = (seen.get("reduced_to") or {}).get("stiffness", 1.0)
+        parts = [
+            _oscillation(seen),
+            *([] if first is None else [f"alarm after {number(first)} s"]),
+            *([f"wall reduced to {100.0 * share:.0f} %"] if share < 1.0 else []),
+        ]
+    if torque.get("max") is not None:
+        ticks = torque["saturated_ticks"]
+        cut = f", the limit cut it in {ticks} ticks" if ticks else ""
+        parts.append(f"torque at most {number(torque['max'])} N·m{cut}")
+    return entry("oscillation" if seen else "torque", "; ".join(parts)) if parts else []
 
 
-def _interval(report: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the guard's served interval, where it is not the grid's."""
-    interval = (report.get("guard") or {}).get("interval_s")
-    grid = report.get("grid_hz")
-    if interval and grid and interval * grid > 1.001:
-        yield from entry(
-            "interval",
-            f"{milli(interval)} ms counted as the period: {_slower(report)}",
-        )
-
-
-def _slower(report: Mapping[str, Any]) -> str:
-    """Describe the causes of long intervals between good readings."""
-    bus = report.get("bus") or {}
-    lost = sum(bus.get(name, 0) for name in ("lost", "corrupt", "refused"))
-    causes = [f"{lost} replies lost or broken"] if lost else []
-    if report["missed_ticks"] or not lost:
-        causes.append(f"{report['missed_ticks']} ticks missed, others late")
-    return ", ".join(causes)
-
-
-def _guard(guard: Mapping[str, Any] | None) -> Iterator[str]:
+def _wall(guard: Mapping[str, Any] | None) -> list[str]:
     if not guard:
-        return
+        return []
     asked, commanded = guard["requested"], guard["commanded"]
+    parts = []
     for key, unit in (("stiffness", "N·m/rad"), ("damping", "N·m·s/rad")):
         same = asked[key] == commanded[key]
-        note = "as requested" if same else f"requested {number(asked[key])}"
-        yield from entry(key, f"{number(commanded[key])} {unit}, {note}")
+        part = f"{number(commanded[key])} {unit}"
+        parts.append(part if same else f"{part} of {number(asked[key])} requested")
+    if guard["binding"]:
+        parts.append(f"limited by {guard['binding']}")
+    elif asked == commanded:
+        parts.append("as requested")
+    return entry("wall", ", ".join(parts))
+
+
+def _limits(guard: Mapping[str, Any] | None) -> Iterator[str]:
+    if not guard:
+        return
     if filtered := guard.get("velocity_filter"):
         yield from entry("filter", f"{filter_text(filtered)}, of the velocity that damps")
     limits = [
@@ -147,36 +158,68 @@ def _guard(guard: Mapping[str, Any] | None) -> Iterator[str]:
         yield from entry(
             "limits", f"{', '.join(limits)} N·m/rad x margin {guard['margin']:g}{star}{above}"
         )
-    for reason in guard["reasons"]:
-        yield from entry("why", str(reason))
     if assumed := guard.get("assumed"):
         yield from entry("assumed", assumed)
+
+
+def _ticks(report: Mapping[str, Any]) -> list[str]:
+    ticks, missed = report["ticks"], report["missed_ticks"]
+    if not ticks and not missed:
+        return entry("ticks", "none: the run ended before the wall was on")
+    share = f"{100 * missed / (ticks + missed):.2g} %" if missed else "none"
+    parts = [f"{ticks} at {number(report['rate_hz'])} Hz, {share} missed"]
+    late = report.get("lateness_us") or {}
+    if report.get("real_time_factor") is not None:
+        parts.append("simulated clock")
+    elif late.get("max") is not None:
+        parts.append(f"late by p99 {late['p99']:.3g}, max {late['max']:.0f} µs")
+    if report.get("delay_s"):
+        parts.append(f"delay {milli(report['delay_s']['total'])} ms")
+    return entry("ticks", "; ".join(parts))
+
+
+def _timing(report: Mapping[str, Any]) -> Iterator[str]:
+    factor = report.get("real_time_factor")
+    if factor is not None:  # on the simulated clock nothing is ever late
+        yield from entry("clock", f"simulated, {number(factor)} times faster than real time")
+        return
+    for key, meaning in (("lateness_us", "lateness"), ("work_us", "work"), ("bus_us", "bus wait")):
+        known = {name: time for name, time in (report.get(key) or {}).items() if time is not None}
+        named = [
+            f"{name.replace('_', '.')} {time:{'.0f' if time >= 1000 else '.3g'}}"
+            for name, time in known.items()
+        ]
+        if named:
+            yield from entry(meaning, f"{', '.join(named)} µs")
+
+
+def _bus(bus: Mapping[str, Any] | None) -> list[str]:
+    if not bus:
+        return []
+    kinds = ["lost", "late", "corrupt", *(["refused"] if bus.get("refused") else [])]
+    counts = ", ".join(f"{bus[kind]} {kind}" for kind in kinds)
+    age = bus["sample_age_us"].get("p99")
+    known = "" if age is None else f"; sample age p99 {age:.0f} µs"
+    return entry("bus", f"{bus['cycles']} cycles, {bus['schedule']}: {counts}{known}")
+
+
+def _delay(report: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the parts of the delay, and the guard's served interval where it is not the grid's."""
+    if delay := report.get("delay_s"):
+        names = ("inserted", "device", "measured")
+        parts = " + ".join(f"{name} {milli(delay[name])}" for name in names)
+        yield from entry("delay", f"{milli(delay['total'])} ms = {parts} ms")
+    interval, grid = (report.get("guard") or {}).get("interval_s"), report.get("grid_hz")
+    if interval and grid and interval * grid > 1.001:
+        yield from entry(
+            "interval", f"{milli(interval)} ms counted as the period: ticks or replies were late"
+        )
 
 
 def filter_text(filtered: Mapping[str, Any]) -> str:
     """Describe a filter of the velocity, as a report has it."""
     kind = {"lowpass": "low-pass", "notch": "notch"}[filtered["kind"]]
     return f"{kind} at {number(filtered['frequency_hz'])} Hz, quality {number(filtered['q'])}"
-
-
-def _motion(report: Mapping[str, Any]) -> Iterator[str]:
-    torque = report.get("torque") or {}
-    if torque.get("max") is not None:
-        ticks = torque["saturated_ticks"]
-        cut = f"; the limit cut it in {ticks} ticks" if ticks else ""
-        yield from entry("torque", f"at most {number(torque['max'])} N·m{cut}")
-    if report.get("oscillation"):
-        yield from entry("oscillation", oscillation(report["oscillation"]))
-
-
-def oscillation(seen: Mapping[str, Any]) -> str:
-    """Format the detector's state, frequency and amplitude."""
-    known = [
-        f"{number(seen[key])} {unit}"
-        for key, unit in (("frequency_hz", "Hz"), ("amplitude_rad", "rad"))
-        if seen.get(key) is not None
-    ]
-    return ", ".join([str(seen["state"]), *known])
 
 
 def _realtime(settings: list[Mapping[str, Any]]) -> Iterator[str]:
@@ -207,12 +250,12 @@ def _change(change: Mapping[str, Any]) -> str:
     )
 
 
-def _notes(report: Mapping[str, Any]) -> Iterator[str]:
-    for label, text in changes(report):
-        yield from entry(label, text)
-    for warning in report.get("warnings") or []:
-        yield from entry("note", str(warning))
-    yield from files(report)
+def _notes(report: Mapping[str, Any]) -> list[str]:
+    return list(map(str, report.get("warnings") or []))
+
+
+def _reasons(report: Mapping[str, Any]) -> list[str]:
+    return list(map(str, (report.get("guard") or {}).get("reasons") or []))
 
 
 def files(report: Mapping[str, Any]) -> Iterator[str]:
@@ -225,15 +268,6 @@ def files(report: Mapping[str, Any]) -> Iterator[str]:
 def entry(label: str, text: str) -> list[str]:
     """Format a label and its text; long text wraps into the column beside the label."""
     return wrapped(text, f"{label:<12}", " " * 12)
-
-
-def _percentiles(times: Mapping[str, float | None]) -> str:
-    named = [
-        f"{key.replace('_', '.')} {value:{'.0f' if value >= 1000 else '.3g'}}"
-        for key, value in times.items()
-        if value is not None
-    ]
-    return f"{', '.join(named)} µs" if named else "unknown"
 
 
 def number(value: float | None, digits: int = 4) -> str:

@@ -198,22 +198,6 @@ def detect(
     return DetectionRecord.of(times, state, frequency, amplitude, growth, alarm)
 
 
-def growths(times: Array, positions: Array, torques: Array | None, settings: Known) -> Array:
-    """Return the growth of the oscillation at each sample, by ``pieces`` [1/s]; NaN: there is none.
-
-    Args:
-        times: As of ``detect``, as the others.
-        positions: See above.
-        torques: See above.
-        settings: See above; the position step is known.
-    """
-    growth = np.full(len(times), np.nan)
-    for some, ticks, x, u in _stretches(times, positions, torques, settings):
-        for piece in pieces(x, u, settings.period, settings.position_step):
-            _note_growth(growth, piece, some, ticks)
-    return growth
-
-
 def _stretches(
     times: Array, positions: Array, torques: Array | None, settings: Known
 ) -> Iterator[tuple[NDArray[np.intp], Array, Array, Array | None]]:

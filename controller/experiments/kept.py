@@ -11,6 +11,7 @@ from typing import Any, Generic, TypeVar
 
 from haptic_wall import __version__
 from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.system.files import is_full
 from haptic_wall.controller.system.json_text import RESULT_MARK
 
 Key = TypeVar("Key")
@@ -59,7 +60,11 @@ class Kept(Generic[Key, Value]):
         except OSError as error:
             what = f"{path.name} cannot be read: {error.strerror or error}"
             raise refused(path.parent, what, "name another folder") from error
-        kept = kept[: kept.rfind(b"\n") + 1]
+        whole = kept.rfind(b"\n") + 1
+        if not whole and not self._head.startswith(kept):
+            what = f"{path.name} is no file of this program"
+            raise refused(path.parent, what, "name another folder, or remove it")
+        kept = kept[:whole]
         lines = kept.splitlines(keepends=True)
         if len(lines) > 1 and not resume:
             advice = "give --resume to continue it, or --force to replace it"
@@ -90,7 +95,8 @@ class Kept(Generic[Key, Value]):
                 self._size = file.tell()
         except OSError as error:
             what = f"{self._path.name} cannot be written: {error.strerror or error}"
-            raise refused(self._path.parent, what, "make room, or name another place") from error
+            advice = f"{'make room, or ' if is_full(error) else ''}name another place"
+            raise refused(self._path.parent, what, advice) from error
         self.done[key] = self._read(json.loads(line))[1]
         return self.done[key]
 

@@ -272,6 +272,4 @@ def _fault(log: Path, ended: Ended) -> Problem | None:
 
 
 def _unusable(fault: str) -> Problem:
-    return Problem(
-        f"{fault}, so nothing is measured from it", advice="make room, or name another place"
-    )
+    return Problem(f"{fault}, so nothing is measured from it", advice="name another place")

@@ -1,1 +1,1 @@
-"""The door of a run: changes from other terminals, the page in a browser, the stream."""
+"""The door of a run: changes from other terminals and the page in a browser."""

@@ -1,8 +1,8 @@
 """The dial: takes changes of the running wall from other terminals.
 
-It listens on the run's socket. A request and each answer is one line of JSON. Clients are read
-side by side and served one after the other, each within limits of size, time and number; whatever
-they send, only the door is concerned.
+It listens on the run's socket. A request and each answer is one line of JSON. Clients are served
+one after the other, each within limits of size and time; whatever they send, only the door is
+concerned.
 """
 
 from __future__ import annotations
@@ -10,12 +10,10 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import selectors
+import re
 import socket
 import time
-from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any, Final, Protocol
 
 from haptic_wall.controller.live.run_socket import (
@@ -25,11 +23,10 @@ from haptic_wall.controller.live.run_socket import (
     Peer,
     peer_of,
 )
+from haptic_wall.hw.clock import ready
 
 READ_S: Final = 2.0
 """Time for a client to send its request [s]"""
-MOST_CLIENTS: Final = 64
-"""Number of clients at a time"""
 TOLD_S: Final = 0.3
 """The client of a change that waits for longer than this is told so [s]"""
 MOST_WAIT_S: Final = 3600.0
@@ -38,6 +35,7 @@ MOST_SETS: Final = 100
 IDLE_S: Final = 0.5
 """Longest wait for a request [s]"""
 _LOOK_S: Final = 0.01
+_NUMBERS: Final = re.compile(r"\d[-+.\de]*")
 
 
 class Desk(Protocol):
@@ -64,19 +62,6 @@ class Desk(Protocol):
         ...
 
 
-@dataclass(slots=True)
-class _Client:
-    connection: socket.socket
-    peer: Peer
-    until_s: float
-    """When its request must be complete"""
-    sent: bytearray = field(default_factory=bytearray)
-    sets: list[str] | None = None
-    """Its request; None: not complete"""
-    wait_s: float = 0.0
-    told: str = ""
-
-
 class Dial:
     """Serves clients.
 
@@ -99,81 +84,82 @@ class Dial:
         self._desk: Desk | None = None
         self._credentials = credentials
         self._owner = os.getuid() if owner is None else owner
-        self._selector = selectors.DefaultSelector()
-        self._selector.register(listener, selectors.EVENT_READ)
-        self._clients: dict[socket.socket, _Client] = {}
-        self._waiting: deque[_Client] = deque()
-        self._served: _Client | None = None
+        self._client: socket.socket | None = None
         self._began_s = 0.0
+        """When the client came, or its change was begun"""
+        self._sent = b""
+        self._asks = False
+        """Whether the client's change is at the desk"""
+        self._told = ""
 
     def serve(self, most_s: float = IDLE_S) -> None:
-        """Read requests that have come, and continue the present change; returns soon.
+        """Read a request that has come, and continue the present change; returns soon.
 
         Args:
             most_s: Longest wait for a request [s].
         """
-        busy = self._served is not None or self._waiting
-        for key, _ in self._selector.select(min(_LOOK_S, most_s) if busy else most_s):
-            if key.fileobj is self._listener:
+        heard = self._client or (None if self._asks else self._listener)
+        wait_s = min(_LOOK_S, most_s) if self._asks else most_s
+        if heard is None:
+            time.sleep(wait_s)  # the desk gives the change up whose client has gone
+        elif ready([heard.fileno()], wait_s):
+            if self._client is None:
                 self._accept()
             else:
-                self._read(self._clients[key.fileobj])  # type: ignore[index]
-        now_s = time.monotonic()
-        for client in [each for each in self._clients.values() if each.sets is None]:
-            if now_s > client.until_s:
-                self._refuse(client, f"no whole request came within {READ_S:g} s")
-        self._go_on(now_s)
+                self._read(self._client)
+        if self._asks:
+            self._go_on(self.prepare())
+        elif self._client is not None and time.monotonic() > self._began_s + READ_S:
+            self._refuse(f"no whole request came within {READ_S:g} s")
 
-    def prepare(self) -> None:
-        """Load the desk that makes the changes, before the first request."""
+    def prepare(self) -> Desk:
+        """Load the desk that makes the changes, before the first request; return it."""
         if self._desk is None:
             self._desk = self._open_desk()
+        return self._desk
 
     def close(self) -> None:
-        """Tell waiting clients that the run is over, and leave all clients."""
-        if self._served is not None and self._desk is not None:
-            self._end(self._desk.give_up(OVER))
-        for client in list(self._waiting):
-            self._say(client, {"error": f"not applied: {OVER}", "exit_status": NOT_MADE})
-        for client in list(self._clients.values()):
-            self._leave(client)
-        self._selector.close()
+        """Tell a waiting client that the run is over, and leave."""
+        if self._asks:
+            self._end(self.prepare().give_up(OVER))
+        elif self._client is not None:
+            self._end({"error": f"not applied: {OVER}", "exit_status": NOT_MADE})
         self._listener.close()
 
     def _accept(self) -> None:
         try:
-            connection, _ = self._listener.accept()
+            self._client, _ = self._listener.accept()
         except OSError:
             return  # it has gone again
-        connection.setblocking(False)
-        client = _Client(connection, self._credentials(connection), time.monotonic() + READ_S)
-        self._clients[connection] = client
-        self._selector.register(connection, selectors.EVENT_READ)
-        if client.peer.uid != self._owner:
-            self._refuse(client, "only the owner of this wall may change it")
-        elif len(self._clients) > MOST_CLIENTS:
-            self._refuse(client, f"{MOST_CLIENTS} other clients wait; try again")
+        self._client.setblocking(False)
+        self._began_s, self._sent, self._told = time.monotonic(), b"", ""
+        if self._credentials(self._client).uid != self._owner:
+            self._refuse("only the owner of this wall may change it")
 
-    def _read(self, client: _Client) -> None:
+    def _read(self, client: socket.socket) -> None:
         try:
-            found = client.connection.recv(MOST_BYTES)
+            found = client.recv(MOST_BYTES)
         except BlockingIOError:
             return
         except OSError:
             found = b""
-        if not found:
-            self._leave(client)
+        if self._asks:
+            if not found:  # it has gone: its change is given up
+                self.prepare().withdraw()
+                client.close()
+                self._client = None
             return
-        if client.sets is not None:
-            return  # it has asked already
-        client.sent += found
-        line, end, _ = client.sent.partition(b"\n")
+        if not found:
+            self._leave()
+            return
+        self._sent += found
+        line, end, _ = self._sent.partition(b"\n")
         if len(line) >= MOST_BYTES:
-            self._refuse(client, f"found a request of more than {MOST_BYTES} bytes")
+            self._refuse(f"found a request of more than {MOST_BYTES} bytes")
         elif end:
-            self._take(client, bytes(line))
+            self._take(line, client)
 
-    def _take(self, client: _Client, line: bytes) -> None:
+    def _take(self, line: bytes, client: socket.socket) -> None:
         try:
             request = json.loads(line)
             sets, wait_s = request["set"], float(request.get("wait_s", 0.0))
@@ -182,56 +168,41 @@ class Dial:
             whole = False
         if not whole or not 0.0 <= wait_s <= MOST_WAIT_S or len(sets) > MOST_SETS:
             self._refuse(
-                client,
                 'wanted one line {"set": ["PATH=VALUE", ...], "wait_s": S}, with S from 0 to '
                 f"{MOST_WAIT_S:g}",
             )
             return
-        client.sets, client.wait_s, client.sent = sets, wait_s, bytearray()
-        self._waiting.append(client)
+        told = self.prepare().begin(sets, wait_s, self._credentials(client))
+        self._began_s, self._asks = time.monotonic(), True
+        if told is not None:
+            self._end(told)
 
-    def _go_on(self, now_s: float) -> None:
-        if self._served is None and self._waiting:
-            self._served = client = self._waiting.popleft()
-            self.prepare()
-            assert self._desk is not None and client.sets is not None
-            told = self._desk.begin(client.sets, client.wait_s, client.peer)
-            self._began_s = time.monotonic()
-            if told is not None:
-                self._end(told)
-        elif self._served is not None and self._desk is not None:
-            told = self._desk.look()
-            if told is not None:
-                self._end(told)
-            elif now_s > self._began_s + TOLD_S:
-                self._tell_obstacle(self._served, self._desk.obstacle())
-
-    def _tell_obstacle(self, client: _Client, obstacle: str) -> None:
-        kind = obstacle.partition(":")[0]
-        if kind != client.told:
-            client.told = kind
-            self._say(client, {"waits": obstacle})
+    def _go_on(self, desk: Desk) -> None:
+        told = desk.look()
+        if told is not None:
+            self._end(told)
+        elif time.monotonic() > self._began_s + TOLD_S:
+            obstacle = desk.obstacle()
+            kind = _NUMBERS.sub("", obstacle)  # the same obstacle, of another size
+            if kind != self._told:
+                self._told = kind
+                self._say({"waits": obstacle})
 
     def _end(self, told: dict[str, Any]) -> None:
-        client, self._served = self._served, None
-        if client is not None and client.connection in self._clients:
-            self._say(client, told)
-            self._leave(client)
+        self._asks = False
+        self._say(told)
+        self._leave()
 
-    def _refuse(self, client: _Client, why: str) -> None:
-        self._say(client, {"error": why, "exit_status": 2})
-        self._leave(client)
+    def _refuse(self, why: str) -> None:
+        self._say({"error": why, "exit_status": 2})
+        self._leave()
 
-    def _say(self, client: _Client, what: dict[str, Any]) -> None:
-        with contextlib.suppress(OSError):  # it has gone, or does not read
-            client.connection.send((json.dumps(what) + "\n").encode())
+    def _say(self, what: dict[str, Any]) -> None:
+        if self._client is not None:
+            with contextlib.suppress(OSError):  # it has gone, or does not read
+                self._client.send((json.dumps(what) + "\n").encode())
 
-    def _leave(self, client: _Client) -> None:
-        """Close the connection to a client; its change is given up if it still waits."""
-        self._selector.unregister(client.connection)
-        del self._clients[client.connection]
-        client.connection.close()
-        if client in self._waiting:
-            self._waiting.remove(client)
-        if client is self._served and self._desk is not None:
-            self._desk.withdraw()
+    def _leave(self) -> None:
+        if self._client is not None:
+            self._client.close()
+            self._client = None

@@ -1,6 +1,6 @@
 """The door's process: whatever comes from outside while a run lives, and goes there.
 
-It takes changes from other terminals, serves the live page, and streams rows. It may be slow,
+It takes changes from other terminals and serves the live page. It may be slow,
 flooded, stopped or killed without an effect on the loop or the log.
 """
 
@@ -12,9 +12,9 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from haptic_wall.controller.live.dial import IDLE_S, Desk, Dial
 from haptic_wall.controller.live.run_socket import listening
@@ -22,13 +22,8 @@ from haptic_wall.controller.runtime.realtime import die_with_parent
 from haptic_wall.controller.system.orders import read_orders, say
 from haptic_wall.controller.system.signals import ended_by
 
-if TYPE_CHECKING:
-    from haptic_wall.controller.live.stream import Sender
-
 LOAD_S: Final = 3.0
 """Time after the start until the desk is loaded [s]: the loop's start has precedence"""
-STREAM_S: Final = 0.02
-"""Time that rows gather [s]; too short for a person to notice, and it saves work."""
 _PAGE_S: Final = 1.5
 """Longest wait for the page's end [s]"""
 _NICE: Final = 5
@@ -48,23 +43,20 @@ def main() -> None:
     os.nice(_NICE)
     place = Path(sys.argv[1])
     dial = _dial(place, orders) if orders["to_log"] is not None else None
-    sender, pause = _sender(orders)
     begun_s = time.monotonic()
     try:
         while not ends():
             if dial is None:
-                time.sleep(pause())
+                time.sleep(IDLE_S)
             else:
-                dial.serve(pause())
+                dial.serve(IDLE_S)
                 if time.monotonic() > begun_s + LOAD_S:
                     dial.prepare()
-            _stream(sender)
     finally:
         if dial is not None:
             dial.close()
             with contextlib.suppress(OSError):
                 place.unlink()
-        _stream(sender)  # the run is over: its last rows
         if page is not None:
             page.join(_PAGE_S)
 
@@ -84,24 +76,6 @@ def _dial(place: Path, orders: Mapping[str, Any]) -> Dial | None:
         return ChangeDesk.of(orders, say)
 
     return Dial(listener, desk)
-
-
-def _sender(orders: Mapping[str, Any]) -> tuple[Sender | None, Callable[[], float]]:
-    """Return what streams rows, if requested, and for how long to pause between two looks [s]."""
-    if orders["stream"] is None:
-        return None, lambda: IDLE_S
-    from haptic_wall.controller.live.stream import Sender, Stream
-    from haptic_wall.controller.runtime.idle_window import until_idle_window
-    from haptic_wall.controller.runtime.telemetry import Telemetry
-
-    telemetry, period_ns = Telemetry(orders["telemetry"]), orders["period_ns"]
-    sender = Sender(telemetry, Stream(**orders["stream"]), 1e9 / period_ns)
-    return sender, lambda: until_idle_window(telemetry.words, period_ns, STREAM_S)
-
-
-def _stream(sender: Sender | None) -> None:
-    for trouble in [] if sender is None else sender.send():
-        say({"trouble": trouble})
 
 
 if __name__ == "__main__":

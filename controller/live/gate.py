@@ -20,12 +20,10 @@ _TYPES: Final = {
     "js": "text/javascript; charset=utf-8",
     "LICENSE": "text/plain; charset=utf-8",
 }
-_POLICY: Final = "default-src 'self'; img-src 'self' data: blob:; frame-ancestors 'none'"
+_POLICY: Final = "default-src 'self'; img-src 'self' data: blob:"
 
 
-def judged(
-    request: Request, own_host: str, folders: tuple[str, ...] = ("page",)
-) -> Response | None:
+def judged(request: Request, own_host: str) -> Response | None:
     """Return the answer to a request: a file or a refusal; None: the websocket may open.
 
     A page of another origin must not read the rows. So the host name in the request must be this
@@ -36,7 +34,6 @@ def judged(
     Args:
         request: Request of a client.
         own_host: Host name in the address that was given out.
-        folders: Those with the page's files; a file of a later folder replaces one of its name.
     """
     hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
     if len(hosts) > 1 or len(origins) > 1 or not request.path.isascii():
@@ -49,24 +46,16 @@ def judged(
         if origins and origins[0] != f"http://{host}":
             return _answer(403, "Forbidden", f"a page of {origins[0]!r:.200} may not read this\n")
         return None
-    found = _page(folders).get(path)
+    found = _page().get(path)
     if found is None:
         return _answer(404, "Not Found", "there is no such file\n")
-    return _answer(200, "OK", *found)
-
-
-def servo_of(request: Request) -> str:
-    """Return the servo that a request's address names, of a page with several; empty: none."""
-    return _given(request, "servo")
+    # Only pages of this machine may show this one in a frame, as that of the demo does.
+    return _answer(200, "OK", *found, framed=f"http://{urlsplit(f'http://{host}').hostname}:*")
 
 
 def token_of(request: Request) -> str:
     """Return the token in a request's address; empty: none."""
-    return _given(request, "token")
-
-
-def _given(request: Request, name: str) -> str:
-    return parse_qs(request.path.partition("?")[2]).get(name, [""])[0]
+    return parse_qs(request.path.partition("?")[2]).get("token", [""])[0]
 
 
 def is_token(given: str, token: str) -> bool:
@@ -89,27 +78,31 @@ def _is_ours(host: str, own_host: str) -> bool:
 
 
 @cache
-def _page(folders: tuple[str, ...]) -> dict[str, tuple[bytes, str]]:
+def _page() -> dict[str, tuple[bytes, str]]:
     """Return every file of the page by its path, with its type."""
     found = {}
-    for folder in folders:
-        for file in (files("haptic_wall.controller.live") / folder).iterdir():
-            kind = _TYPES.get(file.name.rpartition(".")[2])
-            if kind is not None:
-                found[f"/{file.name}"] = file.read_bytes(), kind
+    for file in (files("haptic_wall.controller.live") / "page").iterdir():
+        kind = _TYPES.get(file.name.rpartition(".")[2])
+        if kind is not None:
+            found[f"/{file.name}"] = file.read_bytes(), kind
     found["/"] = found["/index.html"]
     return found
 
 
 def _answer(
-    status: int, reason: str, body: str | bytes, kind: str = "text/plain; charset=utf-8"
+    status: int,
+    reason: str,
+    body: str | bytes,
+    kind: str = "text/plain; charset=utf-8",
+    *,
+    framed: str = "'none'",
 ) -> Response:
     content = body.encode() if isinstance(body, str) else body
     headers = Headers(
         {
             "Content-Type": kind,
             "Content-Length": str(len(content)),
-            "Content-Security-Policy": _POLICY,
+            "Content-Security-Policy": f"{_POLICY}; frame-src {framed}; frame-ancestors {framed}",
             "Cache-Control": "no-store",
             "Referrer-Policy": "no-referrer",
             "X-Content-Type-Options": "nosniff",

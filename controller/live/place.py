@@ -1,21 +1,18 @@
-"""The live page's listening socket, its address, and the token of its knobs; and its runs."""
+"""The live page's listening socket, its address, and the token of its knobs."""
 
 from __future__ import annotations
 
-import contextlib
 import importlib.util
-import json
-import os
+import re
 import secrets
 import socket
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from haptic_wall.controller.errors import PlatformError, UserError
 
-_MOST_ORDERS: Final = 1 << 17
-"""Largest orders of a run for a page [bytes]"""
+_PLACE: Final = re.compile(r"(?:\[(?P<six>[^\]]+)\]|(?P<host>[^:\[\]]+)):(?P<port>\d{1,5})")
 
 
 def server_log_of(log: Path) -> Path:
@@ -54,9 +51,7 @@ def live_at(place: str, *, control: bool = False, field: str = "--live") -> Live
             "the live page needs the package websockets, which is not installed",
             advice="run pip install -e '.[live]' in the clone",
         )
-    from haptic_wall.controller.live.stream import parsed_place
-
-    found = parsed_place(place)
+    found = _parsed(place)
     if found is None:
         raise UserError(
             f"found {place!r}",
@@ -81,30 +76,9 @@ def live_at(place: str, *, control: bool = False, field: str = "--live") -> Live
     return Live(listener.detach(), host, address, token)
 
 
-def hand_over(page: int, shown: dict[str, Any], inherited: dict[str, int]) -> None:
-    """Send the page's process the orders of a run, with the descriptors that belong to them."""
-    message = json.dumps({**shown, "descriptors": list(inherited)}).encode()
-    with (
-        socket.socket(fileno=os.dup(page)) as line,
-        contextlib.suppress(OSError),  # it is gone: the run goes on without it
-    ):
-        socket.send_fds(line, [message], list(inherited.values()))
-
-
-def take_over(line: socket.socket) -> dict[str, Any] | None:
-    """Return the orders of the next run that a page shows; None: there are none yet.
-
-    Args:
-        line: The other end of the socket that ``hand_over`` sends to; it does not block.
-
-    Raises:
-        EOFError: No run comes any more.
-    """
-    try:
-        message, received, _, _ = socket.recv_fds(line, _MOST_ORDERS, 3)
-    except BlockingIOError:
+def _parsed(place: str) -> tuple[str, int] | None:
+    """Return host and port of ``HOST:PORT``, an IPv6 address in brackets; None: it is not that."""
+    found = _PLACE.fullmatch(place)
+    if found is None or int(found["port"]) > 65535:
         return None
-    if not message:
-        raise EOFError
-    orders: dict[str, Any] = json.loads(message)
-    return {"hand": None, **orders, **dict(zip(orders["descriptors"], received, strict=True))}
+    return found["six"] or found["host"], int(found["port"])

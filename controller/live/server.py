@@ -39,8 +39,6 @@ class LiveServer:
         token: Token of clients that may turn knobs; empty: no client may.
         run_socket: Socket of the run that takes changes; None: the run takes none.
         pause: Returns for how long to wait until the next messages [s].
-        further: Called with requests that are not those of the live page, of clients that may turn
-            knobs; returns whether it took the request.
     """
 
     def __init__(
@@ -50,9 +48,7 @@ class LiveServer:
         token: str = "",
         run_socket: Path | None = None,
         pause: Callable[[float], float] = lambda wanted_s: wanted_s,
-        further: Callable[[Client, dict[str, Any]], bool] = lambda _client, _request: False,
     ) -> None:
-        self._further = further
         self._view = view
         self._host = host
         self._token = token
@@ -144,8 +140,6 @@ class LiveServer:
         It is ``{"set": {PATH: VALUE}, "id": N}``, ``{"hand": {"position": X, "stiffness": K}}``
         every 50 ms, ``{"hold": BEAT}`` after each beat, or one of the last two with null.
         """
-        if self._further(client, request):
-            return True
         sets, hand, number = sets_of(request.get("set")), request.get("hand"), request.get("id")
         if sets is not None:
             known = number is None or is_number(number)

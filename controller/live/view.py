@@ -6,7 +6,7 @@ import asyncio
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -43,11 +43,9 @@ class View:
         recorded: Whether the run is a log.
         hand: A person's hand on the simulated servo; None: the run has none.
         dead_man: The dead man; None: no page holds it.
-        judged_as: Returns configuration and delay whose limits the map shows, from those in force.
 
     Attributes:
         dead_man: See above.
-        judged_as: See above.
     """
 
     def __init__(
@@ -59,9 +57,7 @@ class View:
         recorded: bool,
         hand: SharedHand | None = None,
         dead_man: DeadMan | None = None,
-        judged_as: Callable[[Config, float], tuple[Config, float]] = lambda *given: given,
     ) -> None:
-        self.judged_as = judged_as
         self._hand = hand
         self.dead_man = dead_man
         self._holds: object = None
@@ -277,7 +273,7 @@ class View:
                 return
         self._map_of = config, delay
         try:
-            found = await asyncio.to_thread(_limits, *self.judged_as(config, delay))
+            found = await asyncio.to_thread(_limits, config, delay)
         except (ValueError, HapticWallError) as error:  # a wall whose limits are not known
             found = {"trouble": str(error)}
         self._map = {"kind": "map", **found}

@@ -1,4 +1,4 @@
-"""Names the columns of a log: in its file, in a CSV, on the live page and in the stream."""
+"""Names the columns of a log: in its file, in a CSV and on the live page."""
 
 from __future__ import annotations
 
@@ -84,17 +84,3 @@ def rows_of(table: Mapping[str, NDArray[Any]], origin_ns: int) -> NDArray[np.voi
 
 
 _LARGEST_NS: Final = 2.0**61
-
-
-def finite_rows(rows: NDArray[np.void], origin_ns: int) -> list[dict[str, float | int]]:
-    """Return each row as a mapping from column to number, without unknown values."""
-    columns = {name: values(rows, name, origin_ns) for name in COLUMNS}
-    listed = {name: column.tolist() for name, column in columns.items()}
-    known = [name for name, column in columns.items() if np.isfinite(column).all()]
-    partly = [name for name in columns if name not in known]
-    objects: list[dict[str, float | int]] = []
-    for k in range(len(rows)):
-        row = {name: listed[name][k] for name in known}
-        row |= {name: listed[name][k] for name in partly if np.isfinite(listed[name][k])}
-        objects.append(row)
-    return objects

@@ -19,14 +19,11 @@ from haptic_wall.controller.logs.csv_table import TORQUE, columns_of
 from haptic_wall.controller.logs.recording import (
     GAP,
     LEAST,
-    WINDOW,
     Floats,
-    Knowledge,
     Part,
     Recording,
     parted,
     seconds,
-    windowed,
 )
 
 _SPARSE = 2.0
@@ -43,26 +40,20 @@ _FAR = 4.0 * math.pi
 """A motion over a wider range is more likely in degrees or counts [rad]"""
 
 
-def recordings_of_csv(path: Path) -> Iterator[Recording]:
-    """Yield the motion in a CSV with the columns ``time_s``, ``position_rad``, ``torque_nm``.
+def recording_of_csv(path: Path) -> Recording:
+    """Return the motion in a CSV with the columns ``time_s``, ``position_rad``, ``torque_nm``.
 
-    The torque may be missing. A long record gives several recordings that overlap.
+    The torque may be missing.
 
     Raises:
         UserError: The file holds no usable motion; the message says what was found.
         OSError: It cannot be read, or is no regular file.
     """
     whole, notes = _whole(path)
-    known = Knowledge(position_step=position_step(whole.positions))
     period = _period(whole.times)
     notes += _units(whole, period)
-    parts = [_even(part, period, notes) for part in parted(whole, period, notes)]
-    of = -(-whole.times.size // WINDOW)
-    for some, since_s in windowed(parts):
-        yield Recording(period, some, known, tuple(notes), since_s, of)
-        notes = []
-    if notes or not parts:
-        yield Recording(period, (), known, tuple(notes))
+    parts = tuple(_even(part, period, notes) for part in parted(whole, period, notes))
+    return Recording(period, parts, position_step(whole.positions), tuple(notes))
 
 
 def columns_in_time(
@@ -122,7 +113,7 @@ def _whole(path: Path) -> tuple[Part, list[str]]:
             " torque before them"
         )
         torques = _held(torques)
-    return Part(times, positions, torques, None), notes
+    return Part(times, positions, torques), notes
 
 
 def _held(values: Floats) -> Floats:
@@ -174,4 +165,4 @@ def _even(part: Part, period: float, notes: list[str]) -> Part:
     positions = np.interp(grid, times, part.positions[good])
     latest = np.clip(np.searchsorted(times, grid, side="right") - 1, 0, times.size - 1)
     torques = None if part.torques is None else part.torques[good][latest]
-    return Part(grid, positions, torques, None)
+    return Part(grid, positions, torques)

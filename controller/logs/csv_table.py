@@ -18,7 +18,7 @@ import numpy as np
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.file import SUFFIX
-from haptic_wall.controller.logs.recording import Floats
+from haptic_wall.controller.logs.recording import MOST_ROWS, Floats
 from haptic_wall.controller.system.csv_habits import ADVICE, WANTED, habits, has_decimal_comma
 from haptic_wall.controller.system.files import opened
 from haptic_wall.controller.system.printable import in_line
@@ -26,12 +26,8 @@ from haptic_wall.controller.system.printable import in_line
 NEEDED = ("time_s", "position_rad")
 TORQUE = "torque_nm"
 MOST_BYTES = 1 << 29
-MOST_ROWS = 4_000_000
-"""Largest number of rows: more than an hour at 1 kHz"""
 _MOST_IN_LINE = 1 << 16
 """Longest line [characters]"""
-_MOST_LINES = 100
-"""Largest number of lines in one row: a quoted cell may hold line ends"""
 _LARGEST = 1e12
 _OR_LOG = f", or a {SUFFIX} file"
 Refusal = Callable[..., UserError]
@@ -79,42 +75,25 @@ def columns_of(
     return {name: table[dated, place] for place, name in enumerate(names)}, notes
 
 
-class _Lines:
-    """Iterates over the lines of a text; limits their length and refuses control characters."""
-
-    def __init__(self, refusal: Refusal, text: TextIO) -> None:
-        self._refusal = refusal
-        self._text = text
-        self.number = 0
-        self.of_row = 0
-
-    def __iter__(self) -> Iterator[str]:
-        while line := self._text.readline(_MOST_IN_LINE + 1):
-            self.number += 1
-            self.of_row += 1
-            if len(line) > _MOST_IN_LINE:
-                open_quote = ", perhaps after a quote that is not closed" if '"' in line else ""
-                self._refuse(f"has more than {_MOST_IN_LINE} characters{open_quote}")
-            if found := _CONTROL.search(line):
-                self._refuse(f"holds the control character {found[0]!r}")
-            if self.of_row > _MOST_LINES:
-                why = "perhaps after a quote that is not closed"
-                self._refuse(f"and the {_MOST_LINES} before are one row, {why}")
-            if self.of_row == 1 and line.lstrip().startswith("#"):
-                self.of_row = 0
-                continue
-            yield line
-
-    def _refuse(self, what: str) -> None:
-        advice = f"wanted a CSV as text, a line for each sample, or a {SUFFIX} file"
-        raise self._refusal(f"line {self.number} {what}", advice=advice)
+def _lines(refusal: Refusal, text: TextIO) -> Iterator[str]:
+    """Yield the lines of a text, comments as empty ones; refuse long ones and other files."""
+    for number, line in enumerate(iter(partial(text.readline, _MOST_IN_LINE + 1), ""), 1):
+        what = ""
+        if len(line) > _MOST_IN_LINE:
+            open_quote = ", perhaps after a quote that is not closed" if '"' in line else ""
+            what = f"has more than {_MOST_IN_LINE} characters{open_quote}"
+        elif found := _CONTROL.search(line):
+            what = f"holds the control character {found[0]!r}"
+        if what:
+            advice = f"wanted a CSV as text, a line for each sample, or a {SUFFIX} file"
+            raise refusal(f"line {number} {what}", advice=advice)
+        yield "\n" if line.lstrip().startswith("#") else line
 
 
 def _read(refusal: Refusal, text: TextIO, known: tuple[str, ...]) -> tuple[list[str], array[float]]:
     """Return the names of the known columns, and their numbers row by row."""
-    lines = _Lines(refusal, text)
-    reader = csv.reader(lines)
-    first = next(reader, [])
+    reader = csv.reader(_lines(refusal, text))
+    first = next(filter(None, reader), [])
     header = [name.strip() for name in first]
     absent = [name for name in NEEDED if name not in header]
     if absent:
@@ -131,8 +110,12 @@ def _read(refusal: Refusal, text: TextIO, known: tuple[str, ...]) -> tuple[list[
     names = [name for name in (*NEEDED, *known) if name in header]
     places = [header.index(name) for name in names]
     numbers = array("d")
+    last = reader.line_num
     for row in reader:
-        lines.of_row = 0
+        if reader.line_num > last + 1:
+            what = f"lines {last + 1} to {reader.line_num} are one row"
+            raise refusal(what, advice="look for a quote that is not closed")
+        last = reader.line_num
         if not row:
             continue
         if len(numbers) >= MOST_ROWS * len(names):
@@ -145,7 +128,7 @@ def _read(refusal: Refusal, text: TextIO, known: tuple[str, ...]) -> tuple[list[
             except ValueError:
                 comma = has_decimal_comma(cell)
                 raise refusal(
-                    f"line {lines.number}, column {name}: found {cell[:40]!r}",
+                    f"line {reader.line_num}, column {name}: found {cell[:40]!r}",
                     wanted="a point" if comma else f"a number up to {_LARGEST:g} or an empty cell",
                     advice=ADVICE if comma else "",
                 ) from None

@@ -76,6 +76,17 @@ def foreign_beside(path: Path) -> Path | None:
     return None
 
 
+def is_held(path: Path) -> bool:
+    """Whether a program has a log open, such as the run that writes it; False: it is no log."""
+    try:
+        with contextlib.closing(connected(path, "mode=rw")) as db:
+            db.execute("PRAGMA busy_timeout=0")
+            (mode,) = db.execute("PRAGMA journal_mode=DELETE").fetchone()
+            return bool(mode == "wal")
+    except sqlite3.Error as error:
+        return getattr(error, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_BUSY
+
+
 def refuse_other(path: Path) -> None:
     """Refuse a file that is no log of this program by its first bytes.
 

@@ -1,4 +1,4 @@
-"""Defines a recorded motion on an even grid of samples.
+"""Defines a recorded motion on an even grid of samples, and reads it from a log.
 
 A gap splits the record, because the motion in it is unknown.
 """
@@ -6,30 +6,44 @@ A gap splits the record, because the motion in it is unknown.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+from haptic_wall.controller.detector.detection import position_step
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.logs.reader import LogReader
+from haptic_wall.controller.logs.walls import walls_of
+from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
+from haptic_wall.hw.servo import Outcome
 
 Floats = NDArray[np.float64]
 
 LEAST = 10
 """Least number of samples worth analysing."""
+MOST_ROWS = 4_000_000
+"""Largest number of samples: more than an hour at 1 kHz"""
+MOST_LAG_S = 10.0
+"""Longest time between a sample and its torque [s]"""
 GAP = 10
 """Periods without a sample that split the record."""
-WINDOW = 120_000
-"""Samples that are analysed at once, without the overlap"""
-BEFORE_S = 10.0
-"""Overlap with the window before [s]: the detector needs some half-cycles of an oscillation."""
 MOST_TOLD = 5
 """Largest number of gaps and short stretches reported one by one"""
 
 
 @dataclass(frozen=True, slots=True)
-class Knowledge:
-    """Servo and loop parameters that the record contains; NaN: not contained."""
+class Recording:
+    """A motion in parts, each on one even grid; what is not known is NaN."""
 
+    period: float
+    """[s]"""
+    parts: tuple[Part, ...]
+    position_step: float
+    """Encoder count [rad]; 0: none"""
+    notes: tuple[str, ...]
+    """Sentences about repaired or omitted samples"""
     inertia: float = math.nan
     """[kg·m²], per commanded torque, as the others"""
     damping: float = math.nan
@@ -38,30 +52,6 @@ class Knowledge:
     """[N·m]"""
     lag: float = math.nan
     """From a sample until its torque acts [s]"""
-    position_step: float = math.nan
-    """Encoder count [rad]; 0: none"""
-    virtual_damping: float = 0.0
-    """Commanded [N·m·s/rad]"""
-    surface: float = math.nan
-    """Position of the wall's surface [rad]"""
-    side: int = 0
-    """0: two-sided; +1 or -1: it fills the positions above or below"""
-
-
-@dataclass(frozen=True, slots=True)
-class Recording:
-    """A motion in parts, each on one even grid."""
-
-    period: float
-    """[s]"""
-    parts: tuple[Part, ...]
-    known: Knowledge
-    notes: tuple[str, ...]
-    """Sentences about repaired or omitted samples"""
-    since_s: float = -math.inf
-    """Earlier samples belong to the recording before; they give the detector its history [s]"""
-    of: int = 1
-    """Number of recordings in all"""
 
     @property
     def samples(self) -> int:
@@ -79,77 +69,84 @@ class Part:
     """[rad]; NaN where one is missing"""
     torques: Floats | None
     """Commanded at each sample [N·m]; None: not recorded"""
-    stiffness: Floats | None
-    """Commanded [N·m/rad]; None: not recorded"""
+
+    def sliced(self, some: slice) -> Part:
+        """Return some of the samples."""
+        torques = None if self.torques is None else self.torques[some]
+        return Part(self.times[some], self.positions[some], torques)
+
+
+def recording_of_log(path: Path) -> Recording:
+    """Return the motion of a log while the wall was on, with the servo that its run believed in.
+
+    Raises:
+        UserError: The wall was on for too short a time, or for too long.
+        LogFormatError: The file is not a log of this program.
+        OSError: It cannot be read, or is no regular file.
+    """
+    log = LogReader.open(path)
+    held: list[tuple[NDArray[np.void], ...]] = []
+    count = 0
+    for block in log.blocks():
+        rows = block[(block["flags"] & FLAG_WARM_UP) == 0]
+        good = (rows["outcome"] == Outcome.OK) & np.isfinite(rows["position"])
+        count += len(rows)
+        if count > MOST_ROWS:
+            break
+        positions = np.where(good, rows["position"], np.nan)
+        held.append((rows["deadline_ns"].copy(), positions, rows["torque"].copy(), rows["age_ns"]))
+    if not LEAST <= count <= MOST_ROWS:
+        raise UserError(
+            f"found {count if count < LEAST else f'more than {MOST_ROWS}'} rows with the wall on",
+            field="LOG",
+            given=path,
+            wanted=f"from {LEAST} to {MOST_ROWS}",
+        )
+    deadlines, positions, torques, ages = map(np.concatenate, zip(*held, strict=True))
+    config = walls_of(log.metadata, ()).configs[0]
+    belief, notes = config.belief(), list[str]()
+    whole = Part((deadlines - deadlines[0]) * 1e-9, positions, torques)
+    good = np.isfinite(positions)
+    if not good.all():
+        notes.append(f"{np.count_nonzero(~good)} readings failed or were late and are left out")
+    age = float(np.median(ages[good])) * 1e-9 if good.any() else 0.0
+    gain = belief.torque_gain.value
+    found = Recording(
+        config.period_s,
+        parted(whole, config.period_s, notes),
+        position_step(positions),
+        (),
+        inertia=belief.inertia.value / gain,
+        damping=belief.damping.value / gain,
+        coulomb=belief.coulomb.value / gain,
+        lag=min(age + belief.delay.value, MOST_LAG_S),
+    )
+    return replace(found, notes=tuple(notes))
 
 
 def parted(whole: Part, period: float, notes: list[str]) -> tuple[Part, ...]:
-    """Split the record where samples are missing for long."""
+    """Split the record where samples are missing for long; add to the notes what is left out."""
     seen = np.flatnonzero(np.isfinite(whole.positions))
     breaks = np.flatnonzero(np.diff(whole.times[seen]) > GAP * period)
     for at in breaks[:MOST_TOLD]:
-        start, end = whole.times[seen[at]], whole.times[seen[at + 1]]
-        notes.append(gap_text(start, end))
+        since, until = (seconds(whole.times[seen[at + end]]) for end in (0, 1))
+        notes.append(f"nothing is known from {since} to {until} s: the analysis restarts there")
     if breaks.size > MOST_TOLD:
         notes.append(f"there are {breaks.size - MOST_TOLD} more such gaps")
-    edges = np.concatenate([[0], breaks + 1, [seen.size]])
-    short = edges[1:] - edges[:-1] < LEAST
-    for start, end in zip(edges[:-1][short][:MOST_TOLD], edges[1:][short], strict=False):
-        since = whole.times[seen[start]] if start < seen.size else whole.times[0]
-        notes.append(short_text(end - start, since))
-    if np.count_nonzero(short) > MOST_TOLD:
-        lost = int((edges[1:] - edges[:-1])[short][MOST_TOLD:].sum())
+    stretches = [some for some in np.split(seen, breaks + 1) if some.size]
+    short = [some for some in stretches if some.size < LEAST]
+    for some in short[:MOST_TOLD]:
+        notes.append(f"{some.size} samples from {seconds(whole.times[some[0]])} s on are too few")
+    if len(short) > MOST_TOLD:
+        lost = sum(some.size for some in short[MOST_TOLD:])
         notes.append(f"there are {lost} more samples in stretches that are too short")
     return tuple(
-        sliced(whole, int(seen[start]), int(seen[end - 1]) + 1)
-        for start, end in zip(edges[:-1][~short], edges[1:][~short], strict=True)
+        whole.sliced(slice(int(some[0]), int(some[-1]) + 1))
+        for some in stretches
+        if some.size >= LEAST
     )
 
 
 def seconds(moment_s: float) -> str:
     """Format a moment [s] for a sentence, to a tenth of a millisecond."""
     return f"{round(float(moment_s), 4):.14g}"
-
-
-def gap_text(start_s: float, end_s: float) -> str:
-    """Describe a gap between two moments [s]."""
-    since, until = seconds(start_s), seconds(end_s)
-    return f"nothing is known from {since} to {until} s: the analysis restarts there"
-
-
-def short_text(samples: int, since_s: float) -> str:
-    """Describe omitted samples, the first of them at ``since_s`` [s]."""
-    return f"{samples} samples from {seconds(since_s)} s on are too few"
-
-
-def sliced(whole: Part, start: int, end: int) -> Part:
-    """Return the samples from ``start`` up to, but without, ``end``."""
-    inside = slice(start, end)
-    return Part(
-        whole.times[inside],
-        whole.positions[inside],
-        None if whole.torques is None else whole.torques[inside],
-        None if whole.stiffness is None else whole.stiffness[inside],
-    )
-
-
-def windowed(parts: Sequence[Part]) -> Iterator[tuple[tuple[Part, ...], float]]:
-    """Yield the parts in pieces of bounded size, and the time from which each piece is new [s]."""
-    held: list[Part] = []
-    samples = 0
-    for part in parts:
-        samples += part.times.size
-        if held and samples > WINDOW:
-            yield tuple(held), -math.inf
-            held, samples = [], part.times.size
-        if part.times.size <= WINDOW:
-            held.append(part)
-            continue
-        samples = 0
-        for start in range(0, part.times.size, WINDOW):
-            since_s = float(part.times[start]) if start else -math.inf
-            again = int(np.searchsorted(part.times, since_s - BEFORE_S))
-            again = max(again, start - WINDOW, 0)
-            yield (sliced(part, again, start + WINDOW),), since_s
-    if held:
-        yield tuple(held), -math.inf

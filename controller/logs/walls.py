@@ -9,11 +9,9 @@ from itertools import pairwise
 from typing import Any
 
 from haptic_wall.controller.errors import ConfigError, LogFormatError
-from haptic_wall.controller.laws import own
 from haptic_wall.controller.settings.changes import moved, with_changes
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import loaded
-from haptic_wall.controller.settings.rules import law_names
 from haptic_wall.controller.system.printable import in_line
 
 _OF_LAWS = "wall.law:", "wall.options:", "wall.parts:"
@@ -37,14 +35,6 @@ class Walls:
         """Return the indices of the configurations with another law, or one elsewhere."""
         pairs = enumerate(pairwise(self.configs), 1)
         return [index for index, (old, new) in pairs if moved(old, new)]
-
-    def closed(self) -> list[str]:
-        """Return the laws whose modules this process may not import, because only a log names them.
-
-        The configurations are known all the same, but not the shapes of these laws.
-        """
-        named = dict.fromkeys(law for config in self.configs for law in law_names(config.wall))
-        return list(filter(own.is_closed, named))
 
     def at(self, seq: int) -> Config:
         """Return the configuration at a row."""

@@ -1,8 +1,4 @@
-"""The supervisor's side of the door: starts its process, hears it, and sends it news of the run.
-
-A page that shows several runs, as ``haptic-wall demo`` does, has a process already; it gets what
-the door would inherit, and the same news.
-"""
+"""The supervisor's side of the door: starts its process, hears it, and sends it news of the run."""
 
 from __future__ import annotations
 
@@ -16,7 +12,7 @@ from contextlib import ExitStack
 from dataclasses import asdict
 from typing import Any, Final
 
-from haptic_wall.controller.live.place import hand_over, server_log_of
+from haptic_wall.controller.live.place import server_log_of
 from haptic_wall.controller.live.run_socket import MODULE, remove_if_dead, socket_of
 from haptic_wall.controller.processes.children import Child
 from haptic_wall.controller.processes.hold import gone_texts
@@ -62,14 +58,14 @@ class Door:
         self.trouble = ""
         log, live = plan.log, plan.live
         takes = plan.changeable and not plan.program and (not log.exists() or log.is_file())
-        if not (takes or live or plan.stream or plan.page is not None):
+        if not (takes or live):
             return
         with ExitStack() as handed:
             inherited = {"telemetry": telemetry.descriptor}
-            if live is not None or plan.page is not None:
+            if live is not None:
                 self._news, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
                 inherited["news"] = handed.enter_context(theirs).fileno()
-                if plan.config.servo.kind != "hardware" and (live is None or live.token):
+                if plan.config.servo.kind != "hardware" and live.token:
                     self.hand = SharedHand.create()
                     inherited["hand"] = self.hand.descriptor
             shown = {
@@ -78,10 +74,6 @@ class Door:
                 "run": str(self._path),
                 "dead_man": plan.hold is not None and plan.hold.is_page,
             }
-            if plan.page is not None:
-                hand_over(plan.page, shown, inherited)
-            if not (takes or live or plan.stream):
-                return
             if takes:
                 inherited["to_log"] = to_log
             orders = {
@@ -92,7 +84,6 @@ class Door:
                 "parent": os.getpid(),
                 "period_ns": plan.config.period_ns,
                 "live": live and asdict(live),
-                "stream": plan.stream and asdict(plan.stream),
                 "log": str(server_log_of(log)),
             }
             descriptors = [*inherited.values(), *([] if live is None else [live.descriptor])]
@@ -119,7 +110,7 @@ class Door:
         if door.ended() and not self._over:
             self._over = True
             remove_if_dead(self._path)
-            gone = f"the process for changes, page and stream {door.exit_text()}"
+            gone = f"the process for changes and page {door.exit_text()}"
             self._tell(f"{gone}; the run goes on without it")
             self._release(gone)
 

@@ -200,6 +200,8 @@ def hold_by(text: str) -> Hold:
     Raises:
         UserError: It does not exist, cannot be read, or cannot serve as a dead man.
     """
+    if not text.strip():
+        raise UserError("found nothing", field="--hold", advice=_ADVICE)
     path, key = text, None
     if not Path(text).exists() and ":" in text:
         path, _, name = text.rpartition(":")

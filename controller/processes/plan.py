@@ -10,7 +10,6 @@ from typing import Any
 
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.live.place import Live
-from haptic_wall.controller.live.stream import Stream
 from haptic_wall.controller.processes.hold import Hold
 from haptic_wall.controller.runtime.safety import StopReason
 from haptic_wall.controller.runtime.statistics import RunStatistics
@@ -84,12 +83,8 @@ class Plan:
     """Record of the emulated bus; None: none"""
     program: tuple[Phase, ...] = ()
     """Phases that are rendered in place of the wall; the run ends with them. Empty: the wall"""
-    stream: Stream | None = None
-    """Receiver of the live stream; None: none"""
     live: Live | None = None
     """The page in a browser; None: none"""
-    page: int | None = None
-    """Socket to the process of a page that shows this run besides others; None: none"""
     hold: Hold | None = None
     """The dead man; None: none"""
     changeable: bool = False
@@ -100,6 +95,6 @@ class Plan:
     @property
     def elastic(self) -> bool:
         """Whether loop and emulated bus wait for each other: nobody else shares their time."""
-        config, alone = self.config, not (self.hold or self.live or self.page is not None)
+        config, alone = self.config, not (self.hold or self.live)
         real = config.loop.clock == "monotonic" and config.realtime.profile != "strict"
         return config.servo.kind == "emulated" and real and alone

@@ -23,6 +23,7 @@ from haptic_wall.controller.logs.writer import LogWriter, identity
 from haptic_wall.controller.runtime.idle_window import pause_until_idle_window
 from haptic_wall.controller.runtime.realtime import die_with_parent, stand_back
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
+from haptic_wall.controller.system.files import is_full
 from haptic_wall.controller.system.orders import read_orders, say
 from haptic_wall.controller.system.signals import ended_by
 
@@ -155,7 +156,7 @@ class _Attempts:
                 self._recorder = self._begun()
             wrote = self._recorder.drain()
         except OSError as error:
-            self._trouble_is(self._text(error))
+            self._trouble_is(self._text(error), full=is_full(error))
             return wrote
         self._trouble_is(None)
         if time.monotonic() - self._synced_s >= SYNC_S:
@@ -190,10 +191,10 @@ class _Attempts:
         except OSError as error:
             say({"lost": self._text(error)})
 
-    def _trouble_is(self, trouble: str | None) -> None:
+    def _trouble_is(self, trouble: str | None, *, full: bool = False) -> None:
         if trouble != self._trouble:
             self._trouble = trouble
-            say({"trouble": trouble})
+            say({"trouble": trouble, "full": full})
 
     def _text(self, error: OSError) -> str:
         return f"{self._orders['log']}: {error.strerror or error}"

@@ -175,9 +175,10 @@ class RecorderMonitor:
                 continue
             trouble = said["trouble"]
             if trouble is not None and self._trouble is None:
+                room = "; make room" if said["full"] else ""
                 self._tell(
-                    f"the log cannot be written ({trouble}); make room: the last {CAPACITY} rows"
-                    " are kept until it can"
+                    f"the log cannot be written ({trouble}){room}: the last {CAPACITY} rows are"
+                    " kept until it can"
                 )
             elif trouble is None and self._trouble is not None:
                 self._tell("the log is written again")

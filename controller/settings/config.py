@@ -16,12 +16,8 @@ from haptic_wall.controller.laws.active import Port
 from haptic_wall.controller.laws.shape import Grid, LawError, Numbers
 from haptic_wall.controller.laws.table import active_law, facts_of, is_active, rendered_law
 from haptic_wall.controller.laws.wall import SIGNS, Law
-from haptic_wall.controller.settings.model import (
-    Estimate,
-    Loop,
-)
+from haptic_wall.controller.settings.model import Estimate
 from haptic_wall.controller.settings.rules import (
-    SILENCE_SHARE,
     BrokenRulesError,
     broken_rules,
     law_names,
@@ -43,8 +39,6 @@ APPROACH = 0.1
 """Default distance of a simulated servo's start from a one-sided wall [rad]."""
 MOST_KICK = math.tau / 4.0
 """Largest displacement of a simulated or emulated servo at which the wall comes on at once [rad]"""
-OLD_NAMES = {"safety.max_losses_in_row": "safety.max_silence_s"}
-"""Fields of older files and logs, and their present names"""
 RUNS: Final = {"runs": True}
 """Context of the validation of what a process runs: its laws are imported, see ``laws.own``"""
 MOVED_BY_START = math.radians(1.0)
@@ -71,31 +65,11 @@ class Config(Sections):
             return found
         return {**found, "realtime": {"profile": "strict", **realtime}}
 
-    @model_validator(mode="before")
-    @classmethod
-    def _losses_as_a_time(cls, found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
-        """Read ``safety.max_losses_in_row``, of older files and logs, as a time in periods."""
-        safety = found.get("safety") if isinstance(found, dict) else None
-        if not isinstance(safety, dict) or "max_losses_in_row" not in safety:
-            return found
-        try:
-            rate_hz = found.get("loop", {}).get("rate_hz", Loop().rate_hz)
-            watchdog_s = found.get("servo", {}).get("watchdog_s", Servo().watchdog_s)
-            silence_s = min(safety["max_losses_in_row"] / rate_hz, SILENCE_SHARE * watchdog_s)
-            if not silence_s > 0.0:
-                return found
-        except (TypeError, AttributeError, ArithmeticError):
-            return found  # invalid: it is reported as unknown
-        rest = {name: value for name, value in safety.items() if name != "max_losses_in_row"}
-        return {**found, "safety": {"max_silence_s": silence_s, **rest}}
-
     @model_validator(mode="after")
     def _rules(self, info: ValidationInfo) -> Config:
-        context = info.context or {}
-        if context.get("runs"):
+        if (info.context or {}).get("runs"):
             own.allow(law_names(self.wall))
-        unusable = frozenset(context.get("unusable", ()))
-        if problems := broken_rules(self, unusable):
+        if problems := broken_rules(self):
             raise BrokenRulesError(problems)
         return self
 

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from haptic_wall.controller.errors import ConfigError, UserError
 from haptic_wall.controller.settings import yaml_text as config_yaml
-from haptic_wall.controller.settings.config import OLD_NAMES, Config
+from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.fields import fields, sections
 from haptic_wall.controller.settings.refusal import IN_WORDS
 from haptic_wall.controller.settings.rules import BrokenRulesError
@@ -96,9 +96,6 @@ def load_config(source: str, sets: Sequence[str] = (), *, runs: bool = False) ->
             origins[".".join(path.split(".")[:2])] = "--set"
     config, found = _validated(data, {"runs": runs})
     problems += [_of_origin(problem, origins) for problem in found]
-    for old, new in OLD_NAMES.items():
-        if old in origins:
-            origins.setdefault(new, f"{origins.pop(old)}, as {old}")
     if problems or config is None:
         raise ConfigError(title, problems)
     return Loaded(config, source, origins)
@@ -198,17 +195,6 @@ def _validated(
         return Config.model_validate(data, context=context), []
     except ValidationError as error:
         problems = _problems(error, data)
-    # Rules between fields are checked only when each field is valid by itself. To report them too,
-    # validate again without the invalid fields; rules that read those are skipped.
-    pruned = copy.deepcopy(data)
-    unusable = {problem.field or "" for problem in problems}
-    for path in unusable:
-        _remove(pruned, path)
-    try:
-        Config.model_validate(pruned, context=context | {"unusable": unusable})
-    except ValidationError as error:
-        known = set(problems)
-        problems += [p for p in _problems(error, pruned) if p not in known]
     order = {path: place for place, path in enumerate(fields())}
     problems.sort(key=lambda p: order.get(p.field or "", -1))
     return None, problems
@@ -296,11 +282,3 @@ def _at(data: Any, path: str) -> Any:  # noqa: ANN401
     for step in path.split("."):
         data = data.get(step) if isinstance(data, dict) else None
     return data
-
-
-def _remove(data: Any, path: str) -> None:  # noqa: ANN401
-    *outer, last = path.split(".")
-    for step in outer:
-        data = data.get(step) if isinstance(data, dict) else None
-    if isinstance(data, dict):
-        data.pop(last, None)

@@ -1,11 +1,11 @@
-"""Checks the rules between fields; each rule names the fields it reads and the one at fault."""
+"""Checks the rules between fields; each rule names the field at fault."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass, replace
 from itertools import pairwise
 
 from pydantic import ValidationError
@@ -22,10 +22,9 @@ from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.names import did_you_mean
 from haptic_wall.hw.open import backend
 from haptic_wall.hw.settings import vibrations
-from haptic_wall.hw.truth import ABOUT, disagreements
+from haptic_wall.hw.truth import disagreements
 
-_KIND = ("servo.backend", "servo.port")
-"""The fields that decide whether the servo is simulated, emulated or real."""
+Rule = Callable[[Sections], Iterator[Problem]]
 
 
 class BrokenRulesError(ValueError):
@@ -36,14 +35,6 @@ class BrokenRulesError(ValueError):
         self.problems = problems
 
 
-@dataclass(frozen=True, slots=True)
-class _Rule:
-    """A check and the fields it reads; it is skipped if one of them is invalid."""
-
-    reads: tuple[str, ...]
-    check: Callable[[Sections], Iterator[Problem]]
-
-
 MOST_OF_RATE = 0.45
 """Highest frequency of a filter of the velocity, as a fraction of the rate"""
 MOST_LOWPASS_Q = 0.7072
@@ -51,42 +42,19 @@ MOST_LOWPASS_Q = 0.7072
 WIDEST_NOTCHED_HZ = 60.0
 """Widest range of a vibration's believed frequency with a notch [Hz]; the start already takes
 seconds"""
-_RULES: list[_Rule] = []
+_RULES: list[Rule] = []
 _MOST_PERIODS = 5000
 """Longest delay [periods]; the theory counts contacts up to 10,000 late"""
 
 
-def _reads(
-    *paths: str,
-) -> Callable[[Callable[[Sections], Iterator[Problem]]], Callable[[Sections], Iterator[Problem]]]:
-    def register(
-        check: Callable[[Sections], Iterator[Problem]],
-    ) -> Callable[[Sections], Iterator[Problem]]:
-        _RULES.append(_Rule(paths, check))
-        return check
-
-    return register
+def _rule(check: Rule) -> Rule:
+    _RULES.append(check)
+    return check
 
 
-def broken_rules(config: Sections, unusable: frozenset[str] = frozenset()) -> list[Problem]:
-    """Return the violations of all rules between fields.
-
-    Args:
-        config: The configuration, each field valid by itself.
-        unusable: Paths of invalid fields, which hold a stand-in: rules that read them, or a part of
-            them, are skipped.
-    """
-
-    def usable(path: str) -> bool:
-        return path not in unusable and path.partition(".")[0] not in unusable
-
-    return [
-        problem
-        for rule in _RULES
-        if all(map(usable, rule.reads))
-        for problem in rule.check(config)
-        if problem.field is not None and usable(problem.field)
-    ]
+def broken_rules(config: Sections) -> list[Problem]:
+    """Return the violations of all rules between fields, each of which is valid by itself."""
+    return [problem for rule in _RULES for problem in rule(config)]
 
 
 def _is_real(config: Sections) -> bool:
@@ -94,7 +62,7 @@ def _is_real(config: Sections) -> bool:
     return config.servo.kind == "hardware" and config.servo.port is not None
 
 
-@_reads(*_KIND, "servo.inertia")
+@_rule
 def _truth_is_given(config: Sections) -> Iterator[Problem]:
     if config.servo.kind != "hardware" and config.servo.inertia is None:
         yield Problem(
@@ -104,7 +72,7 @@ def _truth_is_given(config: Sections) -> Iterator[Problem]:
         )
 
 
-@_reads(*_KIND)
+@_rule
 def _truth_is_not_ours_to_say(config: Sections) -> Iterator[Problem]:
     if not _is_real(config):
         return
@@ -122,7 +90,7 @@ def _truth_is_not_ours_to_say(config: Sections) -> Iterator[Problem]:
 _BELIEVED = ("inertia", "damping", "coulomb", "delay", "torque_gain")
 
 
-@_reads(*_KIND)
+@_rule
 def _hardware_is_believed_something(config: Sections) -> Iterator[Problem]:
     if not _is_real(config):
         return
@@ -136,7 +104,7 @@ def _hardware_is_believed_something(config: Sections) -> Iterator[Problem]:
             )
 
 
-@_reads("servo.backend")
+@_rule
 def _required_is_given(config: Sections) -> Iterator[Problem]:
     name = config.servo.backend
     for field, wanted in backend(name).required.items():
@@ -148,7 +116,7 @@ def _required_is_given(config: Sections) -> Iterator[Problem]:
             )
 
 
-@_reads("servo.backend", "servo.options")
+@_rule
 def _options_are_the_backends(config: Sections) -> Iterator[Problem]:
     name, given = config.servo.backend, config.servo.options
     model = backend(name).options
@@ -170,7 +138,7 @@ def _options_are_the_backends(config: Sections) -> Iterator[Problem]:
             yield Problem(f"{detail['msg'].lower()} (servo.backend is {name})", field=path)
 
 
-@_reads(*_KIND, "loop.clock")
+@_rule
 def _real_time_for_real_servos(config: Sections) -> Iterator[Problem]:
     if _is_real(config) and config.loop.clock == "simulated":
         yield Problem(
@@ -180,7 +148,7 @@ def _real_time_for_real_servos(config: Sections) -> Iterator[Problem]:
         )
 
 
-@_reads(*_KIND, "safety.engage")
+@_rule
 def _real_walls_wait(config: Sections) -> Iterator[Problem]:
     if _is_real(config) and config.safety.engage == "at-once":
         yield Problem(
@@ -191,7 +159,7 @@ def _real_walls_wait(config: Sections) -> Iterator[Problem]:
         )
 
 
-@_reads(*_KIND, "safety.engage_torque")
+@_rule
 def _real_walls_come_on_unloaded(config: Sections) -> Iterator[Problem]:
     asked = config.safety.engage_torque
     if _is_real(config) and asked is not None and asked > MOST_TORQUE:
@@ -203,15 +171,7 @@ def _real_walls_come_on_unloaded(config: Sections) -> Iterator[Problem]:
         )
 
 
-@_reads(
-    *_KIND,
-    *(f"wall.{name}" for name in LawNumbers.model_fields),
-    "wall.parts",
-    "wall.passivity_control",
-    "delay.steps",
-    "loop.rate_hz",
-    "servo.counts_per_rev",
-)
+@_rule
 def _law_is_whole(config: Sections) -> Iterator[Problem]:
     wall, counts = config.wall, config.servo.counts_per_rev
     if wall.law == "wall" or any(map(own.is_closed, law_names(wall))):
@@ -289,7 +249,7 @@ def _unused(law: LawNumbers, names: Iterable[str]) -> Iterator[tuple[str, str]]:
         yield name, " or ".join(others)
 
 
-@_reads("safety.travel", "wall.position", "wall.reference")
+@_rule
 def _travel_reaches_the_wall(config: Sections) -> Iterator[Problem]:
     if config.safety.travel is None:
         return
@@ -306,7 +266,7 @@ def _travel_reaches_the_wall(config: Sections) -> Iterator[Problem]:
         )
 
 
-@_reads(*_KIND, "servo.counts_per_rev")
+@_rule
 def _emulated_counts(config: Sections) -> Iterator[Problem]:
     if config.servo.kind == "emulated" and config.servo.counts_per_rev != 4096:
         yield Problem(
@@ -317,7 +277,7 @@ def _emulated_counts(config: Sections) -> Iterator[Problem]:
         )
 
 
-@_reads(*_KIND, *(f"servo.{name}" for name, about in ABOUT.items() if about.kinds))
+@_rule
 def _truth_agrees(config: Sections) -> Iterator[Problem]:
     if config.servo.kind != "hardware":
         for problem in disagreements(config.servo):
@@ -329,10 +289,7 @@ _MOST_STEPS = {True: 2e4, False: 1e5}
 _TRANSMISSION = ("load_inertia", "transmission_stiffness", "transmission_damping")
 
 
-@_reads(
-    *(*_KIND, "servo.inertia", "servo.damping", "servo.damping_back", "servo.chain", "loop.clock"),
-    *(f"servo.{name}" for name in _TRANSMISSION),
-)
+@_rule
 def _transmission_is_computable(config: Sections) -> Iterator[Problem]:
     servo, real = config.servo, config.loop.clock == "monotonic"
     ends = (servo.inertia or 0.0, *(link.inertia for link in servo.links))
@@ -360,10 +317,7 @@ def _transmission_is_computable(config: Sections) -> Iterator[Problem]:
         )
 
 
-@_reads(
-    *("model.delay", "servo.delay", "servo.current_bandwidth", "servo.current_period"),
-    *("guard.sample_age", "delay.steps", "loop.rate_hz"),
-)
+@_rule
 def _delay_is_computable(config: Sections) -> Iterator[Problem]:
     believed, servo, rate = config.model.delay, config.servo, config.loop.rate_hz
     lag = servo.delay + servo.current_lag if believed is None else believed.high
@@ -381,12 +335,7 @@ def _delay_is_computable(config: Sections) -> Iterator[Problem]:
         )
 
 
-@_reads(
-    "model.load_inertia",
-    "model.flexible_hz",
-    "model.transmission_stiffness",
-    *(f"servo.{name}" for name in _TRANSMISSION),
-)
+@_rule
 def _vibration_as_a_whole(config: Sections) -> Iterator[Problem]:
     model, rigid = config.model, config.servo.load_inertia == 0.0
     load, frequency = (
@@ -409,7 +358,7 @@ def _vibration_as_a_whole(config: Sections) -> Iterator[Problem]:
         )
 
 
-@_reads("model.load_inertia", "model.inertia", *_KIND, "servo.inertia", "servo.load_inertia")
+@_rule
 def _load_within_the_inertia(config: Sections) -> Iterator[Problem]:
     model, servo = config.model, config.servo
     if model.load_inertia is None:
@@ -425,7 +374,7 @@ def _load_within_the_inertia(config: Sections) -> Iterator[Problem]:
         )
 
 
-@_reads(*_KIND, "servo.model", "servo.torque_constant")
+@_rule
 def _emulated_gain(config: Sections) -> Iterator[Problem]:
     if (
         config.servo.hides_constant
@@ -441,7 +390,7 @@ def _emulated_gain(config: Sections) -> Iterator[Problem]:
         )
 
 
-@_reads("servo.backend", "servo.model", "servo.torque_constant")
+@_rule
 def _model_makes_torque(config: Sections) -> Iterator[Problem]:
     name, known = config.servo.model, backend(config.servo.backend).models
     if known is None or name is None:
@@ -462,7 +411,7 @@ def _model_makes_torque(config: Sections) -> Iterator[Problem]:
         )
 
 
-@_reads(*_KIND, "servo.faults", "servo.id")
+@_rule
 def _faults_can_happen(config: Sections) -> Iterator[Problem]:
     servo = config.servo
     if servo.faults and servo.kind == "simulated":
@@ -473,7 +422,7 @@ def _faults_can_happen(config: Sections) -> Iterator[Problem]:
         )
 
 
-@_reads(*_KIND, "servo.faults", "servo.id", "servo.options")
+@_rule
 def _backend_finds_no_problem(config: Sections) -> Iterator[Problem]:
     find = backend(config.servo.backend).problems
     if find is not None:
@@ -485,7 +434,7 @@ _CYCLE_SHARE = 0.8
 """Largest fraction of a period for a cycle on the wire: later replies count as lost"""
 
 
-@_reads("servo.backend", "servo.baud", "loop.rate_hz")
+@_rule
 def _cycle_fits_the_period(config: Sections) -> Iterator[Problem]:
     baud, cycle_s = config.servo.baud, backend(config.servo.backend).cycle_s
     if cycle_s is None or baud is None:
@@ -502,7 +451,7 @@ def _cycle_fits_the_period(config: Sections) -> Iterator[Problem]:
         )
 
 
-@_reads("servo.backend", "servo.watchdog_s", "loop.rate_hz")
+@_rule
 def _watchdog_is_patient(config: Sections) -> Iterator[Problem]:
     watchdog, period = config.servo.watchdog_s, config.period_s
     if backend(config.servo.backend).has_watchdog and watchdog < 2 * period:
@@ -514,7 +463,7 @@ def _watchdog_is_patient(config: Sections) -> Iterator[Problem]:
         )
 
 
-@_reads("servo.backend", "servo.watchdog_s", "safety.max_silence_s")
+@_rule
 def _silence_ends_before_the_watchdog(config: Sections) -> Iterator[Problem]:
     silence, most = config.safety.max_silence_s, SILENCE_SHARE * config.servo.watchdog_s
     if backend(config.servo.backend).has_watchdog and silence > most * (1 + 1e-9):
@@ -527,7 +476,7 @@ def _silence_ends_before_the_watchdog(config: Sections) -> Iterator[Problem]:
         )
 
 
-@_reads("servo.backend", "loop.warm_up_s", "loop.rate_hz")
+@_rule
 def _warm_up_sees_the_bus(config: Sections) -> Iterator[Problem]:
     least = WARM_UP_AGES * config.period_s
     if backend(config.servo.backend).has_bus and config.loop.warm_up_s < least * (1 - 1e-9):
@@ -540,7 +489,7 @@ def _warm_up_sees_the_bus(config: Sections) -> Iterator[Problem]:
         )
 
 
-@_reads("safety.heartbeat_s", "loop.rate_hz")
+@_rule
 def _heartbeat_is_patient(config: Sections) -> Iterator[Problem]:
     heartbeat, period = config.safety.heartbeat_s, config.period_s
     if heartbeat < 2 * period:
@@ -558,7 +507,7 @@ WARM_UP_AGES = 20
 """Number of readings over a bus that determine its delay well enough"""
 
 
-@_reads("realtime.spin_us", "loop.rate_hz")
+@_rule
 def _spinning_leaves_time_to_sleep(config: Sections) -> Iterator[Problem]:
     spin_us, most_us = config.realtime.spin_us, SPIN_SHARE * config.period_s * 1e6
     if spin_us is not None and spin_us > most_us * (1 + 1e-9):
@@ -574,7 +523,7 @@ def _spinning_leaves_time_to_sleep(config: Sections) -> Iterator[Problem]:
 _FILTER = ("wall.velocity_filter", "wall.velocity_hz", "wall.velocity_q", "loop.rate_hz")
 
 
-@_reads(*_FILTER)
+@_rule
 def _filter_is_below_half_the_rate(config: Sections) -> Iterator[Problem]:
     wall, rate = config.wall, config.loop.rate_hz
     if wall.velocity_filter == "none":
@@ -594,7 +543,7 @@ def _filter_is_below_half_the_rate(config: Sections) -> Iterator[Problem]:
         )
 
 
-@_reads(*_FILTER, "wall.law", "wall.side", "wall.passivity_control", "guard", "model", "servo")
+@_rule
 def _filter_is_counted(config: Sections) -> Iterator[Problem]:
     wall = config.wall
     if wall.velocity_filter == "none":

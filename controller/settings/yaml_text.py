@@ -16,9 +16,6 @@ from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.printable import in_line
 from haptic_wall.hw.errors import Problem
 
-MOST_VALUES = 10_000
-"""A configuration has a hundred values; a few nested aliases can stand for billions."""
-
 _WORDS = (
     ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
     ("bool", r"true|True|TRUE|false|False|FALSE", list("tTfF")),
@@ -28,11 +25,7 @@ _WORDS = (
         r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",
         list("-+.0123456789"),
     ),
-    ("merge", r"<<", ["<"]),
 )
-
-
-_MERGE = "tag:yaml.org,2002:merge"
 
 
 class _Loader(yaml.SafeLoader):
@@ -40,28 +33,18 @@ class _Loader(yaml.SafeLoader):
 
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
 
-    def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        """Expand ``<<``: a mapping's own key wins over a merged one, an earlier merge over a later.
-
-        The library's own expansion differs between its versions: PyYAML 6.0.4 takes the merged
-        value where a merged mapping overrules what it merges itself.
-        """
-        own = [pair for pair in node.value if pair[0].tag != _MERGE]
-        merged: dict[str, tuple[yaml.Node, yaml.Node]] = {}
-        for _, value in (pair for pair in node.value if pair[0].tag == _MERGE):
-            for source in value.value if isinstance(value, yaml.SequenceNode) else [value]:
-                if not isinstance(source, yaml.MappingNode):
-                    raise _problem("<< takes a mapping or a list of mappings", value)
-                self.flatten_mapping(source)
-                for pair in source.value:
-                    merged.setdefault(str(pair[0].value), pair)
-        for key, _ in own:
-            merged.pop(str(key.value), None)
-        node.value = [*merged.values(), *own]
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:  # noqa: ANN401 - the library's signature
+        """Compose as the base class, but refuse aliases: few can stand for billions of values."""
+        if self.check_event(yaml.AliasEvent):
+            mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
+            raise yaml.constructor.ConstructorError(
+                None, None, "found an alias (*name): write the values out", mark
+            )
+        return super().compose_node(parent, index)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         """Construct as the base class, but keep keys as texts: true, 1 and null too."""
-        self.flatten_mapping(node)  # expand the keys of << first
+        _refuse_twice(node)
         for key, _ in node.value:
             if isinstance(key, yaml.ScalarNode):
                 key.tag = "tag:yaml.org,2002:str"
@@ -89,8 +72,7 @@ def parse(text: str, source: str, field: str | None = None) -> Any:  # noqa: ANN
         field: The option that ``source`` is the value of; None: it is none's.
 
     Raises:
-        UserError: It is not YAML, a key stands twice, or its aliases stand for more than
-            ``MOST_VALUES`` values.
+        UserError: It is not YAML, a key stands twice, or it has an alias.
     """
     try:
         return _data(text)
@@ -110,43 +92,9 @@ def _unreadable(source: str, field: str | None, problem: Problem) -> UserError:
 def _data(text: str) -> Any:  # noqa: ANN401 - whatever the text holds
     loader = _Loader(text)  # a SafeLoader, for plain data
     try:
-        root = loader.get_single_node()
-        if root is None:
-            return None
-        _written_out(root, {})
-        return loader.construct_document(root)
+        return loader.get_single_data()
     finally:
         loader.dispose()
-
-
-def _written_out(node: yaml.Node, counted: dict[int, int]) -> int:
-    """Return the number of values in a node, each alias counted as often as it is used.
-
-    Args:
-        node: The node; it contains no duplicate key.
-        counted: The counts of visited nodes by their id; 0: being counted.
-    """
-    known = counted.get(id(node))
-    if known == 0:
-        raise _problem("an alias stands for what it is a part of: write the values out", node)
-    if known is not None:
-        return known
-    counted[id(node)] = 0
-    inner: list[yaml.Node] = []
-    if isinstance(node, yaml.MappingNode):
-        _refuse_twice(node)
-        inner = [part for pair in node.value for part in pair]
-    elif isinstance(node, yaml.SequenceNode):
-        inner = node.value
-    count = 1 + sum(_written_out(part, counted) for part in inner)
-    if count > MOST_VALUES:
-        raise _problem(
-            f"found more than {MOST_VALUES} values, those that aliases stand for counted each"
-            " time: wanted a configuration",
-            node,
-        )
-    counted[id(node)] = count
-    return count
 
 
 def _refuse_twice(node: yaml.MappingNode) -> None:

@@ -75,6 +75,11 @@ def content(path: Path, most: int) -> bytes:
     return held
 
 
+def is_full(error: OSError) -> bool:
+    """Whether an error means that more room on the disk would help."""
+    return error.errno in (errno.ENOSPC, errno.EDQUOT)
+
+
 def would_be_lost(path: Path) -> bool:
     """Whether a file is there that a new one would replace; an empty one does not count."""
     with suppress(OSError):

@@ -1,8 +1,9 @@
-"""``demo``: what it refuses, that Ctrl-C ends all of it, and that an ended run comes back."""
+"""``demo``: what it refuses, that Ctrl-C ends all of it, and what it says."""
 
 from __future__ import annotations
 
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -10,6 +11,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from importlib.resources import files
 from pathlib import Path
 
 import pytest
@@ -17,6 +19,8 @@ from click.testing import CliRunner
 
 from haptic_wall.controller.cli import demo
 from haptic_wall.controller.errors import HapticWallError
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, peak
 from tests.cases import whole_only
 
 COMMAND = [sys.executable, "-m", "haptic_wall.controller.cli.main", "demo"]
@@ -84,3 +88,23 @@ def test_ctrl_c_while_it_starts_ends_all_of_it(tmp_path: Path, wait_s: float) ->
     assert child.returncode == 130
     assert said.strip() == ""
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_lesson_says_what_theory_says() -> None:
+    text = (files("haptic_wall.controller.live") / "page" / "lesson.js").read_text()
+    config = load_config("simulated", demo.SERVO).config
+    servo = config.belief().inertia.low, config.belief().damping.low
+    delay, period = config.belief().delay.high, config.period_s
+    limit = float(critical_stiffness(*servo, 0.02, period, delay))
+    late = float(critical_stiffness(*servo, 0.02, period, delay + 3 * period))
+    ceiling = float(max_virtual_damping(*servo, period, delay))
+    best = peak(*servo, period, delay)
+    for number in (limit, late, best.stiffness, best.virtual_damping, ceiling):
+        assert f"{float(number):.3g}" in text
+    found = re.findall(r"(\w+): wall\(([\d.]+), ([\d.]+)", text)
+    walls = {name: (float(stiffness), float(damping)) for name, stiffness, damping in found}
+    assert walls["soft"][0] < 0.5 * limit < walls["prompt"][0] < 0.8 * limit
+    assert late < walls["late"][0] < limit < walls["stiff"][0] < best.stiffness
+    assert walls["damped"] == (walls["stiff"][0], float(f"{float(best.virtual_damping):.3g}"))
+    assert walls["too_much"][1] > ceiling and walls["far"][0] > 3.0 * limit
+    assert f"wall.stiffness={walls['soft'][0]}" in demo.SERVO

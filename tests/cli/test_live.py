@@ -43,7 +43,7 @@ def test_a_taken_port_is_refused_before_anything_starts() -> None:
 
 def test_control_without_a_page_and_a_page_without_time_are_refused() -> None:
     assert "add --live" in refusal(run.command, "--live-control")
-    assert "haptic-wall live LOG" in refusal(
+    assert "before it can be watched" in refusal(
         run.command, "--live", "localhost:0", "--set", "loop.clock=simulated"
     )
 
@@ -108,7 +108,7 @@ def test_a_killed_page_changes_nothing_for_the_run(tmp_path: Path) -> None:
     assert child.returncode == 0
     assert report["stop_reason"] == "duration"
     assert report["ticks"] + report["missed_ticks"] >= 4000
-    assert "page and stream was killed by SIGKILL; the run goes on without it" in said
+    assert "for changes and page was killed by SIGKILL; the run goes on without it" in said
     assert "refused" not in said and "Traceback" not in said
     assert server_log_of(tmp_path / "a").read_text().count("refused") == 2
 

@@ -8,42 +8,43 @@ import sys
 import termios
 import time
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
-from haptic_wall.controller.cli.live_line import Shown, bar_of, line_of
+from haptic_wall.controller.cli.live_line import line_of
+from haptic_wall.controller.detector.state import State
+from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, ROW
 from tests.cases import whole_only
 
-CALM = Shown("contact", 0, 0.1, 0.02, -0.5, 1.0, 8.0, 3, 0.42)
+
+def row(**fields: float) -> Any:
+    made = np.zeros(1, ROW)
+    made["position"], made["torque"], made["stiffness"], made["age_ns"] = 0.1, -0.5, 8.0, 420_000
+    made["flags"] = FLAG_CONTACT
+    for name, value in fields.items():
+        made[name] = value
+    return made[0]
+
+
+def line(given: Any, columns: int, *, colour: bool = True) -> str:
+    return line_of(given, 3, loses=False, columns=columns, colour=colour)
 
 
 def test_the_line_names_what_a_person_wants_to_know() -> None:
-    line = line_of(CALM, 200, colour=True)
-    for word in ("contact", "-0.500 N·m", "+0.1000 rad", "+0.0200", "K 8", "lost 3", "0.42 ms"):
-        assert word in line
-    assert "\x1b" not in line
-    assert line_of(CALM, 40, colour=True) == "contact   [   ##|     ]  -0.500 N·m"
-    assert line_of(CALM, 10, colour=True) == "contact  "
+    told = line(row(), 200)
+    for word in ("contact", "-0.500 N·m", "+0.1000 rad", "K 8", "lost 3", "0.42 ms"):
+        assert word in told
+    assert "\x1b" not in told
+    assert line(row(), 30) == "contact    -0.500 N·m"
+    assert line(row(), 10) == "contact  "
 
 
 def test_what_is_wrong_is_coloured_unless_nobody_wants_that() -> None:
-    wrong = Shown("growing", 2, 0.1, 0.02, -0.5, 1.0, 8.0, 3, 0.42)
-    assert line_of(wrong, 200, colour=True).startswith("\x1b[31m")
-    assert "\x1b" not in line_of(wrong, 200, colour=False)
-
-
-@pytest.mark.parametrize(
-    ("torque", "bar"),
-    [
-        (-1.0, "[#####|     ]"),
-        (0.0, "[     |     ]"),
-        (0.4, "[     |##   ]"),
-        (9.0, "[     |#####]"),
-    ],
-)
-def test_the_bar_points_to_where_the_torque_pushes(torque: float, bar: str) -> None:
-    assert bar_of(torque, 1.0) == bar
-    assert bar_of(float("nan"), 1.0) == "[     |     ]"
+    wrong = row(oscillation=State.GROWING)
+    assert line(wrong, 200).startswith("\x1b[31mgrowing")
+    assert "\x1b" not in line(wrong, 200, colour=False)
 
 
 @pytest.mark.realtime
@@ -68,10 +69,10 @@ def test_a_key_ends_the_run_and_the_terminal_is_as_before(tmp_path: Path, key: b
     try:
         seen = b""
         end = time.monotonic() + 60.0
-        while b"depth" not in seen and time.monotonic() < end:
+        while b" rad  K" not in seen and time.monotonic() < end:
             if select.select([ours], [], [], 1.0)[0]:
                 seen += os.read(ours, 65536)
-        assert b"depth" in seen, seen
+        assert b" rad  K" in seen, seen
         os.write(ours, key)
         while run.poll() is None and time.monotonic() < end:
             if select.select([ours], [], [], 0.2)[0]:

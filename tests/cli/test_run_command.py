@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 import pytest
 from click.core import Context
 
 from haptic_wall.controller.cli import run as run_command
-from haptic_wall.controller.cli.brief import brief_text
+from haptic_wall.controller.cli.text import brief_text
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.writer import LogWriter
 from haptic_wall.controller.processes import inline
@@ -23,6 +24,7 @@ from haptic_wall.controller.processes.plan import LogState
 from haptic_wall.controller.processes.recorder import Recorder, begun_log
 from haptic_wall.controller.processes.run_report import exit_status
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip
+from haptic_wall.controller.runtime.telemetry import ROW
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from tests.cases import sampled
 from tests.cli.caller import Cli
@@ -42,7 +44,10 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ("arguments", "message"),
     [
         (["--log", "a", "--plot", "./a"], "--log and --plot both name a"),
-        (["--hold", "a", "--hold", "b"], "--hold: found 2 sources (a, b), wanted one"),
+        (
+            ["--set=loop.clock=monotonic", "--hold", "a", "--hold", "b"],
+            "--hold: found 2 sources (a, b), wanted one",
+        ),
         (["--set=loop.clock=monotonic", "--hold", "page"], "add --live --live-control"),
         (["--plot", "a.svg"], "--plot a.svg: found a name ending in .svg"),
         (["--log", "."], "--log: . is a folder"),
@@ -125,6 +130,25 @@ def placed(
     context = click.Context(run_command.command)
     with context.scope(cleanup=False):
         return run_command._places(log, plot, witness, name, draws=True, force=force), context
+
+
+def test_the_log_of_a_living_run_is_not_replaced(cli: Cli, folder: Path) -> None:
+    rows = np.zeros(3, ROW)
+    rows["seq"] = rows["deadline_ns"] = np.arange(3)
+    with LogWriter(folder / "a.hwlog", {}) as log:
+        log.append(rows)
+        told = cli.refused("run", *BRIEF, "--log", "a.hwlog", "--force")
+        assert "another program has a.hwlog open" in told
+    assert len(LogReader.open(folder / "a.hwlog").rows()) == 3
+    assert cli("run", *BRIEF, "--log", "a.hwlog", "--force")[0] == 0
+
+
+def test_a_folder_that_cannot_be_written_is_told_at_the_start(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    placed(folder / "a.hwlog", None, None)
+    assert "its folder cannot be written" in capsys.readouterr().err
 
 
 def test_two_runs_begun_together_do_not_write_one_file(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -127,11 +127,19 @@ def test_a_line_that_no_sweep_wrote_is_refused(
     kept = (swept[0] / "sweep.rows").read_text()
     point = json.loads(kept.splitlines()[-1])
     wrong = [{"measured": "abc"}, {"measured": 10**400}, {"measured": 1e999}, {"trials": 1.5}]
-    wrong += [{"reason": {}}, {"trips": "abc"}, {"virtual_damping": 9.0}]
+    wrong += [{"reason": {}}, {"trips": "abc"}, {"virtual_damping": 9.0}, {"measured": -1.0}]
     for line in [{}, *(point | each for each in wrong)]:
         (tmp_path / "sweep.rows").write_text(f"{kept}{json.dumps(line)}\n")
         told = cli.refused("sweep", "simulated", *PLANT, *POINTS, "--out", tmp_path)
         assert "sweep.rows, line 6" in told and "delete that line" in told
+
+
+def test_a_file_that_no_sweep_has_begun_is_refused(cli: Cli, tmp_path: Path) -> None:
+    file = tmp_path / "sweep.rows"
+    file.write_text("my own notes")
+    told = cli.refused("sweep", "simulated", *PLANT, *POINTS, "--out", tmp_path)
+    assert "sweep.rows is no file of this program" in told
+    assert file.read_text() == "my own notes"
 
 
 def test_before_hardware_moves_it_says_what_will(cli: Cli, tmp_path: Path) -> None:

@@ -227,9 +227,7 @@ def test_commands_of_the_program(
     if words[0] == "live":  # it serves until Ctrl-C
         monkeypatch.setattr("haptic_wall.controller.live.server.LiveServer.run", served_nobody)
     if words[0] == "demo":  # so does this one; what it serves has tests of its own
-        where = "haptic_wall.controller.cli.demo_walls"
-        monkeypatch.setattr(f"{where}.demo", lambda *_: nullcontext())
-        monkeypatch.setattr(f"{where}.serve", lambda *_: None)
+        monkeypatch.setattr("haptic_wall.controller.cli.demo._show", lambda *_: None)
     if words[0] in ("log", "live"):
         seconds = float(value_of(words, "--from") or -0.9) + 1.0
         quick = [f"--duration={seconds}", "--set=loop.clock=simulated", "--set=loop.rate_hz=250"]

@@ -80,6 +80,8 @@ class Sweep:
             figures = (value for value in asdict(point).values() if isinstance(value, float))
             if found not in self.settings or not all(map(math.isfinite, figures)):
                 raise ValueError(found)
+            if min(point.measured or 0.0, point.uncertainty or 0.0) < 0.0:
+                raise ValueError("no stiffness")
             return found, point
 
         described = {

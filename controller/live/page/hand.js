@@ -2,12 +2,12 @@
 
 import { colour, torqueAt } from "./backdrop.js";
 
-const EVERY_MS = 50, HEIGHT = 64;
+const EVERY_MS = 50, HEIGHT = 64, ROOM_RAD = 1; // what is seen on each side of the wall
 
 export class Hand {
-  // send(object): to the server; state: {laws}; room: what is seen on each side of the wall [rad]
-  constructor(canvas, stiffness, state, send, room = 1.0) {
-    Object.assign(this, { canvas, stiffness, state, send, room, shaft: NaN, pointer: null, timer: null });
+  // send(object): to the server; state: {laws}
+  constructor(canvas, stiffness, state, send) {
+    Object.assign(this, { canvas, stiffness, state, send, shaft: NaN, pointer: null, timer: null });
     canvas.addEventListener("pointerdown", (event) => this.take(event));
     canvas.addEventListener("pointermove", (event) => { if (this.pointer !== null) this.pointer = this.position(event); });
     for (const kind of ["pointerup", "pointercancel", "lostpointercapture"]) canvas.addEventListener(kind, () => this.release());
@@ -16,7 +16,7 @@ export class Hand {
 
   get range() {
     const middle = this.state.laws.at(-1)?.surface ?? 0;
-    return [middle - this.room, middle + this.room];
+    return [middle - ROOM_RAD, middle + ROOM_RAD];
   }
 
   position(event) {

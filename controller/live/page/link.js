@@ -1,10 +1,9 @@
 // The connection to the server: opens it again when it breaks, and calls what listens.
 
 export class Link {
-  // on: {rows(buffer), text(object), open(), lost()}; servo: which one, of a page with several
-  constructor(on, servo = "") {
+  // on: {rows(buffer), text(object), open(), lost()}
+  constructor(on) {
     this.on = on;
-    this.servo = servo;
     this.over = false; // the run has ended: nothing more comes
     this.open();
   }
@@ -13,7 +12,6 @@ export class Link {
     const query = new URLSearchParams();
     const token = new URLSearchParams(location.search).get("token");
     if (token) query.set("token", token);
-    if (this.servo) query.set("servo", this.servo);
     const socket = this.socket = new WebSocket(`ws://${location.host}/rows?${query}`);
     socket.binaryType = "arraybuffer";
     socket.onopen = () => this.on.open();

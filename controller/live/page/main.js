@@ -10,7 +10,6 @@ import { Knobs } from "./knobs.js";
 import { Hand } from "./hand.js";
 import { DeadMan } from "./dead_man.js";
 import { keepLaws } from "./backdrop.js";
-import { saveCsv, savePng } from "./exports.js";
 
 const element = (id) => document.getElementById(id);
 const state = { laws: [], marks: [], pin: null, cursor: null, hello: null, ended: "", health: "" };
@@ -58,7 +57,10 @@ const heard = {
   health: ({ volts, celsius }) => { state.health = `${volts} V · ${celsius} °C`; },
   wall: (wall) => knobs.show(wall, state.hello),
   map: (limits) => map.show(limits),
-  answer: (told) => knobs.answer(told),
+  answer: (told) => {
+    knobs.answer(told);
+    if (!told.waits) lower();
+  },
   beat: ({ beat }) => deadMan.beat(beat),
   ended: ({ words }) => { state.ended = words; link.over = true; },
   refused: ({ words }) => console.warn(words),
@@ -74,6 +76,31 @@ const link = new Link({
   text: (message) => change(() => heard[message.kind]?.(message)),
   lost: (reason) => say(state.ended || reason || "no connection to the run; trying again", !state.ended),
 });
+
+// The page of the demo, around this one, asks for a wall: the shaft is lifted off meanwhile.
+const LIFT_RAD = 0.08, GRIP = 20, EVERY_MS = 50, LEAST_MS = 600, LONGEST_MS = 15000; // grip in N·m/rad
+let lift = null;
+addEventListener("message", ({ data, origin, source }) => {
+  if (parent === window || source !== parent || new URL(origin).hostname !== location.hostname || !knobs.told) return;
+  clearInterval(lift?.timer);
+  const hold = () => {
+    if (Date.now() > lift.since + LONGEST_MS) lower();
+    else link.send({ hand: { position: knobs.told.wall.position - LIFT_RAD, stiffness: GRIP } });
+  };
+  lift = { since: Date.now(), timer: setInterval(hold, EVERY_MS) };
+  knobs.ask(data.set);
+});
+
+function lower() {
+  const { timer, since } = lift ?? {};
+  if (!timer) return;
+  setTimeout(() => {
+    if (timer !== lift.timer) return; // another wish came
+    clearInterval(timer);
+    link.send({ hand: null });
+    lift = null;
+  }, Math.max(0, since + LEAST_MS - Date.now()));
+}
 
 function say(words, bad) {
   element("state").textContent = words;
@@ -132,8 +159,6 @@ for (const span of SPANS) {
   element("spans").append(" ");
 }
 element("pause").addEventListener("click", () => change(() => (view.follows ? view.hold() : view.follow())));
-element("csv").addEventListener("click", () => saveCsv(store, view.stretch, state.hello.name));
-element("png").addEventListener("click", () => savePng(scope, state.hello.name, `${document.title}  ${element("state").textContent}`));
 addEventListener("keydown", (event) => {
   if (event.key === " " && event.target === document.body) {
     event.preventDefault();

@@ -15,9 +15,8 @@ const wholeRoom = () => Math.max(420, Math.min(900, innerHeight - 190));
 
 export class Scope {
   // state: {laws, marks, pin}; on: {zoom(from, to), wheel(factor, time), pin(time), shift(s), follow(), cursor()}
-  // panels: of PANELS; room(): their height together; key: scopes with one key share the pointer
-  constructor(root, store, state, on, { panels = PANELS, room = wholeRoom, key = "scope" } = {}) {
-    Object.assign(this, { root, store, state, on, panels, room, key, edges: [] });
+  constructor(root, store, state, on, { panels = PANELS } = {}) {
+    Object.assign(this, { root, store, state, on, panels, edges: [] });
     this.build();
     new ResizeObserver(() => this.resize()).observe(root);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.build());
@@ -33,7 +32,7 @@ export class Scope {
 
   heights() {
     const parts = this.panels.reduce((sum, panel) => sum + panel.height, 0);
-    return this.panels.map((panel, index) => Math.round((panel.height * this.room()) / parts) + (index === this.panels.length - 1 ? 26 : 0));
+    return this.panels.map((panel, index) => Math.round((panel.height * wholeRoom()) / parts) + (index === this.panels.length - 1 ? 26 : 0));
   }
 
   resize() {
@@ -54,7 +53,7 @@ export class Scope {
       height: this.heights()[index],
       padding: [6, 8, last ? 0 : 4, 0],
       legend: { show: false },
-      cursor: { sync: { key: this.key, setSeries: false }, drag: { x: true, y: false, setScale: false }, points: { size: 6 } },
+      cursor: { sync: { key: "scope", setSeries: false }, drag: { x: true, y: false, setScale: false }, points: { size: 6 } },
       scales: { x: { time: false }, y: panel.log ? { distr: 3, range: decades } : { range: (_, low, high) => range(low, high, panel, this.edges) } },
       axes: [
         { ...line, show: true, size: last ? 26 : 0, values: (u, ticks) => (last ? ticks.map((t) => +t.toFixed(6)) : ticks.map(() => "")) },

@@ -8,7 +8,7 @@ import pytest
 
 from haptic_wall.controller.detector.detection import position_step
 from haptic_wall.controller.logs.detected import Detected, detect_all
-from haptic_wall.controller.logs.recording import Knowledge, Part, Recording
+from haptic_wall.controller.logs.recording import Part, Recording
 from haptic_wall.controller.theory.checks import FloatArray
 
 NOTHING = dict.fromkeys(("inertia", "damping", "coulomb", "lag"))
@@ -27,9 +27,8 @@ class Drawn(NamedTuple):
 
 def found(period: float, positions: FloatArray, torques: FloatArray | None) -> Detected:
     times = np.asarray(np.arange(positions.size) * period, np.float64)
-    part = Part(times, positions, torques, None)
-    known = Knowledge(position_step=position_step(positions))
-    return detect_all([Recording(period, (part,), known, ())], NOTHING)
+    part = Part(times, positions, torques)
+    return detect_all(Recording(period, (part,), position_step(positions), ()), NOTHING)
 
 
 def rounded(values: FloatArray, step: float) -> FloatArray:

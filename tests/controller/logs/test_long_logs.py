@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.logs import detected as seen
-from haptic_wall.controller.logs import recording as log_parts
-from haptic_wall.controller.logs import recordings as log_recording
 from haptic_wall.controller.logs.csv_export import write_csv
+from haptic_wall.controller.logs.detected import read_recording
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.summary import summarised
 from haptic_wall.controller.logs.writer import LogWriter
@@ -125,21 +124,13 @@ def test_a_sketch_keeps_every_peak_in_little_memory(monkeypatch: pytest.MonkeyPa
 def test_detect_sees_the_same_in_windows_as_in_the_whole(
     logs: list[Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = logs[2]
-    monkeypatch.setattr(seen, "_WHOLE", 2000)
-    whole = seen.detect_all(log_recording.read_recordings(path), NOTHING)
-    for module in (log_parts, log_recording):
-        monkeypatch.setattr(module, "WINDOW", 6_000)
-    found = list(log_recording.read_recordings(path))
-    assert [r.of for r in found] == [5] * 5
-    assert max(r.samples for r in found) <= 6_000 + 10_000
-    parted = seen.detect_all(found, NOTHING)
-    assert (parted.samples, parted.parts) == (whole.samples, whole.parts)
+    recording = read_recording(logs[2])
+    whole = seen.detect_all(recording, NOTHING)
+    monkeypatch.setattr(seen, "WINDOW", 6_000)
+    parted = seen.detect_all(recording, NOTHING)
+    ((part,), (record,)) = recording.parts, parted.records
+    assert record.state.size == part.times.size == 29_800
     assert parted.state == whole.state >= State.SUSTAINED
     assert parted.first_alarm_s == pytest.approx(whole.first_alarm_s, abs=0.5)
     assert parted.frequency_hz == pytest.approx(whole.frequency_hz, rel=0.1)
     assert parted.amplitude == pytest.approx(whole.amplitude, rel=0.1)
-    drawn = sum(part.times.size for part, _ in parted.drawn)
-    assert drawn < 8 * (seen.SLICES + 5)
-    times = np.concatenate([part.times for part, _ in parted.drawn])
-    assert np.all(np.diff(times) > 0)

@@ -7,18 +7,12 @@ import pytest
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs import csv_table
-from haptic_wall.controller.logs.recording import WINDOW, Recording
-from haptic_wall.controller.logs.recordings import read_recordings
+from haptic_wall.controller.logs.detected import read_recording
 from haptic_wall.controller.theory.checks import FloatArray
 from tests.typed import not_none
 
 STEP = math.tau / 4096
 RNG = np.random.default_rng(1)
-
-
-def read_recording(path: Path) -> Recording:
-    (found,) = read_recordings(path)
-    return found
 
 
 def swing(times: FloatArray) -> FloatArray:
@@ -44,7 +38,7 @@ def test_an_even_record_is_taken_as_it_is(tmp_path: Path) -> None:
     (part,) = found.parts
     assert np.array_equal(part.positions, counted)
     assert np.array_equal(not_none(part.torques), -counted)
-    assert found.known.position_step == pytest.approx(STEP, rel=1e-9)
+    assert found.position_step == pytest.approx(STEP, rel=1e-9)
 
 
 def test_a_gap_parts_the_record_and_is_told(tmp_path: Path) -> None:
@@ -123,13 +117,6 @@ def test_recordings_days_apart_are_parts_of_their_own(
     assert any("nothing is known from" in note for note in found.notes)
 
 
-def test_a_long_recording_comes_in_pieces_that_overlap(tmp_path: Path) -> None:
-    times = recording(0.0, WINDOW + 50_000)
-    found = list(read_recordings(write(tmp_path / "a.csv", time_s=times, position_rad=times)))
-    assert [each.samples for each in found] == [WINDOW, 60_000]
-    assert found[1].since_s == pytest.approx(1e-3 * WINDOW)
-
-
 @pytest.mark.parametrize(
     ("content", "said"),
     [
@@ -147,7 +134,7 @@ def test_what_is_no_text_is_refused_in_words(tmp_path: Path, content: bytes, sai
     path = tmp_path / "a.csv"
     path.write_bytes(content)
     with pytest.raises(UserError) as error:
-        list(read_recordings(path))
+        read_recording(path)
     assert said in str(error.value)
     assert str(error.value).isprintable()
 

@@ -69,7 +69,7 @@ def test_a_door_that_died_leaves_no_socket_and_its_page_holds_no_more(
     made._child.wait(20.0)
     if ends == "look":
         made.look()
-        gone = "the process for changes, page and stream ended with 3"
+        gone = "the process for changes and page ended with 3"
         assert told[0] == f"{gone}; the run goes on without it"
         assert told[1].startswith(f"--hold: {gone}; the wall is off")
         assert made.trouble == f"--hold: {gone}; from then on the wall was off"

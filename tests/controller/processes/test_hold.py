@@ -102,6 +102,7 @@ def test_a_device_that_is_gone_is_an_error() -> None:
 @pytest.mark.parametrize(
     ("text", "told"),
     [
+        (" ", "found nothing; name an input device"),
         ("nowhere", "nowhere cannot be opened (No such file or directory)"),
         ("/dev/null", "is not an input device"),
         (".", "is not an input device"),

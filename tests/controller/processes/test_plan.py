@@ -25,5 +25,4 @@ from haptic_wall.controller.settings.load import load_config
 def test_only_a_bus_of_ones_own_is_waited_for(preset: str, sets: list[str], elastic: bool) -> None:
     plan = Plan(load_config(preset, sets).config, None, Path("x"), {}, None)
     assert plan.elastic is elastic
-    assert not replace(plan, page=3).elastic
     assert not replace(plan, hold=Hold("page")).elastic

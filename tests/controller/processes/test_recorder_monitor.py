@@ -45,8 +45,8 @@ class Child:
             if self._words[Word.FINISHED]:
                 self.end(0)
 
-    def say(self, trouble: str | None) -> None:
-        self._said.append(json.dumps({"trouble": trouble}))
+    def say(self, trouble: str | None, *, full: bool = True) -> None:
+        self._said.append(json.dumps({"trouble": trouble, "full": full}))
 
     def lose(self, lost: str) -> None:
         self._said.append(json.dumps({"lost": lost}))
@@ -220,7 +220,7 @@ def test_a_full_disk_is_told_at_once_and_only_what_memory_cannot_hold_is_lost(ru
     run.go(2.0 * STUCK_S, rows_per_s=4)
     assert len(run.recorders) == 1, "one that waits for room is left alone"
     (told,) = run.told
-    assert "the log cannot be written (run.hwlog: No space left on device)" in told
+    assert "the log cannot be written (run.hwlog: No space left on device); make room" in told
     run.go(1.0, rows_per_s=CAPACITY // 2)
     assert "the log loses rows" in run.told[1]
     run.recorders[-1].writes = True
@@ -233,6 +233,14 @@ def test_a_full_disk_is_told_at_once_and_only_what_memory_cannot_hold_is_lost(ru
     assert f"lacks {missing} of {run.words[Word.HEAD]} rows" in note
     assert run.monitor.lacking == missing
     assert np.all(np.diff(rows) > 0)
+
+
+def test_room_is_asked_for_only_where_it_helps(run: Run) -> None:
+    run.go(2.0)
+    run.recorders[-1].say("run.hwlog: Permission denied", full=False)
+    run.go(1.0)
+    (told,) = run.told
+    assert "Permission denied" in told and "make room" not in told
 
 
 def test_what_the_disk_lost_for_good_is_told_once_and_noted(run: Run) -> None:

@@ -1,6 +1,5 @@
 """Reading a configuration: what people write is understood, and all that is wrong is said."""
 
-import itertools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -152,12 +151,9 @@ def test_all_problems_are_told_at_once_in_the_order_of_the_fields() -> None:
         "--set nonsense: wanted PATH=VALUE",
         "wall.stifness (from --set): unknown; did you mean wall.stiffness?",
         "loop.rate_hz (from --set): found 1000000.0, wanted a number from 50 to 10000 [Hz]",
-        "loop.clock (from --set): found simulated, wanted monotonic",
         "wall.side (from --set): found 'abov', wanted one of above, below, both; did you mean "
         "above?",
-        "servo.inertia (from --set): found 0.01, but only simulated and emulated servos",
         "servo.baud (from --set): found 400000.0, wanted one of 9600, 57600",
-        "model.inertia (from --set): found nothing, wanted a number or {value, low, high}",
         "model.delay (from --set): found {'value': 3, 'low': 1, 'high': 2}, wanted a number from "
         "0 to 0.1",
         "safety.max_loss (from --set): found 2, wanted a number above 0 and at most 1",
@@ -165,6 +161,12 @@ def test_all_problems_are_told_at_once_in_the_order_of_the_fields() -> None:
     assert len(found) == len(starts)
     for line, start in zip(found, starts, strict=True):
         assert line.startswith(start)
+    rules = problems(HARDWARE, "loop.clock=simulated", "servo.inertia=0.01", "model.inertia=null")
+    assert [line.partition(" ")[0] for line in rules] == [
+        "loop.clock",
+        "servo.inertia",
+        "model.inertia",
+    ]
 
 
 def test_a_bus_too_slow_for_the_rate_is_refused() -> None:
@@ -302,8 +304,7 @@ def test_a_port_that_cannot_be_one_is_the_only_thing_told(port: str) -> None:
 
 def test_an_unknown_key_is_told_as_it_is_written() -> None:
     assert only("simulated", "wall={true: 1}").startswith("wall.true: unknown")
-    data = parse("a: &a {true: 1, 2: x}\nb: {<<: *a, null: 3}", "text")
-    assert data == {"a": {"true": 1, "2": "x"}, "b": {"true": 1, "2": "x", "null": 3}}
+    assert parse("a: {true: 1, 2: x, null: 3}", "text") == {"a": {"true": 1, "2": "x", "null": 3}}
 
 
 def test_a_duplicate_key_is_refused(tmp_path: Path) -> None:
@@ -353,23 +354,10 @@ def test_what_may_never_end_is_not_a_configuration(tmp_path: Path) -> None:
         load_config(str(path))
 
 
-NESTED = [
-    "a: &a [1,1,1,1,1,1,1,1,1]\n"
-    + "".join(
-        f"{b}: &{b} [{','.join([f'*{a}'] * 9)}]\n" for a, b in itertools.pairwise("abcdefghi")
-    ),
-    "a0: &a0 {k: 1}\n"
-    + "".join(f"a{i}: &a{i} {{<<: [*a{i - 1}, *a{i - 1}]}}\n" for i in range(1, 25)),
-    "".join(f"k{number}: 1\n" for number in range(7000)),
-]
-
-
-@pytest.mark.parametrize("text", NESTED, ids=["aliases", "merges", "keys"])
-def test_a_small_file_that_stands_for_a_large_one_is_refused(tmp_path: Path, text: str) -> None:
-    """What 329 bytes stand for took 19 s and 372 MB to look at."""
+def test_aliases_are_refused_because_few_can_stand_for_billions(tmp_path: Path) -> None:
     path = tmp_path / "a.yaml"
-    path.write_text(text)
-    with pytest.raises(UserError, match=r"line \d+, column \d+: found more than 10000 values"):
+    path.write_text("wall: &a {stiffness: 1}\nmodel: *a\n")
+    with pytest.raises(UserError, match=r"line 2, column 8: found an alias"):
         load_config(str(path))
 
 
@@ -387,14 +375,14 @@ def test_many_problems_are_counted_and_some_are_told(tmp_path: Path) -> None:
     path.write_text("wall:\n" + "".join(f"  k{number}: 1\n" for number in range(2000)))
     with pytest.raises(ConfigError) as refused:
         load_config(str(path))
-    assert len(refused.value.problems) == 2001
+    assert len(refused.value.problems) == 2000
     told = str(refused.value).splitlines()
-    assert "2001 problems" in told[0]
-    assert told[-1] == "  ... and 1971 more"
+    assert "2000 problems" in told[0]
+    assert told[-1] == "  ... and 1970 more"
 
 
 def test_a_number_too_large_for_a_computer_is_refused_by_name() -> None:
-    for field in ("wall.stiffness", "servo.id", "safety.max_losses_in_row", "model.delay"):
+    for field in ("wall.stiffness", "servo.id", "safety.max_silence_s", "model.delay"):
         assert field in only("simulated", f"{field}={'9' * 400}")
 
 
