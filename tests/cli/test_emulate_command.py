@@ -28,6 +28,8 @@ from tests.cli.caller import Cli
         (["--set", "servo.inertia=0"], ["servo.inertia", "'0'", "from 1e-08"]),
         (["--set", "servo.counts_per_rev=1.5"], ["servo.counts_per_rev", "whole"]),
         (["--set", "servo.hand=slap"], ["servo.hand", "push"]),
+        (["--truth", "[1]"], ["--truth", "[1]", "as JSON"]),
+        (["--truth", '{"inertai": 1}'], ["--truth", "inertai", "as JSON"]),
         (["--set", "servo.load_friction=1"], ["servo.load_friction", "to 0.9"]),
         (["--set", "servo.static_friction=0.05"], ["servo.static_friction", "servo.coulomb, 0.09"]),
         (["--set", "servo.kick=1", "--set", "servo.position=1"], ["servo.kick", "position"]),
