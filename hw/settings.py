@@ -2,52 +2,15 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from itertools import pairwise
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Final, Literal
 
-from haptic_wall.hw.truth import Link, TrueServo
+from haptic_wall.hw.truth import TrueServo
 
 EMULATED: Final = "emulated"
 """The port value that selects the program's own emulated bus"""
 
 Schedule = Literal["immediate", "pipelined"]
-
-
-class Vibration(NamedTuple):
-    """One vibration of a chain of masses whose ends are free."""
-
-    rate: float
-    """Without damping [rad/s]"""
-    ratio: float
-    """Damping ratio by the joints alone, to first order"""
-
-
-def vibrations(inertia: float, links: Sequence[Link]) -> list[Vibration]:
-    """Return the vibrations of a chain, the slowest first: one for each joint.
-
-    Args:
-        inertia: Inertia of the first mass [kg·m²].
-        links: The masses behind it, at least one.
-    """
-    if len(links) == 1:
-        rate = math.sqrt(links[0].stiffness * (1.0 / inertia + 1.0 / links[0].inertia))
-        return [Vibration(rate, 0.5 * rate * links[0].damping / links[0].stiffness)]
-    import numpy as np  # not at the top: of an emulated bus it is half the start
-
-    # In q = sqrt(k) twist the chain is q'' = -S (q + (c/k) q'), with a symmetric S.
-    ease = [1.0 / inertia, *(1.0 / link.inertia for link in links)]
-    root = np.sqrt([link.stiffness for link in links])
-    whole = np.diag([a + b for a, b in pairwise(ease)])
-    beside = np.arange(len(links) - 1)
-    whole[beside, beside + 1] = whole[beside + 1, beside] = np.negative(ease[1:-1])
-    squares, shapes = np.linalg.eigh(whole * root * root[:, None])
-    rates = np.sqrt(np.maximum(squares, 0.0))
-    fades = np.array([link.damping / link.stiffness for link in links])
-    ratios = 0.5 * rates * (shapes**2 * fades[:, None]).sum(axis=0)
-    return list(map(Vibration, rates.tolist(), ratios.tolist()))
 
 
 @dataclass(frozen=True, slots=True)

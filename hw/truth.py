@@ -21,19 +21,15 @@ EncoderSide = Literal["output", "motor"]
 
 MOST_LOAD_FRICTION: Final = 0.9
 """Largest ``TrueServo.load_friction``: from 1 on no torque would ever move the servo"""
-MOST_LINKS: Final = 8
-"""Longest ``TrueServo.chain``"""
 
 
-class Link(NamedTuple):
-    """A mass, and the joint that holds it to the mass before it."""
+class Vibration(NamedTuple):
+    """The vibration of two masses on a transmission whose ends are free."""
 
-    inertia: float
-    """[kg·m²], > 0"""
-    stiffness: float
-    """Of the joint [N·m/rad], > 0"""
-    damping: float
-    """Of the joint [N·m·s/rad], >= 0"""
+    rate: float
+    """Without damping [rad/s]; 0: there is none"""
+    ratio: float
+    """Damping ratio by the transmission alone, to first order"""
 
 
 class About(NamedTuple):
@@ -42,7 +38,7 @@ class About(NamedTuple):
     meaning: str
     unit: str = ""
     low: float = 0.0
-    """Of a number, itself allowed; the chain and the names have no range"""
+    """Of a number, itself allowed; names have no range"""
     high: float = 1e6
     above: bool = False
     """``low`` itself is not allowed"""
@@ -113,11 +109,6 @@ class TrueServo:
         0.0, "True stiffness of that transmission", "N·m/rad", high=1e9
     )
     transmission_damping: float = _true(0.0, "True damping of that transmission", "N·m·s/rad")
-    chain: tuple[Link, ...] = _true(
-        (),
-        "True masses behind the output, each a list of its inertia [kg·m²] and of the "
-        "stiffness [N·m/rad] and damping [N·m·s/rad] of its joint to the mass before",
-    )
     backlash: float = _true(
         0.0,
         "True backlash, full width: between shaft and encoder, or with a transmission between "
@@ -228,11 +219,6 @@ class TrueServo:
     )
 
     def __post_init__(self) -> None:
-        try:
-            links = tuple(Link(*row) for row in self.chain)
-        except TypeError:
-            raise _refusal("chain", self.chain) from None
-        object.__setattr__(self, "chain", links)
         for name in ABOUT:
             value = getattr(self, name)
             if not fits(name, value):
@@ -243,13 +229,7 @@ class TrueServo:
     @property
     def flexible(self) -> bool:
         """Whether a transmission lies between motor and output."""
-        return any(self.links[0]) or bool(self.chain)
-
-    @property
-    def links(self) -> tuple[Link, ...]:
-        """Return the output and the masses behind it."""
-        output = Link(self.load_inertia, self.transmission_stiffness, self.transmission_damping)
-        return output, *(Link(*row) for row in self.chain)
+        return self.load_inertia > 0.0
 
 
 ABOUT: Final[dict[str, About]] = {each.name: each.metadata["about"] for each in fields(TrueServo)}
@@ -263,16 +243,6 @@ def fits(name: str, value: Any) -> bool:  # noqa: ANN401 - whatever was given
     """Whether this is a value of the true parameter, by itself."""
     about, kind = ABOUT[name], TYPES[name]
     if kind not in NUMBERS:
-        if name == "chain":
-            return (
-                isinstance(value, (list, tuple))
-                and len(value) <= MOST_LINKS
-                and all(isinstance(each, (int, float)) for row in value for each in row)
-                and all(
-                    0.0 < inertia <= 1e6 and 0.0 < stiffness <= 1e9 and 0.0 <= damping <= 1e6
-                    for inertia, stiffness, damping in value
-                )
-            )
         return isinstance(value, bool) if kind is bool else value in get_args(kind)
     if value is None:
         return kind not in (int, float)
@@ -284,11 +254,6 @@ def fits(name: str, value: Any) -> bool:  # noqa: ANN401 - whatever was given
 def wanted(name: str) -> str:
     """Return the accepted values of a true parameter in words."""
     about, kind = ABOUT[name], TYPES[name]
-    if name == "chain":
-        return (
-            f"a list of [inertia, stiffness, damping], at most {MOST_LINKS}: above 0, the damping"
-            " from 0"
-        )
     if kind not in NUMBERS:
         return "true or false" if kind is bool else "one of " + ", ".join(map(str, get_args(kind)))
     words = "a whole number" if kind is int else "a number"
@@ -308,10 +273,19 @@ def read(name: str, text: str) -> Any:  # noqa: ANN401 - of the parameter's type
             break
     if isinstance(value, float) and value.is_integer() and TYPES[name] not in (float, float | None):
         value = int(value)
-    with suppress(TypeError, ValueError):
+    with suppress(TypeError):
         if fits(name, value) and value != math.inf:
             return value
     raise SpecError(f"found {text!r}", wanted=wanted(name))
+
+
+def vibration(true: Any) -> Vibration:  # noqa: ANN401 - or a section of these names
+    """Return the vibration of a servo's two masses; zeros: it is rigid."""
+    motor, load, joint = true.inertia, true.load_inertia, true.transmission_stiffness
+    if not motor or not load or not joint:
+        return Vibration(0.0, 0.0)
+    rate = math.sqrt(joint * (1.0 / motor + 1.0 / load))
+    return Vibration(rate, 0.5 * rate * true.transmission_damping / joint)
 
 
 def disagreements(true: Any) -> Iterator[Problem]:  # noqa: ANN401 - or a section of these names
@@ -324,7 +298,7 @@ def disagreements(true: Any) -> Iterator[Problem]:  # noqa: ANN401 - or a sectio
         )
     behind = (true.load_inertia, true.transmission_stiffness, true.transmission_damping)
     for name, value in zip(("load_inertia", "transmission_stiffness"), behind, strict=False):
-        if value == 0.0 and (any(behind) or true.chain):
+        if value == 0.0 and (any(behind)):
             yield Problem(
                 "found 0",
                 wanted="above 0: a load behind a flexible transmission has both"

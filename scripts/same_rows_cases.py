@@ -211,7 +211,6 @@ CASES: dict[str, Case] = {
     "link-effects": _simulated(
         1.7, _LEAN, *_LINK, "servo.static_friction=0.12", "servo.gravity=0.1", "servo.cogging=0.02"
     ),
-    "chain": _simulated(2.0, _TAP, *_LINK, "servo.chain=[[0.002, 300, 0.03], [0.0005, 80, 0.01]]"),
     "bus-real": Case("emulated-xm430", 1.5, (_TAP,)),
     "bus-real-guard": Case("emulated-xm430", 1.5, (_LEAN, "wall.stiffness=1e6", "wall.side=below")),
 }

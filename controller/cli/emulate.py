@@ -166,7 +166,7 @@ def command(
                     model,
                     id_,
                     firmware,
-                    TrueServo(**json.loads(truth)) if truth else truth_of(model, given),
+                    _own_truth(truth) if truth else truth_of(model, given),
                     start_ns=start_ns,
                     baud=speed,
                     tick=ticks.randrange(TICK_MODULUS),
@@ -264,6 +264,16 @@ def _adapter(latency_timer: str, block: str | None) -> tuple[int, int]:
         return timer_ms, sizes(block)
     except ValueError:
         raise UserError(f"found {block!r}", field="--block", wanted=sizes.__doc__) from None
+
+
+def _own_truth(text: str) -> TrueServo:
+    """Return the true parameters that a run gives its own bus, from JSON."""
+    try:
+        return TrueServo(**json.loads(text))
+    except TypeError:
+        raise UserError(
+            f"found {text}", field="--truth", wanted="the fields of a simulated servo as JSON"
+        ) from None
 
 
 def _say(text: str) -> None:

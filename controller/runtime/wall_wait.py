@@ -77,7 +77,7 @@ class WallWait:
         if math.isnan(position):
             return False
         if law.guarded:
-            stiffness = self._parts.gains.decision.stiffness
+            stiffness = tick.gains.decision.stiffness
             felt = felt_text(stiffness, config.belief().coulomb.value) if law.linear else ""
             self._tell(start_text(law, config.wall.acting_side, position) + felt)
         return True

@@ -209,8 +209,8 @@ class Config(Sections):
         if model.damping is None and servo.damping_back is not None:
             ends = sorted((servo.damping, servo.damping_back))
             damping = Bounded(servo.damping, *ends)
-        inertia = _bounded(model.inertia, (servo.inertia or 0.0) + servo.behind)
-        load_inertia = _bounded(model.load_inertia, servo.behind)
+        inertia = _bounded(model.inertia, (servo.inertia or 0.0) + servo.load_inertia)
+        load_inertia = _bounded(model.load_inertia, servo.load_inertia)
         flexible_hz = _bounded(model.flexible_hz, servo.flexible_hz)
         stiffness = Bounded.exactly(0.0)
         if model.flexible_hz is None and model.transmission_stiffness is not None:

@@ -12,7 +12,7 @@ from pydantic.fields import FieldInfo
 
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.model import Estimate, Part, Row, Section
-from haptic_wall.controller.settings.servo import LinkRow, Servo, used_by
+from haptic_wall.controller.settings.servo import Servo, used_by
 from haptic_wall.hw.open import backend_names
 
 _KIND_NAMES = {
@@ -91,8 +91,6 @@ def _wanted(annotation: Any, info: FieldInfo) -> str:  # noqa: ANN401
         return "one of " + ", ".join(map(str, get_args(annotation)))
     if annotation == tuple[Row, ...]:
         return "a CSV file, or a list of [position, torque]"
-    if annotation == tuple[LinkRow, ...]:
-        return "a list of [inertia, stiffness, damping]"
     if annotation == tuple[Part, ...]:
         return "a list of sections"
     if get_origin(annotation) is tuple:

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
-from itertools import pairwise
 
 from pydantic import ValidationError
 
@@ -21,8 +20,7 @@ from haptic_wall.controller.settings.shares import SPIN_SHARE
 from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.names import did_you_mean
 from haptic_wall.hw.open import backend
-from haptic_wall.hw.settings import vibrations
-from haptic_wall.hw.truth import disagreements
+from haptic_wall.hw.truth import disagreements, vibration
 
 Rule = Callable[[Sections], Iterator[Problem]]
 
@@ -292,16 +290,14 @@ _TRANSMISSION = ("load_inertia", "transmission_stiffness", "transmission_damping
 @_rule
 def _transmission_is_computable(config: Sections) -> Iterator[Problem]:
     servo, real = config.servo, config.loop.clock == "monotonic"
-    ends = (servo.inertia or 0.0, *(link.inertia for link in servo.links))
-    if servo.kind == "hardware" or 0.0 in (*ends, *(link.stiffness for link in servo.links)):
+    fastest = vibration(servo).rate
+    if servo.kind == "hardware" or not servo.inertia or not fastest:
         return
+    lighter = min(servo.inertia, servo.load_inertia)
     rates = {
-        "transmission_stiffness": vibrations(ends[0], servo.links)[-1].rate,
-        "transmission_damping": max(
-            2.0 * link.damping / min(pair)
-            for link, pair in zip(servo.links, pairwise(ends), strict=True)
-        ),
-        "damping": max(servo.damping, servo.damping_back or 0.0) / ends[0],
+        "transmission_stiffness": fastest,
+        "transmission_damping": 2.0 * servo.transmission_damping / lighter,
+        "damping": max(servo.damping, servo.damping_back or 0.0) / servo.inertia,
     }
     most, steps = _MOST_STEPS[real], sum(rates.values()) / 2.0
     if steps > most:
@@ -363,7 +359,7 @@ def _load_within_the_inertia(config: Sections) -> Iterator[Problem]:
     model, servo = config.model, config.servo
     if model.load_inertia is None:
         return
-    truth = (servo.inertia or 0.0) + servo.behind
+    truth = (servo.inertia or 0.0) + servo.load_inertia
     whole = truth if model.inertia is None else model.inertia.value
     if 0.0 < whole <= model.load_inertia.value:
         yield Problem(

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 from pydantic import (
     AfterValidator,
     BeforeValidator,
-    Field,
     SerializerFunctionWrapHandler,
     TypeAdapter,
     create_model,
@@ -18,11 +17,9 @@ from pydantic import (
 )
 
 from haptic_wall.controller.settings.model import (
-    NotNegative,
     Positive,
     Section,
     Whole,
-    pair,
     setting,
     whole,
 )
@@ -34,10 +31,8 @@ from haptic_wall.hw.settings import (
     EMULATED,
     Schedule,
     ServoSettings,
-    Vibration,
-    vibrations,
 )
-from haptic_wall.hw.truth import ABOUT, MOST_LINKS, NUMBERS, TYPES, About, Kind, Link, TrueServo
+from haptic_wall.hw.truth import ABOUT, NUMBERS, TYPES, About, Kind, TrueServo, vibration
 
 Baud = Annotated[
     Literal[9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000],
@@ -51,11 +46,6 @@ def _listed(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
     if isinstance(found, str):
         return tuple(found.split())
     return tuple(found) if isinstance(found, list) else found
-
-
-def _links(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
-    """Convert a list of rows to tuples, as pydantic's strict mode requires."""
-    return tuple(map(pair, found)) if isinstance(found, list) else found
 
 
 def _port(found: str) -> str:
@@ -88,15 +78,6 @@ def used_by(name: str) -> tuple[str, ...]:
 
 _BUS: tuple[Kind, ...] = ("emulated", "hardware")
 _EMULATED: tuple[Kind, ...] = ("emulated",)
-LinkRow = tuple[Positive, Annotated[float, Field(gt=0, le=1e9)], NotNegative]
-"""Inertia, stiffness and damping of a link"""
-_TYPES: dict[Any, Any] = {
-    int: Whole,
-    tuple[Link, ...]: Annotated[
-        tuple[LinkRow, ...], Field(max_length=MOST_LINKS), BeforeValidator(_links)
-    ],
-}
-"""Types of true parameters as a file writes them, where they differ"""
 
 
 class _Named(Section):
@@ -116,7 +97,7 @@ def _declared(about: About, kind: Any, default: Any) -> tuple[Any, Any]:  # noqa
     low = "gt" if about.above else "ge"
     limits = {low: about.low, "le": about.high} if kind in NUMBERS else {}
     field = setting(default, about.meaning, about.unit, used_by=about.kinds, **limits)
-    return _TYPES.get(kind, kind), field
+    return Whole if kind is int else kind, field
 
 
 if TYPE_CHECKING:
@@ -135,7 +116,6 @@ else:
             if ABOUT[each.name].kinds
         },
     )
-    _Truth.links = TrueServo.links
 
 
 class Servo(_Truth):
@@ -238,27 +218,13 @@ class Servo(_Truth):
 
     @property
     def flexible_hz(self) -> float:
-        """Return the true frequency at which the load vibrates, both ends free [Hz]; 0: rigid.
-
-        It is that of the slowest vibration of a chain.
-        """
-        return self._vibration.rate / math.tau
+        """Return the true frequency at which the load vibrates, both ends free [Hz]; 0: rigid."""
+        return vibration(self).rate / math.tau
 
     @property
     def flexible_damping_ratio(self) -> float:
         """Return the true damping ratio of that vibration."""
-        return self._vibration.ratio
-
-    @property
-    def behind(self) -> float:
-        """Return the true inertia of everything behind the transmission [kg·m²]."""
-        return sum((inertia for inertia, _, _ in self.chain), self.load_inertia)
-
-    @property
-    def _vibration(self) -> Vibration:
-        if not self.inertia or not self.load_inertia or not self.transmission_stiffness:
-            return Vibration(0.0, 0.0)
-        return vibrations(self.inertia, self.links)[0]
+        return vibration(self).ratio
 
     @property
     def hides_constant(self) -> bool:

@@ -18,8 +18,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from haptic_wall.hw.settings import vibrations
-from haptic_wall.hw.truth import TrueServo
+from haptic_wall.hw.truth import TrueServo, vibration
 
 GRAIN_S = 2.5e-4
 """Longest substep where a torque changes during it [s]"""
@@ -39,9 +38,6 @@ TURN = 0.5
 """Longest substep of two masses, in radians of their fastest vibration"""
 FINEST_S = 5e-5
 """``TURN`` makes no substep shorter than this [s]"""
-
-Links = tuple[float, ...]
-"""Inertia, stiffness and damping of each mass behind the motor; one of zeros where it is rigid"""
 
 
 class Mechanics(NamedTuple):
@@ -77,10 +73,14 @@ class Mechanics(NamedTuple):
     """Longest substep [s]"""
     faded: float
     """Speed from which on nothing is left of the excess friction [rad/s]"""
-    masses: int
-    """Behind the motor; 0: rigid"""
+    behind: float
+    """Inertia of the load behind the transmission [kg·m²]; 0: rigid"""
+    joint: float
+    """Stiffness of the transmission [N·m/rad]"""
+    loss: float
+    """Damping of the transmission [N·m·s/rad]"""
     rate: float
-    """Bound of the rates of their linear motion [1/s]"""
+    """Bound of the rates of the linear motion of both masses [1/s]"""
 
 
 def mechanics_of(true: TrueServo) -> Mechanics:
@@ -98,17 +98,15 @@ def mechanics_of(true: TrueServo) -> Mechanics:
         if stiffness > 0.0:
             grain = finest(true.inertia, stiffness)
     else:
-        fastest = vibrations(true.inertia, true.links)[-1].rate
-        ends = (true.inertia, *(link.inertia for link in true.links))
-        losses = (0.0, *(link.damping for link in true.links), 0.0)
-        fades = [2.0 * (a + b) / m for a, b, m in zip(losses, losses[1:], ends, strict=False)]
-        rate = fastest + max(fades) + max(true.damping, back) / true.inertia
+        fastest = vibration(true)[0]
+        fade = 2.0 * true.transmission_damping / min(true.inertia, true.load_inertia)
+        rate = fastest + fade + max(true.damping, back) / true.inertia
         if not smooth:
             grain = min(grain, LOOK_S, max(TURN / fastest, FINEST_S))
         if cogs > 0.0:
             grain = min(grain, finest(true.inertia, cogs))
         if true.gravity > 0.0:
-            grain = min(grain, finest(ends[-1], true.gravity))
+            grain = min(grain, finest(true.load_inertia, true.gravity))
     return Mechanics(
         inertia=true.inertia,
         forth=true.damping,
@@ -129,14 +127,11 @@ def mechanics_of(true: TrueServo) -> Mechanics:
         smooth=smooth,
         grain=grain,
         faded=true.stribeck_speed * FADED,
-        masses=len(true.links) if true.flexible else 0,
+        behind=true.load_inertia,
+        joint=true.transmission_stiffness,
+        loss=true.transmission_damping,
         rate=rate,
     )
-
-
-def links_of(true: TrueServo) -> Links:
-    """Return the masses behind the motor."""
-    return tuple(float(value) for link in true.links for value in link)
 
 
 def finest(inertia: float, stiffness: float) -> float:

@@ -1,7 +1,7 @@
 """Simulates the moving servo in time: delayed torques, operator model, encoder with backlash.
 
-It moves by ``haptic_wall.hw.plant.step``, or ``haptic_wall.hw.plant.chain`` with a load behind a
-transmission, from event to event: a torque begins to act, or the operator's reference changes its
+It moves by ``haptic_wall.hw.plant.step``, or ``haptic_wall.hw.plant.two_masses`` with a load behind
+a transmission, from event to event: a torque begins to act, or the operator's reference changes its
 slope. Times are integer nanoseconds of the caller's clock.
 """
 
@@ -12,12 +12,12 @@ from collections import deque
 from dataclasses import replace
 
 from haptic_wall.hw.hand import Grasp
-from haptic_wall.hw.plant.chain import room, swing
 from haptic_wall.hw.plant.current_loop import CurrentLoop, Winding, drive_of
 from haptic_wall.hw.plant.encoder import EncoderErrors
-from haptic_wall.hw.plant.mechanics import links_of, mechanics_of
+from haptic_wall.hw.plant.mechanics import mechanics_of
 from haptic_wall.hw.plant.operator_model import Grasped, OperatorModel, operator_of
 from haptic_wall.hw.plant.step import NOBODY, Hand, Kept, kept_for, move
+from haptic_wall.hw.plant.two_masses import ROOM, swing
 from haptic_wall.hw.truth import TrueServo
 
 OPERATOR_WAIT_S = 1.0
@@ -32,7 +32,7 @@ class Mechanism:
     The encoder rounds to the nearest count and counts over turns. With backlash it follows the
     shaft like a backlash of that full width, starting in the middle; turning points of the shaft
     within a step count. Eccentricity and noise come on top of that. With a transmission the
-    backlash is between motor and output instead, and the operator acts on the last mass.
+    backlash is between motor and output instead, and the operator acts on the output.
     """
 
     def __init__(
@@ -50,22 +50,20 @@ class Mechanism:
         Args:
             true: Its true parameters.
             start_ns: Present time [ns].
-            velocity: Velocity of the shaft at that time, of all masses [rad/s].
+            velocity: Velocity of the shaft at that time, of both masses [rad/s].
             winding: Its motor; None: ``true.torque_limit`` and ``true.no_load_speed``. Only a servo
                 with back-EMF has a use for it.
             operator_waits: The scripted operator does not act until ``engage_operator``.
             operator: Moves the servo from ``start_ns`` on, in place of ``true.hand``.
         """
-        self._mechanics = p = mechanics_of(true)
+        self._mechanics = mechanics_of(true)
         self._braking = 0.0
         self._kept: dict[tuple[float, float, float, float], Kept] = {}
         self._x, self._v = true.position, velocity
         """State of the servo where it is rigid"""
-        self._links = links_of(true)
         self._end = true.position
-        """Position of the last mass; with ``_z`` the state with a transmission"""
-        self._z = [0.0] * room(p.masses)
-        self._z[: 2 * p.masses + 1 : 2] = [velocity] * (p.masses + 1)
+        """Position of the output; with ``_z`` the state with a transmission"""
+        self._z = [velocity, 0.0, velocity] + [0.0] * (ROOM - 3)
         self._on_motor = true.encoder == "motor"
         self._true = true
         scripted = None if operator_waits else operator_of(true)
@@ -92,26 +90,22 @@ class Mechanism:
     @property
     def position(self) -> float:
         """Return the true position of the output shaft [rad], at the present time."""
-        if not self._mechanics.masses:
-            return self._x
-        return self._end + sum(self._z[3 : 2 * self._mechanics.masses : 2])
+        return self._end if self.flexible else self._x
 
     @property
     def velocity(self) -> float:
         """Return the true velocity of the output shaft [rad/s], at the present time."""
-        return self._z[2] if self._mechanics.masses else self._v
+        return self._z[2] if self.flexible else self._v
 
     @property
     def motor_velocity(self) -> float:
         """Return the true velocity of the motor's side [rad/s]; the shaft's where that is rigid."""
-        return self._z[0] if self._mechanics.masses else self._v
+        return self._z[0] if self.flexible else self._v
 
     @property
     def motor_position(self) -> float:
         """Return the true position of the motor's side [rad]; the shaft's where that is rigid."""
-        if not self._mechanics.masses:
-            return self._x
-        return self._end + sum(self._z[1 : 2 * self._mechanics.masses : 2])
+        return self._end + self._z[1] if self.flexible else self._x
 
     @property
     def torque(self) -> float:
@@ -145,7 +139,7 @@ class Mechanism:
     @property
     def flexible(self) -> bool:
         """Whether a load lies behind a transmission: its motion is computed in substeps."""
-        return self._mechanics.masses > 0
+        return self._mechanics.behind > 0.0
 
     def advance(self, now_ns: int) -> None:
         """Advance to ``now_ns`` [ns].
@@ -289,7 +283,7 @@ class Mechanism:
             begin_ns, self._operator_ns = self._operator_ns, None
             if begin_ns > self.time_ns:
                 self._move(begin_ns)
-            self._operator = operator_of(replace(self._true, position=self._last))
+            self._operator = operator_of(replace(self._true, position=self.position))
             self._start_ns = begin_ns
             if until_ns == begin_ns:
                 return
@@ -306,17 +300,12 @@ class Mechanism:
                 now_ns = cut_ns
         self.time_ns = until_ns
 
-    @property
-    def _last(self) -> float:
-        """Return the position of the mass on which the operator acts [rad]."""
-        return self._end if self._mechanics.masses else self._x
-
     def _step(self, hand: Hand, length_ns: int) -> None:
         """Move for a time under the acting torque."""
         p, torque, braking = self._mechanics, self._torque, self._braking
         duration = length_ns * 1e-9
-        if p.masses:
-            self._end = swing(p, self._links, hand, self._z, self._end, torque, braking, duration)
+        if p.behind > 0.0:
+            self._end = swing(p, hand, self._z, self._end, torque, braking, duration)
             self._followed = self.motor_position if self._on_motor else self.position
             return
         key = hand.stiffness, hand.damping, braking, duration

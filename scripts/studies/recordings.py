@@ -24,6 +24,7 @@ from haptic_wall.controller.experiments.recorded.shooting import (
     fit,
     fit_anywhere,
 )
+from haptic_wall.controller.theory.checks import FloatArray
 from scripts.recorded_motions import DRIVEN, DROPS, PENDULUM, columns, driven, drop, made
 from scripts.study import Found, Given, Option, Part, Study, table
 
@@ -189,7 +190,8 @@ def out_of(name: str) -> dict[str, Left]:
     pieces, _ = pieces_of(stretches, SHORT_S, SHORT_S)
     rest, _ = pieces_of((driven(name),), DRIVEN_PIECE_S, DRIVEN_PIECE_S)
     begun = first_terms(stretches, weight=True)
-    terms, at = begun, None
+    terms = begun
+    at: FloatArray | None = None
     found = {}
     for model in PREDICTING:
         shots = []

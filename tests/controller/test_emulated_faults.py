@@ -13,7 +13,7 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.errors import UnfitServoError
-from haptic_wall.hw.truth import Link, TrueServo
+from haptic_wall.hw.truth import TrueServo
 from tests.cases import sampled
 from tests.typed import not_none
 
@@ -69,7 +69,6 @@ def test_a_fault_of_the_servo_s_own_id_is_one_of_this_bus() -> None:
 def test_they_travel_between_processes_and_to_the_emulator() -> None:
     sets = ["servo.faults=drop:p=0.01 jump:counts=5", "servo.fault_seed=3", "servo.supply=11"]
     sets += ["servo.load_inertia=0.003", "servo.transmission_stiffness=200"]
-    sets += ["servo.chain=[[1e-4, 1e5, 0], [0.001, 80, 0.01]]"]
     loaded = load_config(EMULATED, sets).config
     config = Config.model_validate_json(loaded.model_dump_json())
     words = emulator_arguments(config.servo_settings())
@@ -80,7 +79,7 @@ def test_they_travel_between_processes_and_to_the_emulator() -> None:
     true = config.true_servo()
     assert TrueServo(**truth) == true
     assert "stribeck_speed" not in truth, "what is as usual needs no words"
-    assert (true.supply, true.chain) == (11.0, (Link(1e-4, 1e5, 0), Link(1e-3, 80, 0.01)))
+    assert (true.supply, true.load_inertia) == (11.0, 0.003)
 
 
 def simulated(*sets: str) -> Result:

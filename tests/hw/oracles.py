@@ -371,9 +371,6 @@ class Coupled(NamedTuple):
     gap: float
     hand_stiffness: float = 0.0
     hand_damping: float = 0.0
-    chain: tuple[tuple[float, float, float], ...] = ()
-    """Inertia of each further mass, stiffness and damping of its joint; weight and hand are at the
-    last one"""
 
     def contact(self, x: float, v: float, y: float, w: float, *_: float) -> int:
         """Return the side on which the transmission pushes; 0: none."""
@@ -430,22 +427,14 @@ def _integrate_coupled(
             v = now[1]
             push, friction = body.net(stretch, side, now, _left(v, body.stribeck))
             push -= (body.forth if sign > 0.0 else body.back) * v + sign * friction
-            torques = [body.passed(side, *now)]
-            for i, (_, stiffness, damping) in enumerate(body.chain, 1):
-                y, w, z, u = now[2 * i : 2 * i + 4]
-                torques.append(stiffness * (y - z) + damping * (w - u))
             reference = stretch.reference + stretch.slope * t
-            z, u = now[-2:]
+            z, u = now[2:]
             outside = body.hand_stiffness * (reference - z) + body.hand_damping * (
                 stretch.slope - u
             )
             outside -= body.gravity * math.sin(z - body.angle)
             rates = [v if sign else 0.0, push / body.inertia if sign else 0.0]
-            inertias = (body.load_inertia, *(inertia for inertia, _, _ in body.chain))
-            for i, (inertia, before, behind) in enumerate(
-                zip(inertias, torques, [*torques[1:], -outside], strict=True), 1
-            ):
-                rates += now[2 * i + 1], (before - behind) / inertia
+            rates += u, (body.passed(side, *now) + outside) / body.load_inertia
             return rates
 
         def motor(

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from haptic_wall.hw.errors import SpecError
-from haptic_wall.hw.truth import ABOUT, Link, TrueServo, read, wanted
+from haptic_wall.hw.truth import ABOUT, TrueServo, read, wanted
 
 
 @pytest.mark.parametrize(
@@ -17,7 +17,6 @@ from haptic_wall.hw.truth import ABOUT, Link, TrueServo, read, wanted
         ("damping_back", "null", None),
         ("hand", "push", "push"),
         ("hand_direction", "-1", -1),
-        ("chain", "[[1e-3, 2E2, 0]]", [[1e-3, 200.0, 0]]),
     ],
 )
 def test_a_text_is_read_in_the_parameters_type(name: str, text: str, value: object) -> None:
@@ -32,13 +31,6 @@ def test_what_is_no_value_is_refused() -> None:
                 read(name, text)
 
 
-def test_rows_of_a_chain_become_links() -> None:
-    flexible = {"inertia": 0.01, "load_inertia": 0.01, "transmission_stiffness": 50.0}
-    true = TrueServo(**flexible, chain=[[1e-3, 200.0, 0.0]])  # type: ignore[arg-type]  # as JSON
-    assert true.chain == (Link(1e-3, 200.0, 0.0),)
-    assert hash(true)
-
-
 @pytest.mark.parametrize(
     "values",
     [
@@ -47,11 +39,8 @@ def test_rows_of_a_chain_become_links() -> None:
         {"inertia": "0.01"},
         {"inertia": 0.01, "damping": None},
         {"inertia": 0.01, "noise_seed": 1.5},
-        {"inertia": 0.01, "chain": [[0.1, 1.0]]},
-        {"inertia": 0.01, "chain": [["a", 1.0, 0.0]]},
-        {"inertia": 0.01, "chain": 9 * [[0.1, 1.0, 0.0]], "load_inertia": 1.0},
     ],
 )
 def test_the_record_refuses_a_wrong_type(values: dict[str, Any]) -> None:
-    with pytest.raises(SpecError, match=f"{list(values)[-1] if len(values) < 3 else 'chain'}: "):
+    with pytest.raises(SpecError, match=f"{list(values)[-1]}: "):
         TrueServo(**values)

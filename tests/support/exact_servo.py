@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any, NamedTuple
 
-from haptic_wall.hw.plant.chain import room, swing
-from haptic_wall.hw.plant.mechanics import links_of, mechanics_of
+from haptic_wall.hw.plant.mechanics import mechanics_of
 from haptic_wall.hw.plant.step import NOBODY, Hand, kept_for, move
+from haptic_wall.hw.plant.two_masses import ROOM, swing
 from haptic_wall.hw.truth import TrueServo
 
 Pull = Hand
@@ -68,10 +67,10 @@ class Substeps:
 
 
 class Masses:
-    """Moves a servo with masses behind a transmission."""
+    """Moves a servo with a load behind a transmission."""
 
     def __init__(self, true: TrueServo) -> None:
-        self.p, self.links = mechanics_of(true), links_of(true)
+        self.p = mechanics_of(true)
 
     def step(
         self,
@@ -81,18 +80,10 @@ class Masses:
         length_ns: int,
         pull: Hand | None = None,
     ) -> tuple[State, ...]:
-        """The states, from the motor on."""
-        z = [masses[0].velocity]
-        for before, mass in pairwise(masses):
-            z += before.position - mass.position, mass.velocity
-        z += [0.0] * room(self.p.masses)
+        """The states of motor and output."""
+        motor, output = masses
+        z = [motor.velocity, motor.position - output.position, output.velocity]
+        z += [0.0] * (ROOM - len(z))
         braking = parameters.damping - self.p.forth
-        at = swing(
-            *(self.p, self.links, pull or NOBODY, z, masses[-1].position),
-            *(torque, braking, length_ns * 1e-9),
-        )
-        found = []
-        for i in range(self.p.masses, -1, -1):
-            found.append(State(at, z[2 * i]))
-            at += z[2 * i - 1] if i else 0.0
-        return tuple(reversed(found))
+        at = swing(*(self.p, pull or NOBODY, z, output.position, torque, braking, length_ns * 1e-9))
+        return State(at + z[1], z[0]), State(at, z[2])

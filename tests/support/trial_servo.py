@@ -12,7 +12,7 @@ from typing import Any
 
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.plant.current_loop import Winding
-from haptic_wall.hw.plant.mechanics import links_of, mechanics_of
+from haptic_wall.hw.plant.mechanics import mechanics_of
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.plant.operator_model import ReferenceStretch
 from haptic_wall.hw.servo import Bus, Check, Facts, Outcome, Reading
@@ -90,8 +90,7 @@ class TrialServo:
         if self._heavy and now_ns >= self._released_ns:
             self._heavy = False
             plant.advance(self._released_ns)
-            alone = true_servo(self.truth, 0.0)
-            plant._mechanics, plant._links = mechanics_of(alone), links_of(alone)
+            plant._mechanics = mechanics_of(true_servo(self.truth, 0.0))
             plant._kept.clear()
         plant.advance(now_ns)
         self.outputs.append(plant.position)

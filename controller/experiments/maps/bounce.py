@@ -19,8 +19,8 @@ from haptic_wall.controller.experiments.maps.loop import (
     command,
     keep,
 )
-from haptic_wall.hw.plant.chain import Buffer
 from haptic_wall.hw.plant.motion import response
+from haptic_wall.hw.plant.two_masses import Buffer
 
 _PHASES: Final = (17, 9, 9)
 """Numbers of tried instants of entry: over the whole period, then twice around the worst one"""
@@ -44,7 +44,7 @@ def returned(wall: Wall, s: Buffer, z: Buffer, stiffness: float, kick: float) ->
     Args:
         wall: A one-sided wall.
         s: The simulation's buffer.
-        z: The state of ``chain``.
+        z: The state of ``two_masses``.
         stiffness: K > 0 [N·m/rad].
         kick: Penetration at which the undamped spring would stop the servo, > 0 [rad]; it must not
             saturate the torque.
@@ -118,7 +118,7 @@ def _look(
     Args:
         wall: The wall.
         s: The simulation's buffer.
-        z: The state of ``chain``.
+        z: The state of ``two_masses``.
         leaving: The greatest speed at the last look [rad/s].
         before: Position at the last look [rad].
         came: Velocity at the last look [rad/s].
@@ -128,12 +128,10 @@ def _look(
     if x > 0.0:
         return 0.0
     body = wall.body
-    if body.masses > 0:
-        links = wall.links
+    if body.behind > 0.0:
         energy = body.inertia * z[0] * z[0]
-        for i in range(body.masses):
-            energy += links[3 * i] * z[2 * i + 2] * z[2 * i + 2]
-            energy += links[3 * i + 1] * z[2 * i + 1] * z[2 * i + 1]
+        energy += body.behind * z[2] * z[2]
+        energy += body.joint * z[1] * z[1]
         return max(leaving, math.sqrt(energy / wall.moved))
     leaving = max(leaving, -v)
     if before > 0.0:

@@ -16,10 +16,10 @@ from types import FunctionType
 from typing import Any, Final, NamedTuple
 
 from haptic_wall.controller.experiments.maps import bounce, loop, search, turning
-from haptic_wall.hw.plant import chain, current_loop, mechanics, motion, step
+from haptic_wall.hw.plant import current_loop, mechanics, motion, step, two_masses
 
 Run = Callable[..., Any]
-_MODULES = (motion, mechanics, step, chain, current_loop, loop, turning, bounce, search)
+_MODULES = (motion, mechanics, step, two_masses, current_loop, loop, turning, bounce, search)
 """Modules whose functions are compiled"""
 _OFF: Final = "NUMBA_DISABLE_JIT"
 """Numba's own variable; 1: nothing is compiled"""

@@ -93,10 +93,11 @@ def first_guess(walls: Sequence[Wall]) -> FloatArray:
     loop.append(np.array([w.samples for w in walls]))
     found = critical_stiffness(moved, damping, *loop)
     for side in ("motor", "output"):
-        some = [i for i, w in enumerate(walls) if w.body.masses and w.on_motor == (side == "motor")]
+        some = [i for i, w in enumerate(walls) if w.body.behind and w.on_motor == (side == "motor")]
         if some:
+            bodies = [walls[i].body for i in some]
             servo = zip(
-                *((walls[i].body.inertia, walls[i].body.forth, *walls[i].links[:3]) for i in some),
+                *((b.inertia, b.forth, b.behind, b.joint, b.loss) for b in bodies),
                 strict=True,
             )
             each = (one[some] for one in loop)

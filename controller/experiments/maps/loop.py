@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
-from haptic_wall.hw.plant.chain import Buffer, swing
 from haptic_wall.hw.plant.current_loop import (
     STEP_S,
     Drive,
@@ -20,8 +19,9 @@ from haptic_wall.hw.plant.current_loop import (
     mean_of,
     target_of,
 )
-from haptic_wall.hw.plant.mechanics import Links, Mechanics
+from haptic_wall.hw.plant.mechanics import Mechanics
 from haptic_wall.hw.plant.step import NOBODY, Kept, kept_for, move
+from haptic_wall.hw.plant.two_masses import Buffer, swing
 
 # Places in the buffer of a simulation.
 POSITION: Final = 0
@@ -30,7 +30,7 @@ VELOCITY: Final = 1
 FOLLOWED: Final = 2
 """Position of the encoder's side of its backlash [rad]"""
 END: Final = 3
-"""Position of the last mass, with a transmission [rad]"""
+"""Position of the output, with a transmission [rad]"""
 U: Final = 4
 """Of the current loop [N·m]"""
 ACCELERATION: Final = 5
@@ -59,7 +59,6 @@ class Wall(NamedTuple):
     """
 
     body: Mechanics
-    links: Links
     drive: Drive
     on_motor: bool
     """Whether the encoder measures the motor's side of a transmission"""
@@ -101,7 +100,7 @@ def begin(
     Args:
         wall: The wall.
         s: The simulation's buffer; its noise stays.
-        z: The state of ``chain``.
+        z: The state of ``two_masses``.
         stiffness: K [N·m/rad].
         position: [rad].
         velocity: [rad/s].
@@ -112,8 +111,8 @@ def begin(
     s[VELOCITY] = velocity
     s[STIFFNESS] = stiffness
     s[U] = wall.drive.back_emf * velocity
-    for i in range(2 * wall.body.masses + 2):
-        z[i] = velocity if i % 2 == 0 else 0.0
+    z[0] = z[2] = velocity
+    z[1] = z[3] = 0.0
 
 
 def keep(wall: Wall, duration: float) -> Kept:
@@ -173,7 +172,7 @@ def act(
     Args:
         wall: The wall.
         s: The simulation's buffer.
-        z: The state of ``chain``.
+        z: The state of ``two_masses``.
         kept: From ``keep``.
         k: The period.
         ago: The torque was commanded so many periods before.
@@ -183,7 +182,7 @@ def act(
     drive = wall.drive
     torque = s[RINGS + wall.samples + 1 + (k - ago) % (wall.whole + 2)]
     if not drive.acts:
-        if wall.body.masses == 0:  # as ``pass_time``, for speed
+        if wall.body.behind == 0.0:  # as ``pass_time``, for speed
             s[POSITION], s[VELOCITY], s[FOLLOWED] = move(
                 *(wall.body, kept, NOBODY, s[POSITION], s[VELOCITY], s[FOLLOWED]),
                 *(torque + push, 0.0, duration),
@@ -207,13 +206,13 @@ def pass_time(
 ) -> None:
     """Move the servo under a held torque [N·m]."""
     body = wall.body
-    if body.masses == 0:
+    if body.behind == 0.0:
         s[POSITION], s[VELOCITY], s[FOLLOWED] = move(
             *(body, kept, NOBODY, s[POSITION], s[VELOCITY], s[FOLLOWED]),
             *(torque, braking, duration),
         )
         return
-    s[END] = swing(body, wall.links, NOBODY, z, s[END], torque, braking, duration)
+    s[END] = swing(body, NOBODY, z, s[END], torque, braking, duration)
     s[POSITION] = motor_position(wall, s, z) - (0.0 if wall.on_motor else z[1])
     s[VELOCITY] = z[0] if wall.on_motor else z[2]
     s[FOLLOWED] = s[POSITION]
@@ -221,17 +220,14 @@ def pass_time(
 
 def motor_velocity(wall: Wall, s: Buffer, z: Buffer) -> float:
     """Return the speed of the motor's side [rad/s]."""
-    return s[VELOCITY] if wall.body.masses == 0 else z[0]
+    return s[VELOCITY] if wall.body.behind == 0.0 else z[0]
 
 
 def motor_position(wall: Wall, s: Buffer, z: Buffer) -> float:
     """Return the position of the motor's side [rad]."""
-    if wall.body.masses == 0:
+    if wall.body.behind == 0.0:
         return s[POSITION]
-    x = s[END]
-    for i in range(wall.body.masses):
-        x += z[2 * i + 1]
-    return x
+    return s[END] + z[1]
 
 
 def course(
@@ -242,7 +238,7 @@ def course(
     Args:
         wall: The wall.
         s: The simulation's buffer, from ``begin`` or an earlier call.
-        z: The state of ``chain``.
+        z: The state of ``two_masses``.
         first: Number of the first period.
         periods: Number of periods.
         pushes: Torque of an operator in each [N·m]; the last one stays.

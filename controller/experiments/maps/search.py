@@ -14,7 +14,7 @@ from typing import Final
 from haptic_wall.controller.experiments.maps.bounce import returned
 from haptic_wall.controller.experiments.maps.loop import Wall
 from haptic_wall.controller.experiments.maps.turning import growth
-from haptic_wall.hw.plant.chain import Buffer
+from haptic_wall.hw.plant.two_masses import Buffer
 
 _FIRST: Final = (0.55, 2.1, 10)
 """First stiffnesses that are tried, from and to in units of the guess, and their number"""
@@ -67,7 +67,7 @@ def onset(  # noqa: PLR0912 - one search
     Args:
         wall: The wall.
         s: The simulation's buffer.
-        z: The state of ``chain``.
+        z: The state of ``two_masses``.
         kick: > 0 [rad].
         guess: Where to look first [N·m/rad]; 0: there is no guess.
         tolerance: Wanted relative accuracy.

@@ -22,7 +22,7 @@ from haptic_wall.controller.experiments.maps.loop import (
     motor_position,
     motor_velocity,
 )
-from haptic_wall.hw.plant.chain import Buffer
+from haptic_wall.hw.plant.two_masses import Buffer
 
 _LEAST_PERIODS: Final = 1000
 _MOST_PERIODS: Final = 200_000
@@ -72,7 +72,7 @@ def growth(  # noqa: PLR0912, PLR0915 - one simulation
     Args:
         wall: A two-sided wall.
         s: The simulation's buffer.
-        z: The state of ``chain``.
+        z: The state of ``two_masses``.
         stiffness: K > 0 [N·m/rad].
         start: Displacement at the start, > 0 [rad].
         cycles: Least number of fitted oscillations (of the undamped spring).
@@ -93,7 +93,7 @@ def growth(  # noqa: PLR0912, PLR0915 - one simulation
     least, greatest, before, position = math.inf, 0.0, 0.0, start
     resting, count, k = math.inf, 0, 0
     up = down = stuck = limited = saturating = False
-    still = 0.0 if wall.body.masses == 0 else _STILL
+    still = 0.0 if wall.body.behind == 0.0 else _STILL
     while k < length and not (up or down or stuck):
         limited = False
         for _ in range(_SEGMENT):

@@ -19,10 +19,10 @@ from haptic_wall.controller.experiments.maps.loop import (
     course,
 )
 from haptic_wall.controller.theory.checks import FloatArray
-from haptic_wall.hw.plant.chain import Buffer, room
 from haptic_wall.hw.plant.current_loop import Winding, drive_of
 from haptic_wall.hw.plant.encoder import EncoderErrors
-from haptic_wall.hw.plant.mechanics import links_of, mechanics_of
+from haptic_wall.hw.plant.mechanics import mechanics_of
+from haptic_wall.hw.plant.two_masses import ROOM, Buffer
 from haptic_wall.hw.truth import TrueServo
 
 _SNAP = 1e-9  # fraction of a period: a delay this near to a whole number is taken as whole
@@ -60,10 +60,8 @@ def wall_of(
     whole = math.floor(periods + _SNAP)
     lag = delay - whole * period if periods - whole > _SNAP else 0.0
     body = mechanics_of(servo)
-    load = sum(link.inertia for link in servo.links)
     return Wall(
         body=body,
-        links=links_of(servo),
         drive=drive_of(servo, Winding(servo.torque_limit, servo.no_load_speed)),
         on_motor=servo.encoder == "motor",
         counts=servo.counts_per_rev / (2.0 * math.pi),
@@ -79,7 +77,7 @@ def wall_of(
         lag=lag,
         samples=velocity_samples,
         one_sided=one_sided,
-        moved=servo.inertia + load,
+        moved=servo.inertia + servo.load_inertia,
     )
 
 
@@ -94,7 +92,7 @@ def noise_of(servo: TrueServo, period: float, periods: int) -> list[float]:
 def buffers(wall: Wall, noise: Sequence[float] = ()) -> tuple[Buffer, Buffer]:
     """Return the buffers of a wall's simulation: lists, or arrays where it is compiled."""
     s = [*[0.0] * (RINGS + wall.samples + wall.whole + 3), *noise]
-    z = [0.0] * room(wall.body.masses)
+    z = [0.0] * ROOM
     return (s, z) if compiled() is None else (_array(s), _array(z))
 
 

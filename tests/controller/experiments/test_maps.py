@@ -179,14 +179,6 @@ def test_the_drive_and_the_mechanics_of_the_servo_take_part() -> None:
 @pytest.mark.parametrize(
     ("setting", "words"),
     [
-        (
-            (
-                "servo.load_inertia=0.02",
-                "servo.transmission_stiffness=200",
-                "servo.chain=[[0.002, 300, 0.03]]",
-            ),
-            ["servo.chain", "1 masses", "sweep"],
-        ),
         (("servo.current_period=0.0007",), ["servo.current_period", "0.001 s"]),
     ],
 )

@@ -202,7 +202,8 @@ def test_contacts_of_a_load_return_what_the_theory_says() -> None:
     phases = np.linspace(1e-9, 1.0, 65)
     for seed in (0, 2):
         servo = drawn(np.random.default_rng(seed), {"load"})
-        masses = (servo.inertia, servo.damping, *servo.links[0])
+        load = servo.load_inertia, servo.transmission_stiffness, servo.transmission_damping
+        masses = servo.inertia, servo.damping, *load
         loop_of = (0.5 * servo.damping, PERIOD, PERIOD)
         stiffness = 0.5 * float(
             flexible_boundary(*masses, *loop_of, encoder=servo.encoder).stiffness

@@ -2,15 +2,12 @@
 
 import math
 
-import numpy as np
 import pytest
-from scipy.linalg import eigh
 
 from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.guard.belief import Bounded
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config, preset_names
-from haptic_wall.hw.truth import Link
 
 
 def loaded(preset: str, *sets: str) -> Config:
@@ -72,36 +69,6 @@ def test_the_believed_inertia_is_that_of_motor_and_load() -> None:
     assert belief.load_inertia == Bounded.exactly(0.003)
     copied = loaded("simulated", *LINKED, "model.inertia=0.014951", "model.load_inertia=0.003")
     assert copied.belief().inertia.value == pytest.approx(belief.inertia.value)
-
-
-def test_of_a_chain_the_slowest_vibration_is_believed() -> None:
-    m, j, tool, k, joint = 0.011951, 0.003, 0.0005, 200.0, 80.0
-    config = loaded("simulated", *LINKED, f"servo.chain=[[{tool}, {joint}, 0.01]]")
-    belief = Config.model_validate_json(config.model_dump_json()).belief()
-    assert belief.inertia.value == pytest.approx(m + j + tool)
-    assert belief.load_inertia.value == pytest.approx(j + tool)
-    springs = np.array([[k, -k, 0.0], [-k, k + joint, -joint], [0.0, -joint, joint]])
-    dampers = np.array([[0.0, 0.0, 0.0], [0.0, 0.01, -0.01], [0.0, -0.01, 0.01]])
-    masses = np.diag([m, j, tool])
-    squares, shapes = eigh(springs, masses)  # the first one turns as a whole
-    assert belief.flexible_hz.value == pytest.approx(math.sqrt(squares[1]) / math.tau)
-    ratio = shapes[:, 1] @ dampers @ shapes[:, 1] / (2.0 * math.sqrt(squares[1]))
-    assert belief.flexible_damping_ratio.value == pytest.approx(ratio)
-    assert config.true_servo().chain == (Link(tool, joint, 0.01),)
-
-
-@pytest.mark.parametrize(
-    ("sets", "words"),
-    [
-        (["servo.chain=[[0.001, 80, 0.01]]"], r"above 0: a load behind"),
-        ([*LINKED, "servo.chain=[[0.001, 0, 0.01]]"], r"servo\.chain"),
-        ([*LINKED, "servo.chain=[[0.001, 80]]"], r"servo\.chain"),
-        ([*LINKED, "servo.chain=soft"], r"servo\.chain"),
-    ],
-)
-def test_a_chain_that_is_none_is_refused(sets: list[str], words: str) -> None:
-    with pytest.raises(ConfigError, match=words):
-        loaded("simulated", *sets)
 
 
 def test_a_load_that_is_no_part_of_the_inertia_is_refused() -> None:

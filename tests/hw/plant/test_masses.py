@@ -1,4 +1,4 @@
-"""A servo with masses behind a transmission: against an integrator, and its limits."""
+"""A servo with a load behind a transmission: against an integrator, and its limits."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from scipy.linalg import expm
 
 from haptic_wall.hw.plant.mechanism import Mechanism
-from haptic_wall.hw.truth import Link, TrueServo
+from haptic_wall.hw.truth import TrueServo
 from tests.cases import sampled
 from tests.hw.oracles import Coupled, Stretch, integrate_coupled
 from tests.support.exact_servo import Masses, PlantParameters, Pull, State, step
@@ -74,38 +74,20 @@ def drawn(random: np.random.Generator, on: tuple[str, ...]) -> TrueServo:
     return true
 
 
-def with_chain(random: np.random.Generator, true: TrueServo, links: int) -> TrueServo:
-    """Add masses of 0.001 to 100 times the motor's, on joints of 10 to 1e5 N·m/rad.
-
-    The weight is that of the last one, with its centre at least 0.1 m from the axis.
-    """
-    chain: list[Link] = []
-    for _ in range(links):
-        inertia = true.inertia * float(10 ** random.uniform(-3.0, 2.0))
-        stiffness = float(10 ** random.uniform(1.0, 5.0))
-        damping = 2.0 * random.choice([0.0, 1e-4, 0.05]) * math.sqrt(stiffness * inertia)
-        chain.append(Link(inertia, stiffness, float(damping)))
-    gravity = min(true.gravity, 100.0 * chain[-1].inertia) if chain else true.gravity
-    return replace(true, chain=tuple(chain), gravity=gravity)
-
-
 def friction(true: TrueServo) -> PlantParameters:
     return PlantParameters(true.inertia, true.damping, true.coulomb)
 
 
-def error(
-    random: np.random.Generator, on: tuple[str, ...], *, hand: bool, periods: int, links: int = 0
-) -> float:
+def error(random: np.random.Generator, on: tuple[str, ...], *, hand: bool, periods: int) -> float:
     """Return the largest error of a position at the ends of periods [rad].
 
     Args:
         random: Draws servo and torques.
         on: What the servo has.
-        hand: A hand moves the last mass.
+        hand: A hand moves the output.
         periods: Periods of 1 ms.
-        links: Masses behind the output.
     """
-    true = with_chain(random, drawn(random, on), links)
+    true = drawn(random, on)
     scale = true.inertia / 0.012
     grip = (4.0 * scale, 0.2 * scale) if hand else (0.0, 0.0)
     body = Coupled(
@@ -126,7 +108,6 @@ def error(
         true.transmission_damping,
         true.backlash,
         *grip,
-        true.chain,
     )
     amplitude = scale * float(np.exp(random.uniform(*np.log((0.05, 2.0)))))
     rate, reference = random.uniform(5.0, 60.0), 0.0
@@ -136,14 +117,12 @@ def error(
         torque = amplitude * (math.sin(k * 1e-3 * rate) + 0.3 * random.normal())
         stretches.append(Stretch(1e-3, torque, reference, slope))
         reference += slope * 1e-3
-    count = 2 + links
-    tolerance = 1e-12 if links else 1e-11
-    expected = integrate_coupled(body, [0.1, 0.4] * count, stretches, tolerance)
-    chain, largest = Masses(true), 0.0
-    states: tuple[State, ...] = (State(0.1, 0.4),) * count
+    expected = integrate_coupled(body, [0.1, 0.4] * 2, stretches, 1e-11)
+    masses, largest = Masses(true), 0.0
+    states: tuple[State, ...] = (State(0.1, 0.4),) * 2
     for stretch, right in zip(stretches, expected, strict=True):
         pull = Pull(*grip, stretch.reference, stretch.slope) if hand else None
-        states = chain.step(states, friction(true), stretch.torque, MS, pull)
+        states = masses.step(states, friction(true), stretch.torque, MS, pull)
         errors = (abs(a.position - b) for a, b in zip(states, right[::2], strict=True))
         largest = max(largest, *errors)
     return largest
@@ -155,18 +134,6 @@ def test_random_motion_agrees_with_an_integrator(group: str, hand: bool, thoroug
     count, periods = (20, 200) if thorough else (2, 40)
     random = np.random.default_rng(6)
     found = [error(random, GROUPS[group], hand=hand, periods=periods) for _ in range(count)]
-    assert max(found) < STATED[group]
-
-
-@pytest.mark.parametrize("links", sampled([2, 1, 3], 3))
-@pytest.mark.parametrize("group", GROUPS)
-def test_a_random_chain_agrees_with_an_integrator(group: str, links: int, thorough: bool) -> None:
-    random = np.random.default_rng(links)
-    count, periods = (10, 50) if thorough else (2, 10)
-    found = [
-        error(random, GROUPS[group], hand=bool(k % 2), periods=periods, links=links)
-        for k in range(count)
-    ]
     assert max(found) < STATED[group]
 
 
@@ -294,9 +261,6 @@ def test_backlash_is_between_the_masses() -> None:
         ({"load_inertia": 0.0}, "load_inertia: found 0"),
         ({"load_inertia": math.nan}, "load_inertia: found nan"),
         ({"transmission_damping": -1.0}, "transmission_damping: found -1"),
-        ({"chain": (Link(0.0, 100.0, 0.0),)}, "chain: found .*inertia=0"),
-        ({"chain": (Link(0.01, 100.0, math.nan),)}, "chain: found .*damping=nan"),
-        ({"chain": ((0.01, 100.0),)}, "chain: found .*, wanted a list of"),
     ],
 )
 def test_half_a_transmission_is_refused(settings: dict[str, Any], match: str) -> None:
