@@ -77,7 +77,7 @@ class WallWait:
         if math.isnan(position):
             return False
         if law.guarded:
-            stiffness = tick.gains.decision.stiffness
+            stiffness = tick.gains.schedule.allowed.stiffness
             felt = felt_text(stiffness, config.belief().coulomb.value) if law.linear else ""
             self._tell(start_text(law, config.wall.acting_side, position) + felt)
         return True
