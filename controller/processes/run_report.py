@@ -167,8 +167,8 @@ def warnings_of(ended: Ended) -> list[str]:
 
 def _why_missed(ended: Ended) -> str:
     """Return the plain reason of missed periods; empty: none is plain."""
-    if any(setting["name"] == "scheduler" and not setting["ok"] for setting in ended.realtime):
-        return "it had no real-time rights, so that other programs could keep the core"
+    if not any(setting["name"] == "scheduler" and setting["ok"] for setting in ended.realtime):
+        return "it had no real-time priority, so that other programs could keep the core"
     machine = (ended.result or {}).get("setup", [])
     if any(row["name"] == "host" for row in machine):
         return "this is a virtual machine, whose host can take the core"

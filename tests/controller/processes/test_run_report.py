@@ -7,8 +7,8 @@ from typing import cast
 import pytest
 
 from haptic_wall.controller.processes.plan import Ended
-from haptic_wall.controller.processes.run_report import explanation
-from haptic_wall.controller.runtime.safety import AFTER_STALL, Trip
+from haptic_wall.controller.processes.run_report import explanation, warnings_of
+from haptic_wall.controller.runtime.safety import AFTER_STALL, End, Trip
 from haptic_wall.controller.runtime.statistics import RunStatistics
 from haptic_wall.controller.settings.load import load_config
 from tests.typed import not_none
@@ -54,3 +54,27 @@ def test_a_stall_that_may_have_caused_a_trip_is_named_first(trip: Trip, preset: 
     assert ("loop.clock=simulated" in said) == (servo.kind == "emulated")
     other = Ended(Trip.OSCILLATION, statistics, ticks=9, missed=0, result=result)
     assert "stalled" not in not_none(explanation(other, servo))
+
+
+@pytest.mark.parametrize(
+    ("missed", "granted", "host", "said"),
+    [
+        (0, False, True, ""),
+        (7, False, True, "the loop missed 7 periods: it had no real-time priority"),
+        (7, True, True, "the loop missed 7 periods: this is a virtual machine"),
+        (7, True, False, ""),
+    ],
+)
+def test_missed_periods_have_their_reason_where_it_is_plain(
+    missed: int, granted: bool, host: bool, said: str
+) -> None:
+    ended = Ended(
+        End.DURATION,
+        RunStatistics(),
+        ticks=100,
+        missed=missed,
+        result={"setup": [{"name": "host"}] if host else []},
+        realtime=[{"name": "scheduler", "ok": True}] if granted else [],
+    )
+    assert "".join(warnings_of(ended)).startswith(said)
+    assert bool(warnings_of(ended)) == bool(said)
