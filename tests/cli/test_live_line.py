@@ -46,6 +46,7 @@ def test_the_bar_points_to_where_the_torque_pushes(torque: float, bar: str) -> N
     assert bar_of(float("nan"), 1.0) == "[     |     ]"
 
 
+@pytest.mark.whole
 @pytest.mark.realtime
 @pytest.mark.parametrize(
     "key",

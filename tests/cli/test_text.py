@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
 from haptic_wall.controller.cli.brief import LINES, brief_text
 from haptic_wall.controller.cli.options import as_json
@@ -190,26 +189,3 @@ def test_the_default_report_has_eight_lines_and_the_first_reason() -> None:
     assert lines[6].startswith("bus         4998 cycles, immediate: 1 lost, 1 late, 0 corrupt")
     assert lines[7] == "more        9 notes: `haptic-wall log 'runs/a long way/run.hwlog'`"
     assert lines[8:] == ["log         runs/a long way/run.hwlog", "picture     runs/run.png"]
-
-
-def test_what_is_told_whole_is_not_counted_as_left_out() -> None:
-    text = brief_text(REPORT | {"bus": None, "oscillation": None})
-    assert "note        scheduler: wanted FIFO, refused; to grant it: x" in text
-    assert "\nmore" not in text
-    notes = {"warnings": ["long " * 300 + "`sudo command`"], "log": None}
-    text = brief_text(REPORT | notes)
-    assert "more        1 note: `run -v`" in text
-    assert "…" not in text and "long" not in text, "a remedy stands whole or not at all"
-
-
-@pytest.mark.parametrize("columns", [40, 80, 200])
-@pytest.mark.parametrize("warnings", [0, 1, 4])
-@pytest.mark.parametrize("bus", [REPORT["bus"], None])
-def test_the_report_has_eight_lines_in_any_terminal(
-    monkeypatch: pytest.MonkeyPatch, columns: int, warnings: int, bus: dict[str, Any] | None
-) -> None:
-    monkeypatch.setenv("COLUMNS", str(columns))
-    report = REPORT | {"warnings": ["long " * 50] * warnings, "bus": bus}
-    assert f"why {REASON}" in " ".join(brief_text(report).split())
-    without = brief_text(report | {"guard": REPORT["guard"] | {"reasons": []}})  # type: ignore[operator]
-    assert len(without.splitlines()) <= LINES

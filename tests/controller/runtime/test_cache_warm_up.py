@@ -83,6 +83,7 @@ def rows_of(preset: str, *sets: str, warmed_up: bool) -> tuple[bytes, str, Any, 
     return telemetry.read(0)[0].tobytes(), result.stop_reason, result.oscillation, result.bus
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("name", sampled(RUNS, 2))
 def test_a_run_with_cache_warm_ups_is_the_same_to_the_bit(name: str) -> None:
     run = RUNS[name]

@@ -223,6 +223,7 @@ def test_what_an_elastic_clock_takes_out_is_reported_all_the_same(
     assert not_none(result.timing)["worst"][0]["time_s"] == pytest.approx(0.699)
 
 
+@pytest.mark.whole
 @pytest.mark.realtime
 def test_a_run_that_was_stopped_and_continued_says_so(tmp_path: Path) -> None:
     """The whole program: the loop's process is stopped for longer than a period, and resumed."""
