@@ -5,9 +5,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 
 
+@pytest.mark.whole
 def test_every_definition_is_used_by_the_program_a_page_or_a_script() -> None:
     """Fields are left out: reports are made of them by their names."""
     command = [sys.executable, "-m", "vulture"]

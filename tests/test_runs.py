@@ -199,6 +199,7 @@ def test_ctrl_c_twice_ends_the_run_with_torque_off_and_a_report(
     assert_torque_off(witness(tmp_path))
 
 
+@pytest.mark.whole
 def test_a_run_outlives_a_killed_recorder_and_a_stopped_supervisor_until_sigterm(
     tmp_path: Path, servo: str
 ) -> None:
@@ -222,6 +223,7 @@ def test_a_run_outlives_a_killed_recorder_and_a_stopped_supervisor_until_sigterm
     assert list(rows) == list(range(words[Word.HEAD]))
 
 
+@pytest.mark.whole
 def test_a_killed_loop_has_its_torque_cut(tmp_path: Path) -> None:
     arguments = run_arguments("--duration", "60", "--witness", "witness.csv")
     with ticking(*arguments, cwd=tmp_path) as (process, family):
@@ -260,6 +262,7 @@ def test_a_stopped_loop_has_its_torque_cut_and_says_nothing_when_resumed(tmp_pat
     assert all(row["instruction"] == "2" or row["params"] == OFF for row in after), "no goal"
 
 
+@pytest.mark.whole
 def test_a_hung_start_ends_with_ctrl_c_and_torque_off(tmp_path: Path) -> None:
     arguments = run_arguments("--duration", "60", "--witness", "witness.csv")
     with started(*arguments, cwd=tmp_path) as process:
@@ -288,6 +291,7 @@ def test_a_killed_supervisor_leaves_no_torque_and_no_process(tmp_path: Path) -> 
     assert_torque_off(witness(tmp_path))
 
 
+@pytest.mark.whole
 def test_a_dead_bus_is_a_lost_servo(tmp_path: Path) -> None:
     with ticking(*run_arguments("--duration", "60"), cwd=tmp_path) as (process, family):
         os.kill(family["emulator"], signal.SIGKILL)
@@ -298,6 +302,7 @@ def test_a_dead_bus_is_a_lost_servo(tmp_path: Path) -> None:
     assert report["torque_off"] is False
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("who", sampled(["emulator", "loop_process"], 2))
 def test_stalls_of_the_loop_or_its_own_bus_are_waited_for(tmp_path: Path, who: str) -> None:
     """With the limits of a real servo, each of these stalls would end the run."""
@@ -317,22 +322,7 @@ def test_stalls_of_the_loop_or_its_own_bus_are_waited_for(tmp_path: Path, who: s
     assert any("waited" in text for text in report["warnings"])
 
 
-def test_a_run_works_where_1100_files_are_open(tmp_path: Path) -> None:
-    """Its port, pipes and sockets then have numbers that select() refuses."""
-    program = """if True:
-        import resource, sys
-        from haptic_wall.controller.cli.main import main
-        _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-        resource.setrlimit(resource.RLIMIT_NOFILE, (min(4096, hard), hard))
-        held = [open("/dev/null") for _ in range(1100)]
-        main(sys.argv[1:])"""
-    run = run_arguments("--duration", "0.3")
-    done = subprocess.run(
-        [sys.executable, "-c", program, *run], cwd=tmp_path, capture_output=True, check=True
-    )
-    assert json.loads(done.stdout)["ticks"] > 50
-
-
+@pytest.mark.whole
 def test_an_emulated_bus_that_stays_stopped_ends_the_run(tmp_path: Path) -> None:
     with ticking(*run_arguments("--duration", "60"), cwd=tmp_path) as (process, family):
         os.kill(family["emulator"], signal.SIGSTOP)
@@ -397,6 +387,7 @@ sys.stdin.read()
 """
 
 
+@pytest.mark.whole
 def test_another_run_finds_the_port_busy_and_a_program_that_opens_it_ends_the_run_by_name(
     tmp_path: Path, refused: Refused
 ) -> None:
@@ -454,6 +445,7 @@ def without_rights(tmp_path: Path, *arguments: str) -> subprocess.CompletedProce
     )
 
 
+@pytest.mark.whole
 def test_strict_refuses_without_rights_and_names_the_command(tmp_path: Path) -> None:
     done = without_rights(tmp_path, "--set", "realtime.profile=strict", "--duration", "1")
     assert done.returncode == 4
@@ -536,6 +528,7 @@ def test_the_wall_is_on_only_while_the_dead_man_is_held(
     assert np.any(rows["torque"][~is_off]), "it pulls the shaft, and friction keeps it beside"
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("pedal")
 def test_a_run_without_its_dead_man_never_comes_on(tmp_path: Path, servo: str) -> None:
     arguments = run_arguments("--hold", "pedal", "--duration", "0.5", servo=servo)
@@ -556,6 +549,7 @@ def test_a_dead_man_that_cannot_be_opened_is_said_before_torque_is_on(tmp_path: 
     assert "torque is on" not in said
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("place", sampled(["in the way", "a long name", "killed"], 3))
 def test_a_run_without_its_door_goes_on_and_says_so(tmp_path: Path, place: str) -> None:
     log = f"{'x' * 240}.hwlog" if place == "a long name" else "run.hwlog"

@@ -13,15 +13,12 @@ import pytest
 
 from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.experiments.acceptance import predictions
-from haptic_wall.controller.experiments.acceptance.predictions import at_kick, predicted
-from haptic_wall.controller.experiments.acceptance.twin import twin_of
 from haptic_wall.controller.experiments.commission import steps
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
 from haptic_wall.controller.experiments.sweep.sweep import sweep
 from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
 )
-from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.errors import ServoLostError
 from tests.typed import status_of
 
@@ -116,17 +113,6 @@ def test_a_limit_has_its_kick_and_standard_error_and_the_emulated_servo_beside(
     assert "this servo" in page and "emulated" in page
 
 
-def test_the_predictions_are_older_than_every_measurement(accepted: Path) -> None:
-    written = (accepted / "predictions.json").stat().st_mtime_ns
-    logs = [*(accepted / "measured").rglob("*.hwlog")]
-    assert len(logs) > 5 and all(log.stat().st_mtime_ns > written for log in logs)
-    held = json.loads((accepted / "predictions.json").read_text())
-    assert [p["delay_steps"] for p in held["critical_stiffness"]] == [3, 3]
-    for point in held["critical_stiffness"]:
-        for kick in point["kicks"]:
-            assert 0.0 < kick["low"] <= kick["value"] <= kick["high"]
-
-
 def test_the_bundle_names_nobody(accepted: Path) -> None:
     secret = [USER, HOST, str(accepted.parent), str(accepted.parents[1])]
     with zipfile.ZipFile(accepted / "acceptance.zip") as packed:
@@ -212,6 +198,7 @@ def test_ctrl_c_keeps_what_is_done_and_writes_no_bundle(
     assert not (tmp_path / "out" / "acceptance.zip").exists()
 
 
+@pytest.mark.whole
 def test_after_a_lost_servo_nothing_moves_and_the_bundle_says_why(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -227,6 +214,7 @@ def test_after_a_lost_servo_nothing_moves_and_the_bundle_says_why(
     assert (tmp_path / "out" / "acceptance.zip").exists()
 
 
+@pytest.mark.whole
 def test_a_servo_that_cannot_be_reached_ends_it_before_anything_is_emulated(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -237,26 +225,3 @@ def test_a_servo_that_cannot_be_reached_ends_it_before_anything_is_emulated(
     assert told["exit_status"] == 4 and f"{nowhere} does not exist" in told["error"]
     assert (tmp_path / "out" / "predictions.json").exists()
     assert not (tmp_path / "out" / "emulated").exists()
-
-
-def test_predictions_have_the_bounds_of_the_belief() -> None:
-    config = load_config("xm430-w350").config
-    held = predicted(config)
-    assert held["parameters"]["torque_gain"] == {"value": 1.0, "low": 0.7, "high": 1.35}
-    between = at_kick(held["critical_stiffness"][0], 0.035)
-    ends = [
-        kick for kick in held["critical_stiffness"][0]["kicks"] if kick["kick_rad"] in (0.025, 0.05)
-    ]
-    assert (
-        ends[1]["value"] < between["value"] < ends[0]["value"]
-    )  # friction damps a small kick more
-
-
-@pytest.mark.parametrize("name", ["xm430-w350", "xl330-m288", "emulated-xm430", "simulated"])
-def test_the_emulated_servo_is_what_is_believed(name: str) -> None:
-    config = load_config(name).config
-    twin = twin_of(config)
-    assert twin.servo.kind in ("emulated", "simulated") and twin.loop.clock == "simulated"
-    assert twin.belief().inertia == config.belief().inertia
-    gain = config.belief().torque_gain.value
-    assert twin.true_servo().inertia == pytest.approx(config.belief().inertia.value / gain)

@@ -3,7 +3,6 @@
 Nothing is asserted about speed; the work is cut down so that the test is quick.
 """
 
-import importlib
 import itertools
 import json
 import sys
@@ -19,7 +18,7 @@ from haptic_wall.controller.bench.rows import (
     Section,
     over_rounds,
 )
-from haptic_wall.controller.cli.bench import ABOUT_S, SECTIONS
+from haptic_wall.controller.cli.bench import SECTIONS
 from haptic_wall.controller.errors import PlatformError
 from tests.cli.caller import Cli
 
@@ -60,11 +59,6 @@ def made_up(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[..., object]]
     return become
 
 
-def test_every_section_can_be_measured() -> None:
-    assert all(callable(importlib.import_module(module).measure) for module in SECTIONS.values())
-    assert list(ABOUT_S) == list(SECTIONS)
-
-
 @pytest.mark.usefixtures("made_up")
 def test_the_json_holds_machine_versions_and_every_section(cli: Cli) -> None:
     status, out, _ = cli("bench", "--json")
@@ -80,25 +74,6 @@ def test_the_json_holds_machine_versions_and_every_section(cli: Cli) -> None:
     assert [row["value"] for row in section["rows"]] == [row.value for row in FOUND.rows]
     assert section["rows"][0]["low"] < 12.25 < section["rows"][0]["high"]
     assert section["notes"] == list(FOUND.notes)
-
-
-@pytest.mark.usefixtures("made_up")
-def test_a_section_can_be_asked_for_alone(cli: Cli) -> None:
-    status, out, err = cli("bench", "--section", "array_simulation")
-    assert status == 0
-    assert "array simulation" in out
-    assert "boundary" not in out
-    assert err == "measuring array_simulation (1 of 1): about 30 s ...\n"
-    assert cli("bench", "--section", "loops")[0] == 2
-
-
-@pytest.mark.usefixtures("made_up")
-def test_the_text_tells_every_figure_with_what_it_does_not_show(cli: Cli) -> None:
-    _, out, _ = cli("bench", "--section", "boundary")
-    assert "  12.2 µs (11.6 to 13.4)  first <loop>, p99\n    does not show a wire\n" in out
-    assert "  423,000 settings/s  settings in a second\n" in out
-    assert "  0.875  ratio\n    does not show anything else\n  somebody is not installed" in out
-    assert "taken by the host" in out
 
 
 @pytest.mark.parametrize(
@@ -123,25 +98,6 @@ def test_a_section_that_fails_costs_no_other(
     assert first["rows"] == []
     assert first["notes"][0].startswith(f"not measured: {said}")
     assert all(len(other["rows"]) == len(FOUND.rows) for other in others)
-
-
-def test_after_a_ctrl_c_what_is_finished_is_told(
-    made_up: Callable[[Callable[..., object]], None], cli: Cli
-) -> None:
-    found = iter([FOUND])
-
-    def measure() -> Section:
-        try:
-            return next(found)
-        except StopIteration:
-            raise KeyboardInterrupt from None
-
-    made_up(measure)
-    status, out, _ = cli("bench", "--json")
-    assert status == 130
-    report = json.loads(out)
-    assert report["interrupted"]
-    assert list(report["sections"]) == list(SECTIONS)[:1]
 
 
 def test_both_programs_find_the_same_margins() -> None:

@@ -2,16 +2,10 @@
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from haptic_wall.controller.cli.boundary_question import of_config
-from haptic_wall.controller.guard.boundary_curve import curve
-from haptic_wall.controller.guard.limits import BY_NAME
-from haptic_wall.controller.report import boundary as boundary_picture
-from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import (
     critical_point,
     critical_stiffness,
@@ -27,7 +21,6 @@ from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.chain import one_mass
 from haptic_wall.controller.theory.servos import SERVOS
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
-from tests.cases import sampled
 from tests.cli.caller import Cli
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -77,15 +70,6 @@ def test_a_rate_and_a_servo_stand_for_numbers(cli: Cli) -> None:
     assert heavier["max_virtual_damping"] > named["max_virtual_damping"]
 
 
-def test_without_a_list_the_points_reach_from_nothing_to_near_the_ceiling(cli: Cli) -> None:
-    found = cli.json("boundary", *LOOP)
-    dampings = [point["virtual_damping"] for point in found["points"]]
-    assert dampings[0] == 0
-    assert dampings == sorted(dampings)
-    assert 0.8 < dampings[-1] / found["max_virtual_damping"] < 1
-    assert all(point["exact"] > 0 for point in found["points"])
-
-
 def test_the_design_is_told_for_the_stiffest_wall_asked_for(cli: Cli) -> None:
     found = cli.json("boundary", *LOOP, "--virtual-damping=0.05,0.2,0.1")
     stiffest = max(found["points"], key=lambda point: point["one_sided"])
@@ -105,6 +89,7 @@ def test_the_design_is_told_for_the_stiffest_wall_asked_for(cli: Cli) -> None:
     assert "two_sided" not in {each["change"] for each in both["improvements"]}
 
 
+@pytest.mark.whole
 def test_bus_adapter_and_encoder_enter_the_design_when_they_are_told(cli: Cli) -> None:
     more = ["--baud", "1e6", "--latency-timer", "16", "--torque-limit", "4.1"]
     words = ["--servo", "MX-64", "--rate", "1000", "--delay", "0.0168", *more]
@@ -148,13 +133,7 @@ def test_the_text_names_units_ceiling_peak_limit_and_what_helps(cli: Cli) -> Non
     assert "nan" not in out
 
 
-def test_what_buys_nothing_is_said_in_one_line(cli: Cli) -> None:
-    words = ["--inertia", "1", "--damping", "1e-6", "--period", "1e-3", "--delay", "0"]
-    _, out, _ = cli("boundary", *words, "--virtual-damping=10")
-    line = next(line for line in out.splitlines() if line.startswith("no gain here"))
-    assert "twice the viscous damping" in line
-
-
+@pytest.mark.whole
 @pytest.mark.parametrize("damping", ["9", "-0.0117", "-1"])
 def test_where_no_stiffness_is_stable_the_answer_is_nought(cli: Cli, damping: str) -> None:
     status, out, _ = cli("boundary", *LOOP, f"--virtual-damping={damping}")
@@ -163,15 +142,6 @@ def test_where_no_stiffness_is_stable_the_answer_is_nought(cli: Cli, damping: st
     found = cli.json("boundary", *LOOP, f"--virtual-damping={damping}")
     assert found["points"][0]["exact"] == found["design"]["stiffness"] == 0
     assert {each["factor"] for each in found["design"]["improvements"]} == {None}
-
-
-def test_a_picture_that_cannot_be_written_is_told(
-    cli: Cli, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(
-        "haptic_wall.controller.report.boundary.plot_boundary", lambda _q, _f, path: path.touch()
-    )
-    assert "cannot be written" in cli.refused("boundary", *LOOP, "--plot", "/nowhere/plane.png")
 
 
 @pytest.mark.whole
@@ -193,36 +163,6 @@ def test_the_picture_is_drawn(
 
 
 LOADED = ["model.load_inertia=0.001", "model.flexible_hz=40", "model.flexible_damping_ratio=0.03"]
-
-
-@pytest.mark.parametrize("sets", [[], LOADED])
-def test_every_limit_of_the_table_is_drawn(sets: list[str]) -> None:
-    from matplotlib.figure import Figure
-
-    no: dict[str, Any] = dict.fromkeys(("delay", "side"))
-    across = curve(of_config("emulated-xm430", tuple(sets), no), [0.0, 0.02, 0.1])
-    ax = Figure().subplots()
-    boundary_picture._plane(ax, across, "one")
-    assert len(across.found.limits) > 2
-    for name, values in across.found.limits.items():
-        (line,) = [each for each in ax.lines if each.get_label() == BY_NAME[name].label]
-        drawn = np.asarray(line.get_ydata(), dtype=float)
-        assert np.isin(drawn, values).all() and drawn.size == 3
-
-
-@pytest.mark.parametrize(
-    "more", sampled([[], ["wall.velocity_samples=3"], LOADED, ["delay.steps=8"]], 4)
-)
-def test_the_best_virtual_damping_is_not_beaten_by_any_of_a_fine_table(
-    cli: Cli, more: list[str]
-) -> None:
-    sets = [word for each in more for word in ("--set", each)]
-    found = cli.json("boundary", "emulated-xm430", *sets)
-    (best,) = [x for x in found["design"]["improvements"] if x["change"] == "virtual_damping"]
-    tried = np.linspace(-0.01, min(1.5, found["max_virtual_damping"]), 120)
-    no: dict[str, Any] = dict.fromkeys(("delay", "side"))
-    fine = curve(of_config("emulated-xm430", tuple(more), no), tried).smallest("one")
-    assert best["stiffness"] > 0.995 * fine.max()
 
 
 LOADED = [
@@ -320,22 +260,6 @@ def test_with_a_load_the_limits_are_those_of_two_masses(encoder: str, cli: Cli) 
     assert found["design"]["binding"] == "exact"
 
 
-def test_a_very_stiff_transmission_gives_the_rigid_one_sided_limit(cli: Cli) -> None:
-    stiff = ["--load-inertia", "0.003", "--transmission-stiffness", "1e6"]
-    found = cli.json(
-        "boundary", *LOOP, *stiff, "--transmission-damping=5", "--virtual-damping=0.1,0.5"
-    )
-    rigid = one_sided_limit(0.015, 0.0117, [0.1, 0.5], 1e-3, 2e-3)
-    assert [point["one_sided"] for point in found["points"]] == pytest.approx(rigid, rel=0.01)
-
-
-@pytest.mark.whole
-def test_the_picture_of_a_load(tmp_path: Path, cli: Cli) -> None:
-    path = tmp_path / "load.png"
-    assert cli("boundary", *LOOP, *LOADED, "--virtual-damping=0.1", "--plot", path).status == 0
-    assert path.read_bytes().startswith(b"\x89PNG")
-
-
 @pytest.mark.parametrize("load", [LOADED, []])
 def test_a_filter_of_the_velocity_is_counted_exactly(load: list[str], cli: Cli) -> None:
     dampings = [0.0, 0.1, 0.3]
@@ -363,18 +287,6 @@ def test_a_filter_of_the_velocity_is_counted_exactly(load: list[str], cli: Cli) 
     assert "velocity through a notch at 46 Hz, quality 0.7" in out
 
 
-def test_the_filter_of_a_configuration_gives_the_limits_that_a_run_counts(cli: Cli) -> None:
-    sets = ("wall.side=both", "wall.velocity_filter=lowpass", "wall.velocity_hz=40")
-    options = [x for each in sets for x in ("--set", each)]
-    found = cli.json("boundary", "simulated", *options, "--virtual-damping=0.05,1")
-    config = load_config("simulated", sets).config
-    one = one_mass(0.011951, 0.011692)
-    exact = chain_boundary(*one, [0.05, 1.0], 1e-3, 0.0, 1, config.velocity_filter())
-    given = [point["exact"] for point in found["points"]]
-    assert given == pytest.approx(exact.stiffness, rel=0.035)
-    assert all(a <= b for a, b in zip(given, exact.stiffness, strict=True))
-
-
 BELIEVED = [
     "simulated",
     *("--set", "servo.load_inertia=0.003", "--set", "servo.transmission_stiffness=200"),
@@ -399,16 +311,3 @@ def test_a_configuration_gives_the_limits_of_the_load_that_it_believes(cli: Cli)
     assert status == 0
     assert "a believed load of 0.003 kg·m² of it that vibrates at 45.96 Hz" in out
     assert "an encoder on the motor's side" in out
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("--inertia=1e-9:1e9", "--damping=0.01"),
-        ("--inertia=0.01", "--damping=1e-9:1e9"),
-        ("--servo=MX-64", "--torque-gain=1e-9:1e9"),
-    ],
-)
-def test_a_range_of_many_decades_is_refused(words: tuple[str, str], cli: Cli) -> None:
-    told = cli.refused("boundary", "--rate=1000", "--delay=.002", *words)
-    assert "1e-09:1e+09" in told and "wanted at most 10000 times" in told

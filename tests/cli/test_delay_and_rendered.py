@@ -76,12 +76,7 @@ def test_delay_reports_value_and_error_and_leaves_its_files(
     assert lags.get_position().width > 0.5
 
 
-def test_delay_as_text_is_a_table(cli: Cli, tmp_path: Path) -> None:
-    status, said, _ = cli("delay", "simulated", *QUICK, "--delay-steps", "2", "--out", tmp_path)
-    assert status == 0
-    assert "recovered" in said
-
-
+@pytest.mark.whole
 @pytest.mark.usefixtures("fewer")
 def test_rendered_reports_the_comparison(cli: Cli, tmp_path: Path, figures: list[Figure]) -> None:
     status, said, err = cli("rendered", "simulated", *QUICK, "--out", tmp_path, "--json")

@@ -4,7 +4,6 @@ What is measured is not held here: a machine that runs tests stalls at will. The
 tests of its own.
 """
 
-import fcntl
 import json
 import subprocess
 import sys
@@ -80,15 +79,6 @@ def test_a_port_that_is_not_there_ends_with_4_and_the_machine_is_examined_all_th
     assert "kernel" in checks
 
 
-def test_a_path_is_never_broken_at_its_hyphens(
-    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("COLUMNS", "60")
-    port = tmp_path / "an-adapter-that-is-not-there-with-a-long-name-to-be-copied"
-    _, out, _ = cli("doctor", *at(port), *QUIET)
-    assert str(port) in out
-
-
 @pytest.mark.realtime
 def test_a_servo_as_from_the_factory_is_mended_when_asked(cli: Cli) -> None:
     with emulate() as (_, port):
@@ -108,6 +98,7 @@ def test_a_servo_as_from_the_factory_is_mended_when_asked(cli: Cli) -> None:
         assert checks["return delay"]["found"] == "250 (500 µs), now 0 (0 µs)"
 
 
+@pytest.mark.whole
 @pytest.mark.realtime
 def test_a_servo_at_another_rate_is_found_examined_and_changed_only_when_asked(cli: Cli) -> None:
     with emulate("--baud", "57600") as (_, port):
@@ -123,14 +114,6 @@ def test_a_servo_at_another_rate_is_found_examined_and_changed_only_when_asked(c
         assert wrong == set()
         assert found["changes"][0]["after"] == "4000000"
         assert "reply time" in checks
-
-
-@pytest.mark.realtime
-def test_another_model_whose_torque_is_not_known_is_named(cli: Cli) -> None:
-    constant = "servo.torque_constant=1.7"
-    with emulate("--servo", "XD430-T210:1", "--set", constant) as (_, port):
-        _, _, wrong, _ = report(cli, *at(port))
-        assert "model" in wrong
 
 
 @pytest.mark.realtime
@@ -174,22 +157,6 @@ def test_a_port_that_somebody_else_has_names_him(cli: Cli) -> None:
 
 
 @pytest.mark.realtime
-def test_a_lock_whose_owner_cannot_be_seen_is_a_user_too(
-    cli: Cli, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("haptic_wall.controller.doctor.adapter.holders", lambda _device: [])
-    monkeypatch.setattr("haptic_wall.hw.serialport.port.holders", lambda _device: [])
-    with emulate() as (_, port), Path(port).open("rb") as end:
-        fcntl.flock(end, fcntl.LOCK_EX)
-        status, checks, wrong, found = report(cli, *at(port))
-    assert status == 4
-    assert wrong == {"used by"}
-    assert "locked by another program" in checks["used by"]["found"]
-    assert "end that program" in checks["used by"]["fix"]
-    assert "wake-up lateness" in found["not_examined"]
-
-
-@pytest.mark.realtime
 def test_a_servo_is_never_set_to_a_rate_that_this_adapter_cannot_make(
     cli: Cli, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -209,6 +176,7 @@ def test_a_servo_is_never_set_to_a_rate_that_this_adapter_cannot_make(
         assert checks["servo answers"]["fix"] == "set servo.baud=1000000"
 
 
+@pytest.mark.whole
 @pytest.mark.realtime
 @pytest.mark.parametrize(("level", "fix"), [(2, []), (0, ["--fix"]), (1, ["--fix"])])
 def test_two_servos_with_one_id_are_told_from_a_bad_cable(

@@ -76,54 +76,9 @@ def test_with_json_a_signal_is_one_object(module: str, number: str) -> None:
     }
 
 
-def test_what_is_begun_is_put_in_order(tmp_path: Path) -> None:
-    program = (
-        "import os, pathlib, signal\n"
-        "from haptic_wall.controller.cli import interrupt\n"
-        "from haptic_wall.controller.system.files import whole\n"
-        "interrupt.leave_at_once()\n"
-        "try:\n"
-        "    with whole(pathlib.Path('half')) as part:\n"
-        "        part.write_text('half')\n"
-        "        os.kill(os.getpid(), signal.SIGINT)\n"
-        "finally:\n"
-        "    print(os.listdir())\n"
-        "    os.kill(os.getpid(), signal.SIGINT)\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-uc", program], capture_output=True, text=True, check=False, cwd=tmp_path
-    )
-    assert (done.returncode, done.stdout, done.stderr) == (130, "[]\n", "")
-
-
 # The launcher, as it is installed
 
 COMMAND = Path(sys.executable).with_name("haptic-wall")
-FOLDER = Path(__file__).parents[2] / "controller" / "cli"
-
-
-def launched(tmp_path: Path, python: str) -> Path:
-    """A launcher beside this in place of Python."""
-    launcher = tmp_path / "haptic-wall"
-    launcher.write_text((FOLDER / "haptic-wall").read_text())
-    launcher.chmod(0o755)
-    (tmp_path / "stub").write_text(python)
-    interpreter = f"exec '{sys.executable}'" if python.startswith("import") else "exec sh"
-    (tmp_path / "python3").write_text(f"#!/bin/sh\n{interpreter} '{tmp_path / 'stub'}' \"$@\"\n")
-    (tmp_path / "python3").chmod(0o755)
-    return launcher
-
-
-def test_python_starts_with_ctrl_c_held_back(tmp_path: Path) -> None:
-    python = """import os, signal, sys
-os.kill(os.getpid(), signal.SIGINT)
-print("started", *sys.argv[2:], flush=True)
-signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
-"""
-    words: list[str | Path] = [launched(tmp_path, python), "run", "a b"]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
-    assert done.stdout == "started run a b\n"
-    assert "KeyboardInterrupt" in done.stderr  # it was not forgotten
 
 
 def test_a_ctrl_c_at_any_time_of_its_start_is_quiet() -> None:

@@ -72,6 +72,7 @@ def done(tmp_path_factory: pytest.TempPathFactory, wholly: bool) -> Done:
     return Done(folder, json.loads(out.getvalue()), err.getvalue(), found[0])
 
 
+@pytest.mark.whole
 def test_the_report_the_configuration_and_the_picture(
     done: Done, monkeypatch: pytest.MonkeyPatch, cli: Cli
 ) -> None:

@@ -49,16 +49,7 @@ def test_a_drop_tells_inertia_and_friction(tmp_path: Path, cli: Cli) -> None:
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_without_a_pendulum_a_drop_has_no_scale(tmp_path: Path, cli: Cli) -> None:
-    path = tmp_path / "drop.csv"
-    truth = Truth()
-    path.write_text(table(drop(truth)))
-    answer = cli.json("identify", "--record", path)
-    assert answer["inertia"] is answer["damping"] is answer["coulomb"] is None
-    assert answer["residual_rms_rad"] < 1.2 * answer["rounding_rad"]
-    assert any("there is no scale" in note for note in answer["notes"])
-
-
+@pytest.mark.whole
 def test_a_known_torque_tells_delay_and_gain(tmp_path: Path, cli: Cli) -> None:
     truth = Truth()
     time = np.arange(0.0, 2.4, 0.006)
@@ -173,16 +164,6 @@ def test_options_that_do_not_fit_are_refused(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.csv").write_text("time_s,position_rad\n0,0\n")
     assert wanted in cli.json("identify", *arguments, status=2)["error"]
-
-
-def test_a_motion_that_no_pendulum_makes_is_named(tmp_path: Path, cli: Cli) -> None:
-    path = tmp_path / "drop.csv"
-    path.write_text(table(drop(Truth())))
-    answer = cli.json(
-        "identify", "--record", path, "--pendulum-mass", "0.49", "--pendulum-length", "0.3"
-    )
-    assert answer["inertia"] is None
-    assert any("check the pendulum's mass and length" in note for note in answer["notes"])
 
 
 @pytest.mark.realtime

@@ -86,6 +86,7 @@ def server_of(parent: int) -> int:
     raise AssertionError("no page")
 
 
+@pytest.mark.whole
 @pytest.mark.realtime
 def test_a_killed_page_changes_nothing_for_the_run(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "haptic_wall.controller.cli.main", "run", "simulated"]
@@ -113,6 +114,7 @@ def test_a_killed_page_changes_nothing_for_the_run(tmp_path: Path) -> None:
     assert server_log_of(tmp_path / "a").read_text().count("refused") == 2
 
 
+@pytest.mark.whole
 def test_a_server_says_what_it_refuses_in_short_lines_of_its_own_log_only(tmp_path: Path) -> None:
     log, random = tmp_path / "a.hwlog", Random(7)
     program = [sys.executable, "-m", "haptic_wall.controller.cli.main"]

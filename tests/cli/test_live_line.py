@@ -47,6 +47,7 @@ def test_what_is_wrong_is_coloured_unless_nobody_wants_that() -> None:
     assert "\x1b" not in line(wrong, 200, colour=False)
 
 
+@pytest.mark.whole
 @pytest.mark.realtime
 @pytest.mark.parametrize(
     "key",

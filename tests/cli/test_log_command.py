@@ -13,10 +13,9 @@ from click.testing import CliRunner
 from haptic_wall.controller.cli.log import command
 from haptic_wall.controller.cli.text import brief_text, report_text
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.writer import LogWriter, append_end
 from haptic_wall.controller.report.sketch import Sketch
-from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_OFF, FLAG_WARM_UP, ROW
+from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_WARM_UP, ROW
 from haptic_wall.controller.settings.load import load_config
 from tests.cli.caller import Cli
 
@@ -115,22 +114,6 @@ def test_a_log_without_rows_is_summarised_but_not_exported(tmp_path: Path) -> No
         answer(path, "--csv", tmp_path / "run.csv")
 
 
-def test_a_wall_that_was_off_in_the_midst_was_in_contact_with_nothing(
-    log: Path, tmp_path: Path
-) -> None:
-    read = LogReader.open(log)
-    rows = read.rows()
-    rows["flags"][501:701] |= FLAG_OFF  # the dead man was let go
-    path = tmp_path / "off.hwlog"
-    with LogWriter(path, read.metadata) as writer:
-        writer.append(rows)
-    told = json.loads(answer(path, "--json"))
-    assert (told["off_ticks"], told["contact_ticks"]) == (200, 400)
-    assert "on for 700 ticks, after 101 of warm-up, off for 200; in contact for 57.1 %" in answer(
-        path
-    )
-
-
 def test_the_summary_tells_what_happened_and_how_it_ended(log: Path) -> None:
     text = answer(log)
     assert "on for 900 ticks, after 101 of warm-up; in contact for 66.7 % of them" in text
@@ -227,17 +210,6 @@ def test_an_export_replaces_a_file_only_when_it_is_said(
     assert CliRunner().invoke(command, [*words, "--force"]).exit_code == 0
 
 
-def test_the_first_row_of_a_csv_has_no_exponents(log: Path, tmp_path: Path) -> None:
-    rows = LogReader.open(log).rows()
-    rows["velocity"] = 1e-7
-    with LogWriter(log, {"name": "a"}, force=True) as writer:
-        writer.append(rows)
-    answer(log, "--csv", tmp_path / "a.csv")
-    first, second = (tmp_path / "a.csv").read_text().splitlines()[1:3]
-    assert ",0.0000001," in first
-    assert ",1e-07," in second
-
-
 LOSES: tuple[str, ...] = ("servo.faults=drop:p=0.5,at=2.0",)
 OSCILLATES: tuple[str, ...] = (
     *("wall.side=both", "servo.hand=none", "servo.kick=0.05", "servo.coulomb=0"),
@@ -245,6 +217,7 @@ OSCILLATES: tuple[str, ...] = (
 )
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("sets", "duration", "begins"),
     [

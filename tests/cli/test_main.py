@@ -139,6 +139,7 @@ def test_the_exit_status_is_the_commands_own_when_the_reader_has_left() -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("words", "status"),
     [
@@ -168,6 +169,7 @@ def test_the_exit_status_is_the_commands_own_when_nobody_reads_its_messages(
     assert bool(done.stdout) == (status == 0)
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     "encoding",
     ["ascii", *(whole_only(each) for each in ("koi8-r", "utf-8"))],
@@ -209,6 +211,7 @@ def test_a_limit_of_the_system_is_told_in_a_sentence(
     assert "raise the limits of this shell" in said
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("closed", "clock", "picture"),
     [

@@ -81,18 +81,6 @@ def test_the_files_and_the_report_hold_every_point(cli: Cli, tmp_path: Path) -> 
     ]  # fmt: skip
 
 
-def test_without_json_there_is_a_table_and_the_names_of_the_files(cli: Cli, tmp_path: Path) -> None:
-    status, out, _ = cli(
-        "map", "simulated", "--out", tmp_path / "new", "--virtual-damping", "0,0.02",
-        "--delay-steps", "1", "--kick", "0.02,0.2", "--workers", 1,
-    )  # fmt: skip
-    assert status == 0
-    assert "kick 0.2 rad" in out
-    assert "1 ms" in out
-    assert str(tmp_path / "new" / "map.png") in out
-    assert "from servo" not in out
-
-
 def test_a_servo_with_a_load_is_mapped(cli: Cli, tmp_path: Path) -> None:
     load = ["servo.load_inertia=0.003", "servo.transmission_stiffness=200"]
     load += ["servo.transmission_damping=0.03", "wall.side=both"]
@@ -152,6 +140,7 @@ def test_a_full_disk_leaves_the_older_map_and_nothing_else(
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
+@pytest.mark.whole
 @pytest.mark.realtime
 @pytest.mark.parametrize("impatient", [whole_only(False), True])
 def test_ctrl_c_ends_it_without_a_traceback_and_says_what_is_kept(
@@ -216,6 +205,7 @@ def _unfinished(folder: Path) -> None:
         file.write("[[2, 0, 2], [[11.5], [")
 
 
+@pytest.mark.whole
 def test_a_killed_map_goes_on_and_ends_with_the_same_bytes(
     cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -239,6 +229,7 @@ def test_a_killed_map_goes_on_and_ends_with_the_same_bytes(
     assert one | {"files": []} == other | {"files": []}
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("line", "message"),
     [

@@ -31,6 +31,7 @@ DRAWING = {
 WHOLE = "rendered", "identify", "delay", "sweep", "zwidth"
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[pytest.mark.whole] * (n in WHOLE)) for n in DRAWING]
 )
@@ -51,6 +52,7 @@ def test_no_picture_costs_the_result(
     assert list(tmp_path.rglob("*.png")) == []
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     "settings",
     sampled(

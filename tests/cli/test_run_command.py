@@ -336,6 +336,7 @@ def test_a_requested_wall_without_stiffness_is_no_success(
     assert ("ended as planned" in first) == (status == 0)
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(("current_limit", "status"), sampled([(50, 3), (1193, 0)], 2))
 def test_a_servo_whose_current_limit_leaves_the_wall_no_stiffness_is_no_success(
     cli: Cli,

@@ -114,7 +114,7 @@ def test_the_test_script_runs_every_check_and_fails_if_one_does(project: Path) -
         "ruff check",
         "ruff format --check",
         "pytest -n auto --dist worksteal --whole",
-        "mypy",
+        "mypy -p haptic_wall -p scripts -p tests",
     ]
     assert done.returncode == 1
     named = call(project, "test", "tests/hw", "-k", "wall")

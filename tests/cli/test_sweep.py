@@ -84,6 +84,7 @@ def test_the_same_settings_go_on_and_others_are_refused(
     assert json.loads((folder / "sweep.json").read_text()) == before
 
 
+@pytest.mark.whole
 def test_an_interrupted_sweep_keeps_what_is_finished(tmp_path: Path) -> None:
     many = [0.02 + 1e-4 * i for i in range(19)]  # however late the signal comes, some are left
     command = [

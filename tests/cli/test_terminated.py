@@ -43,6 +43,7 @@ SOME = ("boundary", "map, theory", "paper")
 """Those that are ended without --whole, too"""
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("middle", "number"),
     [

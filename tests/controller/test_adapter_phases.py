@@ -25,6 +25,7 @@ def test_no_phase_makes_every_pipelined_reply_miss_its_tick(shift_us: int) -> No
     assert mistaken(run) == 0
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("timer_ms", [0, 1, 16])
 @pytest.mark.parametrize(
     "phase",

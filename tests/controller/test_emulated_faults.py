@@ -87,6 +87,7 @@ def simulated(*sets: str) -> Result:
     return run_session(config, SimulatedClock(), Telemetry.create(), 1.0)
 
 
+@pytest.mark.whole
 def test_they_happen_on_the_bus_in_memory_as_the_seed_says() -> None:
     counts = []
     for seed in (0, 0, 1):

@@ -78,6 +78,7 @@ def test_in_every_phase_it_runs_to_the_end_softer_and_says_why(
         assert "K could be about" in why
 
 
+@pytest.mark.whole
 def test_what_the_guard_allows_comes_to_rest_and_twice_its_limit_does_not() -> None:
     """So the delay that is counted with is the true one, neither short nor far too long."""
     sets = (*FREE_WALL, "wall.stiffness=8")
@@ -97,6 +98,7 @@ def test_what_the_guard_allows_comes_to_rest_and_twice_its_limit_does_not() -> N
     assert max(swings(wild)) > 2 * 0.3, "until its early alarm"
 
 
+@pytest.mark.whole
 def test_a_quarter_of_the_replies_lost_is_a_quarter_for_the_trip() -> None:
     """Ticks in which none was due are neither good nor lost."""
     sets = ("safety.max_loss=0.15", "loop.warm_up_s=0.3")
@@ -116,6 +118,7 @@ def test_a_quarter_of_the_replies_lost_is_a_quarter_for_the_trip() -> None:
     assert lost == pytest.approx(not_none(calm.result.bus)["lost"], abs=2), "one loss each"
 
 
+@pytest.mark.whole
 def test_replies_that_stay_away_end_the_run_at_the_third() -> None:
     """Each takes longer than the silence that is allowed, and one or two are no reason to end."""
     sets = ("safety.max_silence_s=0.015", "safety.max_loss=1", "loop.warm_up_s=0.3")

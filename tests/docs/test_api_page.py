@@ -23,6 +23,7 @@ for path in sys.argv[1:]:
 """
 
 
+@pytest.mark.whole
 @pytest.mark.realtime
 def test_the_examples_run(tmp_path: Path, wholly: bool) -> None:
     paths = []

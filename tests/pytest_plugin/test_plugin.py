@@ -49,6 +49,7 @@ def outside(
     assert emulators(pytester.path) == set()
 
 
+@pytest.mark.whole
 def test_one_that_does_not_start_or_dies_says_why_and_leaves_nothing(
     outside: Callable[..., pytest.RunResult],
 ) -> None:

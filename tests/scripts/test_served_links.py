@@ -13,6 +13,7 @@ from scripts.guard_links import NAMES, PERIOD, chain_of, drawn, growth, inside
 TRUTHS = 300
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("number", "steps", "shortest", "longest"),
     [(64, 0, 6.3, 10.5), (92, 0, 10.5, 21.0), (87, 0, 4.2, 6.3), (16, 3, 2.1, 3.15)],

@@ -148,6 +148,7 @@ def test_a_whole_boundary_of_one_plant_is_the_same_as_its_points(
     )
 
 
+@pytest.mark.whole
 def test_nothing_is_higher_than_the_peak(wholly: bool) -> None:
     random, count = np.random.default_rng(5), 60 if wholly else 15
     delta, delay = 10 ** random.uniform(-6, 0.5, count), random.uniform(0, 30, count)

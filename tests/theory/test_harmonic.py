@@ -152,6 +152,7 @@ def measured(seen: Array, cycle: Cycle) -> tuple[float, float]:
     return float(np.ptp(last)) / 2, (at.size - 1) / (at[-1] - at[0]) / PERIOD
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("damper", "amplitude", "frequency"),
     [(0.0, (0.99, 1.15), (0.92, 1.01)), (0.2, (0.99, 1.7), (0.75, 1.01))],
@@ -233,6 +234,7 @@ def grows(plant: PlantParameters, wall: tuple[float, float, float], kick: float,
     raise AssertionError("neither grows nor decays")
 
 
+@pytest.mark.whole
 def test_with_friction_motion_dies_below_the_amplitude_of_the_limit_and_grows_above_it(
     thorough: bool,
 ) -> None:

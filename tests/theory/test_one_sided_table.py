@@ -5,15 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from haptic_wall.controller.guard.belief import Belief, Bounded
-from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation, decide
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
 from haptic_wall.controller.theory import one_sided_table as tables
 from haptic_wall.controller.theory.one_sided_table import one_sided_limit_tabulated, tabulated_share
 from tests.support.one_sided_fill import computed_share
 
 Array = np.ndarray
-COMPUTED = "haptic_wall.controller.theory.one_sided_table.one_sided_limit"
 
 
 def random_settings(count: int, seed: int, n: int = 1) -> tuple[Array, ...]:
@@ -81,6 +78,7 @@ def test_outside_of_the_table_it_is_computed(
     assert one_sided_limit_tabulated(1.0, damping, virtual, 1.0, late, n) == computed
 
 
+@pytest.mark.whole
 def test_a_longer_delay_is_looked_up_with_a_longer_period() -> None:
     random, count = np.random.default_rng(36), 24
     late, n = 60 * 10 ** random.uniform(0, 0.9, count), random.choice([1, 1, 4, 32], count)
@@ -135,24 +133,3 @@ def test_errors_name_the_argument() -> None:
 
 def test_the_table_is_small() -> None:
     assert tables.TABLE.stat().st_size < 500e3
-
-
-def test_a_decision_simulates_no_contact(monkeypatch: pytest.MonkeyPatch) -> None:
-    def none(*_: object) -> Array:
-        raise AssertionError("a contact was simulated")
-
-    monkeypatch.setattr(COMPUTED, none)
-    monkeypatch.setattr("haptic_wall.controller.guard.evaluation.one_sided_limit", none)
-    belief = Belief(
-        inertia=Bounded(0.012, 0.008, 0.018),
-        damping=Bounded(0.0117, 0.006, 0.023),
-        coulomb=Bounded.exactly(0.09),
-        delay=Bounded(0.5e-3, 0.0, 1e-3),
-        torque_gain=Bounded(1.0, 0.75, 1.33),
-    )
-    situation = Situation(belief, 1e-3, 4.1, 0.0)
-    for asked in (0.0, 0.02, 0.3, 1e6):
-        request = Request(1e6, asked, "above")
-        for decision in decide(request, GuardSettings(), situation, list(np.arange(64) / 3200)):
-            assert decision.stiffness > 0
-            assert decision.binding in ("one_sided", "exact", "linear")

@@ -18,7 +18,6 @@ BENCH = bench_of("xm430-w350")
 RIGID = Truth(0.008, 0.0059, 0.0453, torque_gain=2.4 / 1.783, delay=0.006)
 VALUE = Truth(0.011951, 0.011692, 0.09039, delay=0.001)
 XL330 = Truth(0.0018142, 0.0018309, 0.0064165, torque_limit=0.52, stall_torque=0.52, delay=0.015)
-SCALES = {1.0, 0.25, 0.0625, 0.015625}
 
 
 def run(

@@ -95,6 +95,7 @@ def test_motion_that_dies_is_no_alarm() -> None:
         assert not listen(walls[i], trace, wrong_beliefs(len(walls))[i], once=True).alarms
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("hand", sampled(HANDS, 5))
 def test_hands_on_walls_below_their_limit_are_no_alarm(hand: str) -> None:
     walls = some_walls(0.7)
@@ -102,6 +103,7 @@ def test_hands_on_walls_below_their_limit_are_no_alarm(hand: str) -> None:
         assert not listen(walls[i], trace, wrong_beliefs(len(walls))[i], once=False).alarms
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("hand", sampled(["rhythm", "tap"], 2))
 def test_hands_that_come_back_to_a_wall_that_never_pulls_are_no_bouncing(hand: str) -> None:
     walls = some_walls(0.6, one_sided=True)

@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from haptic_wall.controller.theory import critical_stiffness
 from tests.support.judges import small, sustains
@@ -43,6 +44,7 @@ def test_it_stabilises_the_fastest_rigid_servo_of_a_belief() -> None:
     assert math.isnan(found.first_alarm_s)
 
 
+@pytest.mark.whole
 def test_it_does_not_feed_a_vibration_of_a_link_that_nobody_believes() -> None:
     """Below its ceiling the vibration dies; the damping added for the kick must not keep it up."""
     found = replace(WALL, law=CONTROL).run("report")

@@ -37,6 +37,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[LoopDelay, list[str
     return measure_delay(config, folder, [0], tell=told.append), told
 
 
+@pytest.mark.whole
 def test_the_delay_is_the_servos_lag_and_what_is_inserted(
     found: tuple[LoopDelay, list[str]],
 ) -> None:
@@ -46,6 +47,7 @@ def test_the_delay_is_the_servos_lag_and_what_is_inserted(
     assert delay.total.stderr < 2e-5
 
 
+@pytest.mark.whole
 def test_the_inserted_delay_is_recovered(found: tuple[LoopDelay, list[str]]) -> None:
     reference, inserted = found[0].points
     assert reference.recovered is None
@@ -53,6 +55,7 @@ def test_the_inserted_delay_is_recovered(found: tuple[LoopDelay, list[str]]) -> 
     assert recovered.value == pytest.approx(0.003, abs=3 * recovered.stderr)
 
 
+@pytest.mark.whole
 def test_the_report_has_bounds_for_the_belief_that_hold_the_truth(
     found: tuple[LoopDelay, list[str]],
 ) -> None:
@@ -63,6 +66,7 @@ def test_the_report_has_bounds_for_the_belief_that_hold_the_truth(
     assert [point["delay_steps"] for point in report["points"]] == [0, 3]
 
 
+@pytest.mark.whole
 def test_the_motions_stay_within_the_reach(found: tuple[LoopDelay, list[str]]) -> None:
     delay, told = found
     assert any("3 periods inserted" in text for text in told)
@@ -77,6 +81,7 @@ def lag_of(config: Config, folder: Path) -> tuple[float, float]:
     return found.device.value, found.device.stderr
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("servo", [(), SMALL], ids=["xm430", "xl330"])
 def test_the_standard_error_is_honest(
     servo: tuple[str, ...], tmp_path: Path, thorough: bool

@@ -184,6 +184,7 @@ def test_what_has_grown_out_of_all_bounds_is_no_error() -> None:
 # Loads
 
 
+@pytest.mark.whole
 def test_the_simulated_limit_of_a_load_without_friction_is_the_exact_one() -> None:
     sets = ["servo.coulomb=0", "servo.counts_per_rev=0", "wall.side=both", "servo.torque_step=0"]
     sets += ("servo.load_inertia=0.003", "servo.transmission_stiffness=200")

@@ -13,7 +13,6 @@ import pytest
 from haptic_wall.controller.guard.assumed import assumed, largest_link
 from haptic_wall.controller.guard.belief import Belief, Bounded, vibration
 from haptic_wall.controller.guard.decision_report import decision_report
-from haptic_wall.controller.guard.flexible import knots
 from haptic_wall.controller.guard.guard import (
     Decision,
     GuardSettings,
@@ -376,23 +375,7 @@ WIDE: list[dict[str, Any]] = [
 ]
 
 
-@pytest.mark.parametrize("period", [1e-3, 2e-3, 6e-2])
-@pytest.mark.parametrize("case", WIDE)
-def test_however_wide_the_doubt_few_vibrations_are_computed(
-    case: dict[str, Any], period: float
-) -> None:
-    """A start must not take minutes: all delays of a period share the grid."""
-    belief = situation(**case, delay=Bounded(3e-3, 0.0, 3e-3)).belief
-    every = set()
-    for age in np.arange(0.0, 20e-3, 1e-3).tolist():
-        grid = knots(belief, period, age + 3e-3, 0.0)
-        assert len(grid) <= 70
-        every |= set(grid)
-    assert len(every) <= 75
-    for knot in every:
-        assert math.tau * (knot.high - knot.low) * (knot.delay + period) < 40 * 0.4
-
-
+@pytest.mark.whole
 @pytest.mark.parametrize("encoder", sampled(["motor", "output"], 2))
 @pytest.mark.parametrize("case", WIDE)
 def test_walls_in_wide_doubt_are_stable_on_every_servo_in_it(

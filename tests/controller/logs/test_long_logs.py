@@ -75,6 +75,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return [written(folder / f"{count}.hwlog", count) for count in (2_000, 10_000, 30_000)]
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("work", ["summary", "csv"])
 def test_memory_does_not_grow_with_the_log(logs: list[Path], tmp_path: Path, work: str) -> None:
     def do(path: Path) -> None:

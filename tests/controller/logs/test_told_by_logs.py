@@ -43,6 +43,7 @@ def faults(path: Path, number: int) -> Iterator[str]:
             yield f"{number} {name}: not one sentence: {answer.err}"
 
 
+@pytest.mark.whole
 def test_whatever_a_log_tells_has_a_result_or_one_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, thorough: bool, wholly: bool
 ) -> None:

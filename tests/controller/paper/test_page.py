@@ -67,6 +67,7 @@ def test_pictures_are_large_enough_to_print_and_not_blank(
     assert (np.ptp(pixels, axis=2) > 0.2).mean() > 0.001
 
 
+@pytest.mark.whole
 def test_the_page_shows_every_item_with_its_files(made: tuple[Path, list[Made]], page: str) -> None:
     folder, _ = made
     text = " ".join(page.split())

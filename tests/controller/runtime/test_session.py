@@ -3,7 +3,6 @@
 import gc
 import json
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -26,13 +25,10 @@ from haptic_wall.controller.runtime.telemetry import (
 from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.theory import boundary, critical_stiffness, crossings, one_sided
+from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.checks import FloatArray
-from haptic_wall.controller.theory.contact import Contacts, exit_speed
-from haptic_wall.controller.theory.crossings import Crossing, Loops
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
-from haptic_wall.hw.open import open_servo
 from haptic_wall.hw.servo import Check, Reading, Servo
 from tests.cases import sampled
 from tests.typed import not_none, status_of
@@ -592,33 +588,3 @@ def test_a_notch_renders_a_damping_that_would_make_a_link_vibrate(kind: str, gro
     first, last = heights(rows)
     assert bool(last > first) is grows
     assert bool(last < 0.1 * first) is not grows
-
-
-@pytest.mark.parametrize(
-    "sets",
-    [
-        ("servo.model=XM540-W270", "servo.damping=10.8"),
-        ("servo.damping=1000",),
-        ("wall.velocity_samples=8",),
-        ("servo.delay=0.1", "loop.rate_hz=4000"),
-    ],
-)
-def test_a_start_computes_few_limits(sets: Sequence[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Heavy friction, long differences and late torques took 22, 20 and 8 s."""
-    solved: list[int] = []
-    crossing = crossings.first_crossing
-
-    def counted(loops: Loops, virtual_damping: FloatArray) -> Crossing:
-        solved.append(virtual_damping.size)
-        return crossing(loops, virtual_damping)
-
-    def simulated(contacts: Contacts, floor: float) -> FloatArray:
-        solved.append(int(contacts.delay.sum() / 50))
-        return exit_speed(contacts, floor)
-
-    monkeypatch.setattr(boundary, "first_crossing", counted)
-    monkeypatch.setattr(one_sided, "exit_speed", simulated)
-    config = load_config("emulated-ideal", [*sets, "loop.clock=simulated"]).config
-    servo = open_servo(config.servo_settings(), SimulatedClock())
-    guard_decisions(config, servo, simulated=True)
-    assert sum(solved) < 20_000

@@ -604,7 +604,7 @@ def add_twin(bench: Bench, delay: int, *, position: float = 1.0, tick: int = 999
     return twin
 
 
-@pytest.mark.parametrize("seed", sampled(range(1000), 25))
+@pytest.mark.parametrize("seed", sampled(range(100), 10))
 def test_two_servos_with_one_id_get_no_torque(seed: int) -> None:
     """Unless they send the same bytes at the same time: the same delay, clock and position."""
     chance = random.Random(seed)

@@ -387,6 +387,7 @@ def test_what_is_fatal_ends_it_with_the_fix_before_anything_moves(desk: Desk) ->
     assert "clear bit 0 of Drive Mode" in (desk.folder / "report.html").read_text()
 
 
+@pytest.mark.whole
 def test_a_port_that_is_not_there_is_found_by_the_real_doctor(desk: Desk) -> None:
     real = steps.RUN["doctor"]
     called = desk.take()
