@@ -223,7 +223,6 @@ def test_a_run_outlives_a_killed_recorder_and_a_stopped_supervisor_until_sigterm
     assert list(rows) == list(range(words[Word.HEAD]))
 
 
-@pytest.mark.whole
 def test_a_killed_loop_has_its_torque_cut(tmp_path: Path) -> None:
     arguments = run_arguments("--duration", "60", "--witness", "witness.csv")
     with ticking(*arguments, cwd=tmp_path) as (process, family):
@@ -291,7 +290,6 @@ def test_a_killed_supervisor_leaves_no_torque_and_no_process(tmp_path: Path) -> 
     assert_torque_off(witness(tmp_path))
 
 
-@pytest.mark.whole
 def test_a_dead_bus_is_a_lost_servo(tmp_path: Path) -> None:
     with ticking(*run_arguments("--duration", "60"), cwd=tmp_path) as (process, family):
         os.kill(family["emulator"], signal.SIGKILL)
@@ -387,7 +385,6 @@ sys.stdin.read()
 """
 
 
-@pytest.mark.whole
 def test_another_run_finds_the_port_busy_and_a_program_that_opens_it_ends_the_run_by_name(
     tmp_path: Path, refused: Refused
 ) -> None:
@@ -445,7 +442,6 @@ def without_rights(tmp_path: Path, *arguments: str) -> subprocess.CompletedProce
     )
 
 
-@pytest.mark.whole
 def test_strict_refuses_without_rights_and_names_the_command(tmp_path: Path) -> None:
     done = without_rights(tmp_path, "--set", "realtime.profile=strict", "--duration", "1")
     assert done.returncode == 4
@@ -528,7 +524,6 @@ def test_the_wall_is_on_only_while_the_dead_man_is_held(
     assert np.any(rows["torque"][~is_off]), "it pulls the shaft, and friction keeps it beside"
 
 
-@pytest.mark.whole
 @pytest.mark.usefixtures("pedal")
 def test_a_run_without_its_dead_man_never_comes_on(tmp_path: Path, servo: str) -> None:
     arguments = run_arguments("--hold", "pedal", "--duration", "0.5", servo=servo)
