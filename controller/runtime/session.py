@@ -239,7 +239,7 @@ class _Session:
             servo,
             telemetry,
             self._schedule,
-            rendered(config, self._clock, servo, self._program),
+            rendered(config, servo, self._program),
             self._injected,
             inbox=inbox,
         )

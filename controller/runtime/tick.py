@@ -363,7 +363,7 @@ class Tick:
     def _checked(self, torque: float) -> float:
         """Return the torque that may be sent [N·m]: zero after a trip."""
         if self.trip is None and not math.isfinite(torque):
-            self.trip = Trip.LAW_FAILED if self._parts.law.fault else Trip.NOT_A_NUMBER
+            self.trip = Trip.NOT_A_NUMBER
         return torque if self.trip is None else 0.0
 
     def _count_missed(self, deadline_ns: int, missed: int) -> None:

@@ -170,7 +170,7 @@ def run_trial(
     telemetry = Telemetry(-1, _CHUNK + 8)
     telemetry.words[Word.HELD_NS] = NO_DEAD_MAN
     schedule = _schedule(config, servo, tuple(sets), wall)
-    law, injected = rendered(config, clock, servo, ()), most_injected(config, servo, schedule)
+    law, injected = rendered(config, servo, ()), most_injected(config, servo, schedule)
     parts = tick_parts(
         config,
         clock,
