@@ -8,9 +8,6 @@ no time in the tick.
 Importing a module runs it. So ``module:Class`` is imported only where a run has called ``allow``: a
 log, a message, or a configuration that is only read can name any module and any function. A law
 that a distribution registers is code that somebody has installed, and always allowed.
-
-A class with ``torque(position, time)`` is tabulated at several instants, for the guard; ``active``
-renders it.
 """
 
 from __future__ import annotations
@@ -25,13 +22,11 @@ from functools import lru_cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from statistics import median
-from time import perf_counter
 from types import FunctionType
 from typing import Any, Final, Protocol
 
 from haptic_wall.controller.laws.profile import Profile
-from haptic_wall.controller.laws.shape import Grid, LawError, Memoryless
+from haptic_wall.controller.laws.shape import Grid, LawError
 
 GROUP = "haptic_wall.laws"
 """Entry points of other distributions"""
@@ -39,10 +34,6 @@ USUAL_STEP = math.tau / 4096.0
 """Distance of the table's rows where the position is not quantised [rad]"""
 MOST_COUNTS = 2**17
 """Most rows of a table"""
-INSTANTS = (0.0, 0.013, 0.11, 0.37, 1.0, 2.9, 8.3, 23.0)
-"""Times at which a law that depends on time is tabulated [s]; no period fits them all"""
-CALL_SHARE = 0.1
-"""Longest call of a law that is called in every tick, as a fraction of the period"""
 SAME = 1e-9
 """Two answers for one position differ by less than this fraction of the largest torque"""
 _MEMBERS: Final = ("low", "high", "torque")
@@ -61,51 +52,9 @@ class OwnLaw(Protocol):
     low: float
     high: float
 
-    @property
-    def torque(self) -> Callable[..., float]:
-        """Return the torque at a position [rad], or at a position and a time [s], in N·m.
-
-        ``torque(position)`` depends on the position alone. ``torque(position, time)`` may depend
-        on anything.
-        """
+    def torque(self, position: float) -> float:
+        """Return the torque [N·m] at a position [rad], which it depends on alone."""
         ...
-
-
-class Instants(Memoryless):
-    """The tables of a law that depends on time, one for each instant.
-
-    Args:
-        tables: One or more.
-
-    Attributes:
-        stiffness: Steepest slope of all [N·m/rad].
-    """
-
-    __slots__ = ("_parts", "highest_slope", "lowest_slope", "steepest", "stiffness")
-
-    def __init__(self, tables: Sequence[Profile]) -> None:
-        steepest = max(tables, key=lambda table: table.stiffness)
-        self.stiffness = stiffness = steepest.stiffness
-        self.steepest = steepest.steepest
-        self.lowest_slope, self.highest_slope = -1.0, 1.0
-        self._parts = [(table.stiffness / stiffness, table) for table in tables]
-
-    def elongation(self, away: float, speed: float, stiffness: float) -> float:
-        """Return the elongation of the first table [rad]: what it is like, for pictures."""
-        share, table = self._parts[0]
-        return share * table.elongation(away, speed, stiffness)
-
-    def potential(self, away: float) -> float:
-        """Return the highest potential of all tables [rad²]."""
-        return max(share * table.potential(away) for share, table in self._parts)
-
-
-def depends_on_time(law: OwnLaw) -> bool:
-    """Whether the law is ``torque(position, time)``."""
-    try:
-        return "time" in inspect.signature(law.torque).parameters
-    except (TypeError, ValueError):  # not a function of Python's
-        return False
 
 
 def registered() -> dict[str, EntryPoint]:
@@ -215,7 +164,7 @@ class _Asked:
     options: Mapping[str, Any] = field(compare=False)
 
 
-def own_table(name: str, options: Mapping[str, Any], grid: Grid) -> Profile | Instants:
+def own_table(name: str, options: Mapping[str, Any], grid: Grid) -> Profile:
     """Return the table of the user's law; a law is tabulated only once.
 
     Guard, loop and picture in one process thus have the same table. Text that the law prints goes
@@ -233,11 +182,9 @@ def own_table(name: str, options: Mapping[str, Any], grid: Grid) -> Profile | In
 
 
 @lru_cache(maxsize=8)
-def _table(asked: _Asked) -> Profile | Instants:
+def _table(asked: _Asked) -> Profile:
     with redirect_stdout(sys.stderr):
         first, second = (own_law(asked.name, asked.options) for _ in range(2))
-        if depends_on_time(first):
-            return tabulated_in_time(asked.name, first, asked.grid)
         return tabulated(asked.name, first, second, asked.grid)
 
 
@@ -272,42 +219,9 @@ def tabulated(name: str, law: OwnLaw, second: OwnLaw, grid: Grid) -> Profile:
                 "law",
                 f"found {name}, whose torque at {position:.4g} rad is {torque:.4g} N·m once and "
                 f"{again:.4g} N·m another time",
-                "a torque that depends on the position alone; a law that depends on time or on the "
-                "past has torque(position, time)",
+                "a torque that depends on the position alone",
             )
     return _profile(name, positions, torques)
-
-
-def tabulated_in_time(name: str, law: OwnLaw, grid: Grid) -> Instants:
-    """Ask a law that depends on time for its torque at every encoder count, at several instants.
-
-    Args:
-        name: Name of the law, for messages.
-        law: The law; not the instance that will be rendered, because it may have a memory.
-        grid: Gives the encoder step, and the period within which a call must be over.
-
-    Raises:
-        LawError: As for ``tabulated``, or a call takes too long.
-    """
-    positions = _positions(name, law, grid)
-    tables, took = [], []
-    for time in INSTANTS:
-        torques = []
-        for position in positions:
-            began = perf_counter()
-            torques.append(_torque(name, law, position, time))
-            took.append(perf_counter() - began)
-        if any(torques):
-            tables.append(_profile(name, positions, torques))
-    if (usual := median(took)) > CALL_SHARE * grid.period:
-        raise LawError(
-            "law",
-            f"found {name}, which takes {usual * 1e6:.0f} µs for a torque",
-            f"at most {CALL_SHARE * grid.period * 1e6:.0f} µs: it is called in every tick",
-        )
-    if not tables:
-        raise LawError("law", f"{name}: found the same torque everywhere", "torques that differ")
-    return Instants(tables)
 
 
 def _profile(name: str, positions: Sequence[float], torques: Sequence[float]) -> Profile:
@@ -335,9 +249,9 @@ def _positions(name: str, law: OwnLaw, grid: Grid) -> list[float]:
     return positions
 
 
-def _torque(name: str, law: OwnLaw, position: float, *time: float) -> float:
+def _torque(name: str, law: OwnLaw, position: float) -> float:
     try:
-        torque = float(law.torque(position, *time))
+        torque = float(law.torque(position))
     except (Exception, SystemExit) as error:
         raise LawError(
             "law",

@@ -100,7 +100,7 @@ class Program:
         "position",
         "stiffness",
     )
-    name, linear, guarded, one_sided, fault = "program", True, False, False, ""
+    name, linear, guarded, one_sided = "program", True, False, False
 
     def __init__(self, phases: Sequence[Phase], period: float, torque_limit: float) -> None:
         if not phases:

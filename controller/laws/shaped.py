@@ -33,7 +33,7 @@ class ShapedLaw:
         "position",
         "stiffness",
     )
-    linear, guarded, phase, done, fault = False, True, 0, False, ""
+    linear, guarded, phase, done = False, True, 0, False
 
     def __init__(self, name: str, shape: Shape, position: float, clip: float = math.inf) -> None:
         self.name = name

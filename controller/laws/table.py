@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable, Mapping
-from contextlib import redirect_stdout
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -20,7 +18,6 @@ from haptic_wall.controller.laws import (
     stops,
     texture,
 )
-from haptic_wall.controller.laws.active import ActiveLaw, Port
 from haptic_wall.controller.laws.profile import Profile
 from haptic_wall.controller.laws.several import Sum
 from haptic_wall.controller.laws.shape import Grid, LawError, Numbers, Shape
@@ -118,12 +115,6 @@ def _sum(numbers: Numbers, grid: Grid) -> Sum:
             raise LawError(
                 "parts", f"in part {place}, {part.law}.{error.field}: {error.found}", error.wanted
             ) from None
-        if isinstance(made[-1][1], own.Instants):
-            raise LawError(
-                "parts",
-                f"in part {place}, found {part.law}, which depends on time",
-                "it outside of a sum",
-            )
     if not made:
         raise LawError("parts", "found none", "a list of laws, each with its numbers and its share")
     return Sum(made)
@@ -149,28 +140,6 @@ def rendered_law(numbers: Numbers, grid: Grid, position: float, clip: float = ma
         wall.name = numbers.law
         return wall
     return ShapedLaw(numbers.law, shape_of(numbers, grid), position, clip)
-
-
-def is_active(numbers: Numbers, grid: Grid) -> bool:
-    """Whether the law's torque depends on time: it is then rendered by ``ActiveLaw``.
-
-    Raises:
-        LawError: As for ``shape_of``.
-    """
-    return numbers.law not in LAWS and isinstance(shape_of(numbers, grid), own.Instants)
-
-
-def active_law(numbers: Numbers, grid: Grid, position: float, clip: float, port: Port) -> ActiveLaw:
-    """Return a law that ``is_active``, to render; arguments as of ``rendered_law``.
-
-    Raises:
-        LawError: As for ``shape_of``.
-    """
-    shape = shape_of(numbers, grid)
-    assert isinstance(shape, own.Instants)
-    with redirect_stdout(sys.stderr):
-        law = own.own_law(numbers.law, numbers.options)
-    return ActiveLaw(numbers.law, law, shape, position, clip, port)
 
 
 LINEAR: Final = ("wall", "spring", "damper")
@@ -206,7 +175,7 @@ def facts_of(numbers: Numbers, grid: Grid) -> Facts:
         return Facts("both", True, name, math.inf, 0.0 if name == "damper" else None)
     shape = shape_of(numbers, grid)
     steepest = f"{name}, {shape.steepest}" if shape.steepest else name
-    own_stiffness = shape.stiffness if isinstance(shape, Profile | own.Instants) else None
+    own_stiffness = shape.stiffness if isinstance(shape, Profile) else None
     if shape.lowest_slope == shape.highest_slope == 0.0:
         own_stiffness = 0.0  # a sum of dampers
     return Facts(

@@ -46,7 +46,6 @@ class Law(Protocol):
         done: Nothing is left to render; never for a wall.
         derating: Left by an oscillation.
         held: Torque added for the load in the last tick [N·m].
-        fault: Why it gives no torque any more, in words; empty: it does.
     """
 
     guarded: bool
@@ -64,7 +63,6 @@ class Law(Protocol):
     done: bool
     derating: Derating
     held: float
-    fault: str
 
     def in_contact(self, position: float) -> bool:
         """Whether it acts at ``position`` [rad]."""
@@ -156,7 +154,7 @@ class Wall:
         "position",
         "stiffness",
     )
-    linear, phase, done, fault = True, 0, False, ""
+    linear, phase, done = True, 0, False
 
     def __init__(
         self,

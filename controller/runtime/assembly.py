@@ -23,7 +23,6 @@ from haptic_wall.controller.guard.schedule import (
     interval_bins_ns,
 )
 from haptic_wall.controller.guard.work import Work
-from haptic_wall.controller.laws.active import Port
 from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.engagement import REST_S, EngageLimits, Engagement, engage_torque
 from haptic_wall.controller.laws.passivity_control import PassivityControl
@@ -232,27 +231,11 @@ def _reply_s(servo: OpenServo) -> float:
     return 0.0 if servo.bus is None else servo.bus.reply_s
 
 
-def rendered(config: Config, clock: Clock, servo: Servo, program: Sequence[Phase]) -> Law:
+def rendered(config: Config, servo: Servo, program: Sequence[Phase]) -> Law:
     """Return the law to render: that of the configuration, or an experiment's program."""
     if program:
         return Program(program, config.period_ns * 1e-9, servo.facts.torque_limit)
-    step = servo.facts.position_step
-    if not config.law_is_active(step):
-        return config.law(step)
-    period = config.period_ns * 1e-9
-    lag = math.ceil(config.belief().delay.high / period)
-    lag += is_pipelined(config.servo.schedule, servo.bus, period)
-    facts = servo.facts
-    port = Port(
-        now_ns=clock.now_ns,
-        period=period,
-        step=step,
-        torque_limit=facts.torque_limit,
-        torque_step=facts.torque_step,
-        in_flight=2 + lag,
-        capacity=config.wall.tank,
-    )
-    return config.active_law(port)
+    return config.law(servo.facts.position_step)
 
 
 def assembled(

@@ -23,8 +23,6 @@ class Trip(StrEnum):
     """The shaft left its permitted range of positions."""
     OSCILLATION = "trip:oscillation"
     """The wall oscillates by itself."""
-    LAW_FAILED = "trip:law_failed"
-    """A law of the user's that is called in every tick raised, gave no number, or took too long."""
     LOSSES_IN_ROW = "trip:losses_in_row"
     """No reading was good for too long; older versions counted the readings, hence the name."""
     LOSS_RATE = "trip:loss_rate"
@@ -103,11 +101,6 @@ EXPLANATIONS: Final[Mapping[Trip, Problem]] = {
         "the wall oscillates by itself",
         advice="request less stiffness or damping, set guard.mode=stable, or correct the "
         "belief about the servo in model.*",
-    ),
-    Trip.LAW_FAILED: Problem(
-        "your own law gave no torque",
-        advice="correct its class: torque(position, time) must return a finite number [N·m] within "
-        "half a period, at every position and time",
     ),
     Trip.LOSSES_IN_ROW: Problem(
         "all readings failed for longer than safety.max_silence_s allows",

@@ -220,7 +220,7 @@ class _Session:
             servo,
             telemetry,
             gain_schedule(config, self._decided),
-            rendered(config, self._clock, servo, self._program),
+            rendered(config, servo, self._program),
         )
         self._known = KnownServo(servo.facts, servo.bus and replace(servo.bus), self._simulated)
         self._tick.inbox.tell(self._known)

@@ -11,7 +11,6 @@ from haptic_wall.controller.guard.assumed import assumed
 from haptic_wall.controller.guard.decision_report import decision_report
 from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.guard.guard import Decision, Situation
-from haptic_wall.controller.laws.active import ActiveLaw
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.runtime.missed import WINDOW_S as MISSED_S
 from haptic_wall.controller.runtime.missed import MissedPeriods
@@ -46,8 +45,6 @@ def trip_figures(tick: Tick) -> str:
                 f"{driven[0]:.3g} rad/s for {WINDOW_S * 1e3:g} ms, driven by the torque; at most"
                 f" {driven[1]:.3g} is allowed"
             )
-        case Trip.LAW_FAILED:
-            return tick.law.fault
         case Trip.MISSED_PERIODS:
             return (
                 f"{missed.worst:.1%} of the periods of {MISSED_S:g} s; at most"
@@ -115,14 +112,6 @@ def _besides_the_guard(
         yield (
             f"{decision.stiffness:.4g} N·m/rad are allowed, but K rises only at positions where "
             "this adds at most safety.engage_torque, and the shaft has not been there since"
-        )
-    law = tick.law
-    if isinstance(law, ActiveLaw):
-        tank = law.tank
-        yield (
-            f"{law.name} depends on time, and gives only absorbed energy: it absorbed "
-            f"{tank.absorbed * 1e3:.3g} mJ and gave at most {tank.given * 1e3:.3g} mJ; its tank "
-            f"limited the torque in {tank.limited} ticks"
         )
 
 

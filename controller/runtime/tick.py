@@ -185,7 +185,7 @@ class Tick:
             flags |= FLAG_CONTACT
         torque = self.ring.push(wall_torque, 1 + missed)
         if self.trip is None and not isfinite(torque):
-            self.trip = Trip.LAW_FAILED if law.fault else Trip.NOT_A_NUMBER
+            self.trip = Trip.NOT_A_NUMBER
         if self.trip is not None:
             torque = 0.0
         size = torque if torque >= 0.0 else -torque

@@ -12,9 +12,8 @@ from pydantic import ValidationInfo, model_validator
 from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.guard.belief import Belief, Bounded, vibration
 from haptic_wall.controller.laws import own
-from haptic_wall.controller.laws.active import Port
 from haptic_wall.controller.laws.shape import Grid, LawError, Numbers
-from haptic_wall.controller.laws.table import active_law, facts_of, is_active, rendered_law
+from haptic_wall.controller.laws.table import facts_of, rendered_law
 from haptic_wall.controller.laws.wall import SIGNS, Law
 from haptic_wall.controller.settings.model import Estimate
 from haptic_wall.controller.settings.rules import (
@@ -280,32 +279,6 @@ class Config(Sections):
         clip = math.inf if wall.torque_clip is None else wall.torque_clip
         return self._of_law(
             lambda numbers, grid: rendered_law(numbers, grid, wall.position, clip), step
-        )
-
-    def law_is_active(self, step: float | None = None) -> bool:
-        """Whether the law's torque depends on time; ``law`` then gives it as it begins.
-
-        Args:
-            step: The servo's encoder step [rad]; None: as configured.
-
-        Raises:
-            ConfigError: The encoder does not resolve the law.
-        """
-        return self._of_law(is_active, step)
-
-    def active_law(self, port: Port) -> Law:
-        """Return a law whose torque depends on time, to render.
-
-        Args:
-            port: The facts of loop and servo.
-
-        Raises:
-            ConfigError: The encoder does not resolve the law.
-        """
-        wall = self.wall
-        clip = math.inf if wall.torque_clip is None else wall.torque_clip
-        return self._of_law(
-            lambda numbers, grid: active_law(numbers, grid, wall.position, clip, port), port.step
         )
 
     def _of_law(self, ask: Callable[[Numbers, Grid], Made], step: float | None) -> Made:

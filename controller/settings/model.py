@@ -178,14 +178,6 @@ class _Rendered(Section):
         ge=0.1,
         le=20.0,
     )
-    tank: float = setting(
-        0.05,
-        "Of a law of your own that depends on time: largest absorbed energy that it may store and "
-        "give back",
-        "J",
-        ge=1e-3,
-        le=10.0,
-    )
     passivity_control: bool = setting(
         False, "Add damping when the wall has given more energy than it took"
     )

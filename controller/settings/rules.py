@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from haptic_wall.controller.laws import own
 from haptic_wall.controller.laws.engagement import MOST_TORQUE
 from haptic_wall.controller.laws.shape import Grid, LawError
-from haptic_wall.controller.laws.table import LAWS, SUM, is_active, shape_of
+from haptic_wall.controller.laws.table import LAWS, SUM, shape_of
 from haptic_wall.controller.settings.model import MOST_LAG, LawNumbers, Wall
 from haptic_wall.controller.settings.sections import Sections
 from haptic_wall.controller.settings.servo import TRUTH_FIELDS, options_of
@@ -193,24 +193,6 @@ def _law_is_whole(config: Sections) -> Iterator[Problem]:
                 wanted=f"false with the law {lossy[0]}: its potential is not the energy that it"
                 " took",
             )
-        if is_active(wall, grid):
-            yield from _tank_knows_the_energy(config)
-
-
-def _tank_knows_the_energy(config: Sections) -> Iterator[Problem]:
-    wanted = f"with the law {config.wall.law}, whose torque depends on time"
-    if config.delay.steps:
-        yield Problem(
-            f"found {config.delay.steps}",
-            field="delay.steps",
-            wanted=f"0 {wanted}: its tank counts the torque of the present period",
-        )
-    if config.wall.passivity_control:
-        yield Problem(
-            "found true",
-            field="wall.passivity_control",
-            wanted=f"false {wanted}: it has no stored energy",
-        )
 
 
 def law_names(wall: Wall) -> list[str]:

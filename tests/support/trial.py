@@ -176,7 +176,7 @@ def run_trial(
     telemetry = Telemetry(-1, _CHUNK + 8)
     telemetry.words[Word.HELD_NS] = NO_DEAD_MAN
     schedule = _schedule(config, servo, tuple(sets), wall)
-    law = rendered(config, clock, servo, ())
+    law = rendered(config, servo, ())
     tick = assembled(
         config,
         clock,
