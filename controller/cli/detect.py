@@ -71,11 +71,11 @@ def command(
 ) -> None:
     """Look for an oscillation in LOG: a log that run wrote, or a CSV.
 
-    Of a log this is what the run itself saw. With an option, and of a CSV, the recorded motion is
-    judged; a log has the parameters of the servo in its configuration, and the options replace
-    them. A CSV needs the columns time_s and position_rad. With torque_nm, the torque commanded at
-    each sample, the detector separates an oscillation that the wall feeds from the motion of a
-    hand.
+    Of a log this is what the run itself saw, with the growth of the recorded motion. With an
+    option, and of a CSV, the recorded motion is judged; a log has the parameters of the servo in
+    its configuration, and the options replace them. A CSV needs the columns time_s and
+    position_rad. With torque_nm, the torque commanded at each sample, the detector separates an
+    oscillation that the wall feeds from the motion of a hand.
     """
     from haptic_wall.controller.logs.detected import verdict_of
     from haptic_wall.controller.logs.file import is_log
@@ -91,29 +91,29 @@ def command(
         if is_log(log) and not given and plot is None:
             verdict = verdict_of(LogReader.open(log))
         with working("analysing the motion", log.stat().st_size / _BYTES_S):
-            report = _judged(log, given, plot) if verdict is None else {**verdict, "notes": [OWN]}
-    answer(as_json({**_UNKNOWN, **report}) if as_json_wanted else _text({**_UNKNOWN, **report}))
+            report = _judged(log, given, plot, needed=verdict is None)
+    if verdict is not None:
+        report |= verdict
+        if verdict["state"] == "quiet":
+            report["growth_per_s"] = None
+        report["notes"] = [OWN]
+    answer(as_json(report) if as_json_wanted else _text(report))
 
 
-_UNKNOWN: Mapping[str, Any] = {
-    "growth_per_s": None,
-    "samples": None,
-    "parts": None,
-    "period_s": None,
-    "known": None,
-    "plot": None,
-}
-
-
-def _judged(log: Path, given: Mapping[str, float], plot: Path | None) -> dict[str, Any]:
+def _judged(
+    log: Path, given: Mapping[str, float], plot: Path | None, *, needed: bool
+) -> dict[str, Any]:
     """Judge the recorded motion; return the report.
 
     Raises:
-        UserError: There is no stretch that can be judged.
+        UserError: There is no stretch that can be judged, and a judgement is ``needed``.
     """
     from haptic_wall.controller.logs.detected import NO_WALL, detect_all, read_recording
 
     recording = read_recording(log)
+    if not recording.parts and not needed:
+        names = ("growth_per_s", "samples", "parts", "period_s", "known", "plot")
+        return dict.fromkeys(names)
     if not recording.parts:
         raise UserError(
             f"found no stretch of sufficient length: {'; '.join(recording.notes)}",
