@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from haptic_wall.controller.cli.experiment import Asked, carry_out, experiment, folder_option
-from haptic_wall.controller.cli.numbers import periods, whole_periods
+from haptic_wall.controller.cli.numbers import Number, Numbers
 from haptic_wall.controller.cli.options import say
 from haptic_wall.controller.guard.delay_parts import ms
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 @click.option(
     "--delay-steps",
     "steps",
-    callback=periods,
+    type=Numbers(Number(0, 200, whole=True)),
     metavar="n[,n...]",
     help="Inserted delays to measure, in whole periods, beside CONFIG's; default: 0, and 5 more"
     " than CONFIG's.",
@@ -28,10 +28,7 @@ if TYPE_CHECKING:
 @experiment(
     folder_option("Folder for delay.json, delay.png and the logs; default: a new one in ./runs/.")
 )
-def command(
-    asked: Asked,
-    steps: list[float] | None,
-) -> None:
+def command(asked: Asked, steps: list[int] | None) -> None:
     """Measure the delay of CONFIG's loop from torque command to motion, and its parts.
 
     The shaft moves as for ``identify``. Runs with an inserted delay check the method: the result
@@ -47,8 +44,7 @@ def command(
     from haptic_wall.controller.report.delay import plot_delay
 
     config = asked.config
-    default = [0.0, config.delay.steps + CHECK_STEPS]
-    chosen = whole_periods(default if steps is None else steps, 200)
+    chosen = [0, config.delay.steps + CHECK_STEPS] if steps is None else steps
     carry_out(
         asked,
         "delay",
