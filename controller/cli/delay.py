@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -52,12 +51,12 @@ def command(asked: Asked, steps: list[int] | None) -> None:
         measure=lambda folder: measure_delay(config, folder, chosen, tell=say),
         report=lambda found: delay_report(found, config.period_s, config.belief().delay.high),
         draw=plot_delay,
-        text=lambda found, files: _text(found, config.period_s, files),
+        text=lambda found: _text(found, config.period_s),
     )
 
 
-def _text(found: LoopDelay, period: float, files: list[Path]) -> str:
-    """Format a table of the parts, one of the recovered delays, and the files."""
+def _text(found: LoopDelay, period: float) -> list[str]:
+    """Format a table of the parts, one of the recovered delays, and the notes."""
     lines = [
         f"delay from sample to motion  {found.total.in_ms()}",
         f"  inserted                   {ms(found.configured * period)}",
@@ -70,4 +69,4 @@ def _text(found: LoopDelay, period: float, files: list[Path]) -> str:
     for point in found.points:
         recovered = point.recovered.in_ms() if point.recovered else "(reference)"
         lines.append(f"{ms(point.inserted):>10}  {point.moved.total.in_ms():>20}  {recovered:>20}")
-    return "\n".join([*lines, *found.notes, "", "written", *(f"  {path}" for path in files)])
+    return [*lines, *found.notes]

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
               help="Folder for the logs of the motions; default: one in ./runs/.")  # fmt: skip
 @click.option(
     "--reach",
-    type=float,
+    type=Number(),
     default=REACH,
     show_default=True,
     metavar="RAD",

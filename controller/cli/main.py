@@ -20,9 +20,8 @@ from haptic_wall import __version__
 from haptic_wall.controller.cli import interrupt
 from haptic_wall.controller.cli.failure import tell, wants_json
 from haptic_wall.controller.cli.options import begin, forget_output, is_answered, say
-from haptic_wall.controller.cli.refusals import NoSuchCommandError
 from haptic_wall.controller.errors import HapticWallError, PlatformError, UserError
-from haptic_wall.hw.errors import Problem, ServoError
+from haptic_wall.hw.errors import ServoError
 from haptic_wall.hw.names import did_you_mean
 
 COMMANDS = {
@@ -87,10 +86,10 @@ class _Commands(click.Group):
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's signature
         return list(COMMANDS)
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:  # noqa: ARG002
         if cmd_name not in COMMANDS:
             near = did_you_mean(cmd_name, COMMANDS)
-            raise NoSuchCommandError(Problem(f"no command {cmd_name}", advice=near or _ALL), ctx)
+            raise UserError(f"no command {cmd_name}", advice=near or _ALL)
         if cmd_name in NEEDS_LINUX and sys.platform != "linux":
             raise PlatformError(
                 f"this machine runs {sys.platform}, but {cmd_name} needs Linux",

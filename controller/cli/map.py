@@ -70,7 +70,7 @@ _ROWS = "map.rows"
 )
 @click.option(
     "--workers",
-    type=click.IntRange(min=1),
+    type=Number(1, whole=True),
     metavar="N",
     help="Parallel processes; default: one per core.",
 )
@@ -222,8 +222,8 @@ def _default_dampings(setting: MapSettings, steps: Sequence[int]) -> list[float]
     return [float(f"{value:.4g}") for value in shares * most]
 
 
-def _text(found: CriticalMap, files: list[Path]) -> str:
-    """Format a table of the largest kick, and the files."""
+def _text(found: CriticalMap) -> list[str]:
+    """Format a table of the largest kick."""
     import numpy as np
 
     k = int(np.argmax(found.kick))
@@ -235,7 +235,7 @@ def _text(found: CriticalMap, files: list[Path]) -> str:
     for j, damping in enumerate(found.virtual_damping):
         cells = "".join(f"{_cell(value):>10}" for value in found.stiffness[:, j, k].tolist())
         lines.append(f"{damping:>14.4g}  {cells}")
-    return "\n".join([*lines, "", "written", *(f"  {path}" for path in files)])
+    return lines
 
 
 def _cell(value: float) -> str:

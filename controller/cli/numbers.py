@@ -10,9 +10,8 @@ from typing import Any
 
 import click
 
-from haptic_wall.controller.cli.refusals import WrongValueError
+from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.guard.belief import Bounded
-from haptic_wall.hw.errors import Problem
 
 _DIGITS = 9
 """Largest number of digits of an id or firmware; Python refuses numbers of thousands"""
@@ -55,7 +54,8 @@ class Number(click.types.FloatParamType):
             or (self._above and number == self._low)
             or (self._is_whole and number % 1)
         ):
-            raise WrongValueError(Problem(f"found {value}", wanted=self._wanted()), param)
+            field = param.opts[0] if param else ""
+            raise UserError(f"found {value}", field=field, wanted=self._wanted())
         return int(number) if self._is_whole else number
 
     def _wanted(self) -> str:
@@ -93,7 +93,7 @@ def span(_: click.Context, parameter: click.Parameter, text: str | None) -> Boun
     """Read a number, or a range ``LOW:HIGH`` whose middle is the estimate.
 
     Raises:
-        BadParameter: It is neither.
+        UserError: It is neither.
     """
     if text is None:
         return None
@@ -106,7 +106,7 @@ def span(_: click.Context, parameter: click.Parameter, text: str | None) -> Boun
             wanted = f"the lower end first: {high:g}:{low:g}"
         case _:
             wanted = "a number, or a range LOW:HIGH"
-    raise WrongValueError(Problem(f"found {text!r}", wanted=wanted), parameter)
+    raise UserError(f"found {text!r}", field=parameter.opts[0], wanted=wanted)
 
 
 def digits(text: str) -> int | None:

@@ -60,7 +60,7 @@ _MOST_STEPS = 1000
 @click.option("--fresh", is_flag=True, help="Replace an earlier sweep in DIR.")
 @click.option(
     "--repeats",
-    type=click.IntRange(min=1, max=100),
+    type=Number(1, 100, whole=True),
     default=2,
     show_default=True,
     metavar="N",
@@ -68,13 +68,13 @@ _MOST_STEPS = 1000
 )
 @click.option(
     "--tolerance",
-    type=click.FloatRange(min=1e-5, max=0.5),
+    type=Number(1e-5, 0.5),
     default=0.005,
     show_default=True,
     metavar="FRACTION",
     help="Trials continue until the standard error is this fraction of the stiffness.",
 )
-@click.option("--workers", type=click.IntRange(min=1), metavar="N",
+@click.option("--workers", type=Number(1, whole=True), metavar="N",
               help="Parallel processes on the simulated clock; default: one per core.")  # fmt: skip
 @dask_option
 @experiment(
@@ -167,7 +167,7 @@ def command(
         measure,
         lambda found: found[0],
         lambda found, name, path: plot_sweep(found[1], device, name, path),
-        lambda found, _files: _text(found[1], found[0]["out"]),
+        lambda found: _text(found[1]),
         rows=lambda found: map(asdict, found[1]),
         others=(ROWS,),
         ended=lambda _found: ended,
@@ -223,7 +223,7 @@ def _span(seconds: float) -> str:
     return f"about {seconds:.0f} s" if seconds < 100 else f"about {seconds / 60:.0f} min"
 
 
-def _text(points: list[PointResult], folder: Path) -> str:
+def _text(points: list[PointResult]) -> list[str]:
     lines = [
         f"{'B':>9} {'delay':>8} {'measured':>10} {'±':>8} {'exact':>9} {'linear':>9}"
         f" {'friction':>9} {'f':>7} {'kick':>8}",
@@ -241,7 +241,7 @@ def _text(points: list[PointResult], folder: Path) -> str:
             lines.append(f"{'':>9} {point.reason}")
         elif point.trips:
             lines.append(f"{'':>9} trips in between: {'; '.join(point.trips)}")
-    return "\n".join([*lines, "", f"written to {folder}: sweep.csv, sweep.json, sweep.png, logs/"])
+    return lines
 
 
 def _cell(value: float | None, digits: int = 4) -> str:

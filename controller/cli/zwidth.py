@@ -124,7 +124,7 @@ def _announce(asked: Asked, chosen: Sequence[Width], seconds: float) -> None:
         say_swing(config.servo, far)
 
 
-def _text(found: Found, files: list[Path]) -> str:
+def _text(found: Found) -> list[str]:
     lines = [
         "largest stiffness K [N·m/rad], and the virtual damping B [N·m·s/rad] there",
         f"{'velocity':<26}{'ceiling B':>10}{'exact K':>10}{'at B':>9}{'guard K':>10}{'at B':>9}",
@@ -132,7 +132,7 @@ def _text(found: Found, files: list[Path]) -> str:
     for width in found.widths:
         lines += _width_lines(width)
     lines += ["", *_impedance_lines(found.impedance)]
-    return "\n".join([*lines, "", "written", *(f"  {path}" for path in files)])
+    return lines
 
 
 def _width_lines(width: Width) -> list[str]:

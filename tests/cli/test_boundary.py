@@ -281,7 +281,10 @@ def test_wrong_input_is_exit_status_2_and_names_the_option(
     [
         (["--damping", "0", "--period", "1e-3", "--delay", "0"], "--inertia: missing"),
         (["--inertia", "1", "--damping", "0", "--delay", "0"], "found neither"),
-        (["--servo", "MX-64", "--rate", "1e-3", "--delay", "0"], "--rate: found 0.001, wanted a number from 2 Hz"),
+        (
+            ["--servo", "MX-64", "--rate", "1e-3", "--delay", "0"],
+            "--rate: found 1e-3, wanted a number from 2 Hz",
+        ),
         (["--servo=MX-64", "--rate=1000"], "--delay: missing"),
         (["simulated", "--inertia=1"], "--inertia: CONFIG gives this value"),
         (["--servo=MX-64", "--rate=1000", "--delay=0", "--set=a=1"], "--set: there is no CONFIG"),
