@@ -47,7 +47,6 @@ COMMANDS = {
     "log": "Summarise a log; export it, draw it, cut it.",
     "bench": "Measure timing and speed on this machine, beside peers.",
     "init": "Write a commented configuration, to be edited.",
-    "help": "Show the help of a command.",
     "paper": "Reproduce the table and figures of Gil et al. (ICRA 2007).",
 }
 """The commands and their lines in the help; the module of the same name exports ``command``"""

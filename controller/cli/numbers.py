@@ -6,7 +6,7 @@ Ranges are callbacks of options that take text, so that a message names the opti
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -67,7 +67,13 @@ class Number(click.types.FloatParamType):
         return wanted + self._unit
 
 
-class Numbers(click.ParamType):
+if TYPE_CHECKING:
+    _OfLists = click.ParamType[list[float]]
+else:
+    _OfLists = click.ParamType  # generic in newer versions only
+
+
+class Numbers(_OfLists):
     """Numbers with commas between, also negative ones: ``-0.01,0.2``.
 
     Args:

@@ -65,6 +65,5 @@ def test_completion_knows_the_presets() -> None:
 
 def test_short_version_and_help(cli: Cli) -> None:
     assert cli("-V").out.startswith("haptic-wall, version ")
-    assert "Commands:" in cli("help").out
-    assert cli("help", "run").out.startswith("Usage: haptic-wall run ")
-    assert "did you mean run?" in cli.refused("help", "rnu")
+    assert "Commands:" in cli("-h").out
+    assert cli("run", "-h").out.startswith("Usage: haptic-wall run ")
