@@ -20,6 +20,8 @@ INTERRUPTED = 130
 """Exit status"""
 _OBJECT = b'{"error": "interrupted", "field": null, "advice": null, "exit_status": 130}\n'
 """The answer for ``--json``, as from ``failure.tell``, without imports"""
+_LEAVING = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+"""The signals, and what handles them in a new process"""
 _answered: list[Callable[[], bool]] = []
 _first: list[Callable[[], None]] = []
 
@@ -29,30 +31,33 @@ def leave_at_once() -> None:
 
     A Ctrl-C that the launcher has blocked acts now.
     """
-    new = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
-    for number, default in new.items():
+    for number, default in _LEAVING.items():
         if signal.getsignal(number) is default:
             signal.signal(number, _leave)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
-def end(status: object) -> NoReturn:
+def leave_to_the_system() -> None:
+    """Let the system end the process: while Python shuts down, a handler is not safe.
+
+    It changes nothing where a signal is ignored, or has another handler.
+    """
+    for number in _LEAVING:
+        if signal.getsignal(number) is _leave:
+            signal.signal(number, signal.SIG_DFL)
+
+
+def end_without_python(status: int) -> NoReturn:
     """Flush the output, run the exit functions and end the process without Python's shutdown.
 
-    During that shutdown a signal's handler is not safe, and a library that a KeyboardInterrupt has
-    passed through, such as matplotlib's fonts, may abort.
-
-    Args:
-        status: As ``sys.exit`` takes it.
+    A library that a KeyboardInterrupt has passed through, such as matplotlib's fonts, may abort
+    during that shutdown.
     """
-    if not isinstance(status, int | None):
-        print(status, file=sys.stderr)
-        status = 1
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):  # no reader; closed
             stream.flush()
     atexit._run_exitfuncs()
-    os._exit(status or 0)
+    os._exit(status)
 
 
 def say_nothing_after(answered: Callable[[], bool]) -> None:
