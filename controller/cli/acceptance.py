@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from haptic_wall import __version__
-from haptic_wall.controller.cli.commission import announced, plan_lines, written
+from haptic_wall.controller.cli.commission import announced, folder_for, written
 from haptic_wall.controller.cli.experiment import REACH, Asked, experiment, folder_option, moving
 from haptic_wall.controller.cli.failure import EndedEarlyError
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
@@ -19,7 +19,6 @@ from haptic_wall.controller.cli.options import as_json, say, writing
 from haptic_wall.controller.cli.places import take_folder
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.cli.wrapping import wrapped
-from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.files import whole
 from haptic_wall.controller.system.json_text import RESULT_MARK
 from haptic_wall.hw.errors import Problem
@@ -62,19 +61,11 @@ def command(asked: Asked, only_plan: bool, fresh: bool) -> None:
     from haptic_wall.controller.experiments.kept import refuse_foreign
     from haptic_wall.controller.report.commission.picture import PLOTS
 
-    config, out = asked.config, asked.out
+    config = asked.config
     announcement = announce(config, REACH)
-    if only_plan:
-        plan = {"name": asked.name, "seconds": announcement.seconds, "steps": announcement.lines}
-        asked.answer(plan, lambda: "\n".join(plan_lines(asked.loaded, announcement)))
-        return
+    out = folder_for(asked, announcement, only_plan, "acceptance")
     if out is None:
-        raise UserError(
-            "found nothing",
-            field="--out",
-            wanted="the folder for predictions, measurements and the bundle",
-            advice="give for example --out acceptance",
-        )
+        return
     take_folder("--out", out, (), force=False)
     refuse_foreign(out, predictions.FILE, (_JSON, _PAGE, bundle.FILE, _MEASURED, _EMULATED))
     announced(asked, announcement)

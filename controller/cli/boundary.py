@@ -8,10 +8,10 @@ from typing import Any
 
 import click
 
-from haptic_wall.controller.cli.boundary_question import of_config, of_options
+from haptic_wall.controller.cli.boundary_question import LONGEST_PERIOD_S, of_config, of_options
 from haptic_wall.controller.cli.boundary_text import boundary_text
 from haptic_wall.controller.cli.drawing import drawn_or_noted
-from haptic_wall.controller.cli.numbers import numbers, span
+from haptic_wall.controller.cli.numbers import Number, Numbers, span
 from haptic_wall.controller.cli.options import (
     FileToWrite,
     answer,
@@ -38,8 +38,18 @@ from haptic_wall.controller.guard.boundary_report import report
     "--inertia", callback=span, metavar="M", help="Inertia [kg·m²], a number or LOW:HIGH."
 )
 @click.option("--damping", callback=span, metavar="b", help="Viscous friction [N·m·s/rad].")
-@click.option("--period", type=float, metavar="T", help="Sampling period [s].")
-@click.option("--rate", type=float, metavar="HZ", help="Sampling rate [Hz], instead of --period.")
+@click.option(
+    "--period",
+    type=Number(0, LONGEST_PERIOD_S, above=True, unit="s"),
+    metavar="T",
+    help="Sampling period [s].",
+)
+@click.option(
+    "--rate",
+    type=Number(1 / LONGEST_PERIOD_S, unit="Hz"),
+    metavar="HZ",
+    help="Sampling rate [Hz], instead of --period.",
+)
 @click.option(
     "--delay",
     callback=span,
@@ -55,40 +65,48 @@ from haptic_wall.controller.guard.boundary_report import report
 @click.option(
     "--virtual-damping",
     "dampings",
-    callback=numbers,
+    type=Numbers(Number()),
     metavar="B[,B...]",
     help="Virtual damping of each point [N·m·s/rad]; default: fractions of the ceiling.",
 )
-@click.option("--velocity-samples", type=click.IntRange(1, 64), metavar="N",
+@click.option("--velocity-samples", type=Number(1, 64, whole=True), metavar="N",
               help="Samples over which the velocity is the difference; default: 1.")  # fmt: skip
 @click.option("--velocity-filter", type=click.Choice(["none", "lowpass", "notch"]),
               help="Filter of the velocity that damps; wall two-sided. Default: none.")  # fmt: skip
-@click.option("--velocity-hz", type=float, metavar="HZ",
+@click.option("--velocity-hz", type=Number(), metavar="HZ",
               help="Corner of the low-pass, or middle of the notch.")  # fmt: skip
-@click.option("--velocity-q", type=float, metavar="Q", help="Quality of the filter; default: 0.7.")
+@click.option(
+    "--velocity-q", type=Number(), metavar="Q", help="Quality of the filter; default: 0.7."
+)
 @click.option("--side", type=click.Choice(["one", "both"]),
               help="A one-sided wall never pulls. Default: CONFIG's, or one.")  # fmt: skip
-@click.option("--load-inertia", type=float, metavar="J",
+@click.option("--load-inertia", type=Number(0, above=True), metavar="J",
               help="Inertia behind a flexible transmission; --inertia and --damping are then those "
               "of the motor's side [kg·m²].")  # fmt: skip
 @click.option(
     "--transmission-stiffness",
-    type=float,
+    type=Number(0, above=True),
     metavar="k",
     help="Stiffness of the transmission [N·m/rad].",
 )
-@click.option("--transmission-damping", type=float, metavar="c",
+@click.option("--transmission-damping", type=Number(0), metavar="c",
               help="Damping of the transmission [N·m·s/rad]; default: 0.")  # fmt: skip
 @click.option("--encoder", type=click.Choice(["output", "motor"]),
               help="Side of the transmission that the encoder is on; default: output.")  # fmt: skip
-@click.option("--counts-per-rev", type=float, metavar="N", help="Encoder counts in one turn.")
-@click.option("--torque-limit", type=float, metavar="NM", help="Torque limit [N·m].")
 @click.option(
-    "--baud", type=float, help="Baud rate of a Dynamixel bus; its wire time is part of the delay."
+    "--counts-per-rev", type=Number(0, above=True), metavar="N", help="Encoder counts in one turn."
+)
+@click.option(
+    "--torque-limit", type=Number(0, above=True), metavar="NM", help="Torque limit [N·m]."
+)
+@click.option(
+    "--baud",
+    type=Number(0, above=True),
+    help="Baud rate of a Dynamixel bus; its wire time is part of the delay.",
 )
 @click.option(
     "--latency-timer",
-    type=float,
+    type=Number(0),
     metavar="MS",
     help="Latency timer of the USB adapter [ms]; it is part of the delay.",
 )

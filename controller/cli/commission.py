@@ -14,6 +14,7 @@ import click
 
 from haptic_wall.controller.cli.drawing import drawn_or_noted
 from haptic_wall.controller.cli.experiment import REACH, Asked, experiment, folder_option, moving
+from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import as_json, refuse_same_file, say, writing
 from haptic_wall.controller.cli.places import take_folder
 from haptic_wall.controller.cli.working import DRAWING_S, working
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 @click.option("--plan", "only_plan", is_flag=True, help="Only announce the motions and their size.")
 @click.option(
     "--reach",
-    type=float,
+    type=Number(),
     default=REACH,
     show_default=True,
     metavar="RAD",
@@ -58,19 +59,11 @@ def command(asked: Asked, fresh: bool, only_plan: bool, reach: float) -> None:
     """
     from haptic_wall.controller.experiments.commission.plan import announce
 
-    config, out = asked.config, asked.out
+    config = asked.config
     announcement = announce(config, reach)
-    if only_plan:
-        plan = {"name": asked.name, "seconds": announcement.seconds, "steps": announcement.lines}
-        asked.answer(plan, lambda: "\n".join(plan_lines(asked.loaded, announcement)))
-        return
+    out = folder_for(asked, announcement, only_plan, "my-testbed")
     if out is None:
-        raise UserError(
-            "found nothing",
-            field="--out",
-            wanted="the folder for report.html and config.yaml",
-            advice="give for example --out my-testbed",
-        )
+        return
     from haptic_wall.controller.experiments.commission.sequence import (
         is_complete,
         kept_steps,
@@ -97,6 +90,27 @@ def command(asked: Asked, fresh: bool, only_plan: bool, reach: float) -> None:
     if ended.interrupted:
         say(f"interrupted: finished steps are kept; the same command with --out {out} continues")
     sys.exit(ended.exit_status)
+
+
+def folder_for(
+    asked: Asked, announcement: Announcement, only_plan: bool, example: str
+) -> Path | None:
+    """Return the folder of --out; None if only the plan is asked for, which is then printed.
+
+    Raises:
+        UserError: There is no folder.
+    """
+    if only_plan:
+        plan = {"name": asked.name, "seconds": announcement.seconds, "steps": announcement.lines}
+        asked.answer(plan, lambda: "\n".join(plan_lines(asked.loaded, announcement)))
+    elif asked.out is None:
+        raise UserError(
+            "found nothing",
+            field="--out",
+            wanted="the folder for report and measurements",
+            advice=f"give for example --out {example}",
+        )
+    return None if only_plan else asked.out
 
 
 def plan_lines(loaded: Loaded, announcement: Announcement) -> Iterator[str]:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from haptic_wall.controller.cli.experiment import Asked, carry_out, experiment, folder_option
-from haptic_wall.controller.cli.numbers import periods, whole_periods
+from haptic_wall.controller.cli.numbers import Number, Numbers
 from haptic_wall.controller.cli.options import say
 from haptic_wall.controller.guard.delay_parts import ms
 
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
 @click.option(
     "--delay-steps",
     "steps",
-    callback=periods,
+    type=Numbers(Number(0, 200, whole=True)),
     metavar="n[,n...]",
     help="Inserted delays to measure, in whole periods, beside CONFIG's; default: 0, and 5 more"
     " than CONFIG's.",
@@ -28,10 +27,7 @@ if TYPE_CHECKING:
 @experiment(
     folder_option("Folder for delay.json, delay.png and the logs; default: a new one in ./runs/.")
 )
-def command(
-    asked: Asked,
-    steps: list[float] | None,
-) -> None:
+def command(asked: Asked, steps: list[int] | None) -> None:
     """Measure the delay of CONFIG's loop from torque command to motion, and its parts.
 
     The shaft moves as for ``identify``. Runs with an inserted delay check the method: the result
@@ -47,8 +43,7 @@ def command(
     from haptic_wall.controller.report.delay import plot_delay
 
     config = asked.config
-    default = [0.0, config.delay.steps + CHECK_STEPS]
-    chosen = whole_periods(default if steps is None else steps, 200)
+    chosen = [0, config.delay.steps + CHECK_STEPS] if steps is None else steps
     carry_out(
         asked,
         "delay",
@@ -56,12 +51,12 @@ def command(
         measure=lambda folder: measure_delay(config, folder, chosen, tell=say),
         report=lambda found: delay_report(found, config.period_s, config.belief().delay.high),
         draw=plot_delay,
-        text=lambda found, files: _text(found, config.period_s, files),
+        text=lambda found: _text(found, config.period_s),
     )
 
 
-def _text(found: LoopDelay, period: float, files: list[Path]) -> str:
-    """Format a table of the parts, one of the recovered delays, and the files."""
+def _text(found: LoopDelay, period: float) -> list[str]:
+    """Format a table of the parts, one of the recovered delays, and the notes."""
     lines = [
         f"delay from sample to motion  {found.total.in_ms()}",
         f"  inserted                   {ms(found.configured * period)}",
@@ -74,4 +69,4 @@ def _text(found: LoopDelay, period: float, files: list[Path]) -> str:
     for point in found.points:
         recovered = point.recovered.in_ms() if point.recovered else "(reference)"
         lines.append(f"{ms(point.inserted):>10}  {point.moved.total.in_ms():>20}  {recovered:>20}")
-    return "\n".join([*lines, *found.notes, "", "written", *(f"  {path}" for path in files)])
+    return [*lines, *found.notes]

@@ -174,7 +174,7 @@ def carry_out(
     measure: Callable[[Path], Found],
     report: Callable[[Found], Mapping[str, Any]],
     draw: Callable[[Found, str, Path], None],
-    text: Callable[[Found, list[Path]], str],
+    text: Callable[[Found], list[str]],
     *,
     rows: Callable[[Found], Iterable[Mapping[str, Any]]] | None = None,
     others: Iterable[str] = (),
@@ -190,7 +190,7 @@ def carry_out(
         measure: Measures; its argument is the folder for logs.
         report: Returns JSON-ready values.
         draw: Draws the picture, of what was found, with a title, to a path.
-        text: Returns the answer for people; its second argument is the files written.
+        text: Returns the lines of the answer for people; those of the files written follow.
         rows: Returns the rows of a CSV table; None: there is none.
         others: Files that keep what an earlier call has found, which this one continues.
         work: Shows that it works; None: that a servo is moved.
@@ -225,7 +225,8 @@ def carry_out(
             _write_table(all_or_none.enter_context(whole(table[0])), rows(found))
         part = all_or_none.enter_context(whole(result))
         part.write_text(as_json({**held, "files": paths}) + "\n", encoding="utf-8")
-    asked.answer({**held, "files": paths}, lambda: text(found, paths))
+    where = ["", "written", *(f"  {path}" for path in paths)]
+    asked.answer({**held, "files": paths}, lambda: "\n".join([*text(found), *where]))
     if (early := ended(found)) is not None:
         say(f"{early[0]} --out {folder} continues")
         sys.exit(early[1])

@@ -7,15 +7,12 @@ The object is ``{error, field, advice, exit_status}``. Messages have one style e
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import click
 
 from haptic_wall.controller.cli.options import answer, as_json, forget_output, is_answered, say
-from haptic_wall.controller.cli.refusals import NoSuchCommandError, WrongValueError
 from haptic_wall.controller.errors import HapticWallError
 from haptic_wall.hw.errors import ExplainedError, Problem
 
@@ -57,11 +54,6 @@ def _value(name: str, arguments: Sequence[str]) -> str:
     return "VALUE"
 
 
-_NO_NUMBER = re.compile(r"(.*) is not a valid (float|integer)(?: range)?\.")
-_OUTSIDE = re.compile(r"(.*) is not in the range (.*)\.")
-_NO_CHOICE = re.compile(r"('.*?') is not one of (.*)\.")
-
-
 class EndedEarlyError(HapticWallError):
     """A person or a trip has ended a command before it had an answer."""
 
@@ -97,15 +89,13 @@ def tell(error: BaseException, status: int, *, json: bool, arguments: Sequence[s
 
 
 def _problem(error: BaseException, arguments: Sequence[str]) -> Problem:
-    """Return the parts of an error's sentence; click's errors are worded like the others."""
+    """Return the parts of an error's sentence, also of click's."""
     if isinstance(error, ExplainedError):
         return error.problem
     if not isinstance(error, click.ClickException):
         return Problem(str(error))
     context = error.ctx if isinstance(error, click.UsageError) else None
     more = f"`{context.command_path} --help` lists options and arguments" if context else ""
-    if isinstance(error, NoSuchCommandError):
-        return error.problem
     if isinstance(error, click.NoSuchOption):
         advice = for_option(error, arguments) or more
         return Problem("no such option", advice=advice, field=error.option_name)
@@ -113,23 +103,8 @@ def _problem(error: BaseException, arguments: Sequence[str]) -> Problem:
         field = _name_of(error.param)
         if isinstance(error, click.MissingParameter):
             return Problem("missing", advice=more, field=field)
-        if isinstance(error, WrongValueError):
-            return replace(error.problem, field=field)
-        return replace(_of_value(error.message), field=field)
+        return Problem(error.message, field=field)
     return Problem(error.format_message())
-
-
-def _of_value(message: str) -> Problem:
-    """Return click's own message about a value in our words, where it has some for it."""
-    if said := _OUTSIDE.fullmatch(message):
-        return Problem(f"found {said[1]}", wanted=f"a number x with {said[2]}")
-    if said := _NO_CHOICE.fullmatch(message):
-        return Problem(f"found {said[1]}", wanted=f"one of {said[2].replace(chr(39), '')}")
-    said = _NO_NUMBER.fullmatch(message)
-    if said is None:
-        return Problem(message)
-    whole = " whole" if said[2] == "integer" else ""
-    return Problem(f"found {said[1]}", wanted=f"a{whole} number")
 
 
 def _name_of(parameter: click.Parameter) -> str:

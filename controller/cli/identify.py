@@ -11,6 +11,7 @@ import click
 from haptic_wall.controller.cli.drawing import drawn_or_noted
 from haptic_wall.controller.cli.experiment import REACH, Asked, endings, experiment, moving
 from haptic_wall.controller.cli.identify_record import identify_record, refuse_pendulum
+from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import (
     FileToWrite,
     refuse_other_pictures,
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
               help="Folder for the logs of the motions; default: one in ./runs/.")  # fmt: skip
 @click.option(
     "--reach",
-    type=float,
+    type=Number(),
     default=REACH,
     show_default=True,
     metavar="RAD",
@@ -48,13 +49,13 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--pendulum-mass",
-    type=float,
+    type=Number(0, 100, above=True, unit="kg"),
     metavar="KG",
     help="With --record: mass of the weight that hangs on the shaft.",
 )
 @click.option(
     "--pendulum-length",
-    type=float,
+    type=Number(0, 10, above=True, unit="m"),
     metavar="M",
     help="With --record: distance from the axis to that weight's centre.",
 )

@@ -22,8 +22,6 @@ from haptic_wall.controller.errors import UserError
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.recorded.estimate import Pendulum
 
-_MOST_MASS, _MOST_LENGTH = 100.0, 10.0
-"""Of a pendulum [kg], [m]"""
 _ABOUT_S = 10.0
 """Usual duration of a fit [s]"""
 
@@ -126,16 +124,6 @@ def _pendulum(mass: float | None, length: float | None) -> Pendulum | None:
             field=f"--pendulum-{missing}",
             advice="give both, or neither",
         )
-    for name, value, most, unit in (
-        ("mass", mass, _MOST_MASS, "kg"),
-        ("length", length, _MOST_LENGTH, "m"),
-    ):
-        if not 0.0 < value <= most:
-            raise UserError(
-                f"found {value:g}",
-                field=f"--pendulum-{name}",
-                wanted=f"a number above 0, up to {most:g} {unit}",
-            )
     from haptic_wall.controller.experiments.recorded.estimate import Pendulum
 
     return Pendulum(mass, length)

@@ -20,9 +20,8 @@ from haptic_wall import __version__
 from haptic_wall.controller.cli import interrupt
 from haptic_wall.controller.cli.failure import tell, wants_json
 from haptic_wall.controller.cli.options import begin, forget_output, is_answered, say
-from haptic_wall.controller.cli.refusals import NoSuchCommandError
 from haptic_wall.controller.errors import HapticWallError, PlatformError, UserError
-from haptic_wall.hw.errors import Problem, ServoError
+from haptic_wall.hw.errors import ServoError
 from haptic_wall.hw.names import did_you_mean
 
 COMMANDS = {
@@ -48,7 +47,6 @@ COMMANDS = {
     "log": "Summarise a log; export it, draw it, cut it.",
     "bench": "Measure timing and speed on this machine, beside peers.",
     "init": "Write a commented configuration, to be edited.",
-    "help": "Show the help of a command.",
     "paper": "Reproduce the table and figures of Gil et al. (ICRA 2007).",
 }
 """The commands and their lines in the help; the module of the same name exports ``command``"""
@@ -87,10 +85,10 @@ class _Commands(click.Group):
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's signature
         return list(COMMANDS)
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:  # noqa: ARG002
         if cmd_name not in COMMANDS:
             near = did_you_mean(cmd_name, COMMANDS)
-            raise NoSuchCommandError(Problem(f"no command {cmd_name}", advice=near or _ALL), ctx)
+            raise UserError(f"no command {cmd_name}", advice=near or _ALL)
         if cmd_name in NEEDS_LINUX and sys.platform != "linux":
             raise PlatformError(
                 f"this machine runs {sys.platform}, but {cmd_name} needs Linux",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
@@ -20,7 +20,7 @@ from haptic_wall.controller.cli.experiment import (
 )
 from haptic_wall.controller.cli.failure import EndedEarlyError
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
-from haptic_wall.controller.cli.numbers import numbers, periods, whole_periods
+from haptic_wall.controller.cli.numbers import Number, Numbers
 from haptic_wall.controller.cli.options import say
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
@@ -49,7 +49,7 @@ _ROWS = "map.rows"
 @click.option(
     "--virtual-damping",
     "dampings",
-    callback=numbers,
+    type=Numbers(Number()),
     metavar="B[,B...]",
     help="Virtual damping [N·m·s/rad]; default: 12 values from 0 to the ceiling at the longest"
     " delay.",
@@ -57,20 +57,20 @@ _ROWS = "map.rows"
 @click.option(
     "--delay-steps",
     "steps",
-    callback=periods,
+    type=Numbers(Number(0, 1000, whole=True)),
     metavar="n[,n...]",
     help="Inserted delay in whole periods, beside servo.delay; default: 0 to 5.",
 )
 @click.option(
     "--kick",
     "kicks",
-    callback=numbers,
+    type=Numbers(Number(0, above=True, unit="rad")),
     metavar="RAD[,RAD...]",
     help="Amplitude of the motion at the start [rad]; default: 0.003 to 0.3.",
 )
 @click.option(
     "--workers",
-    type=click.IntRange(min=1),
+    type=Number(1, whole=True),
     metavar="N",
     help="Parallel processes; default: one per core.",
 )
@@ -85,7 +85,7 @@ _ROWS = "map.rows"
 def command(
     asked: Asked,
     dampings: list[float] | None,
-    steps: list[float] | None,
+    steps: list[int] | None,
     kicks: list[float] | None,
     workers: int | None,
     dask: str | None,
@@ -101,10 +101,8 @@ def command(
     from haptic_wall.controller.report.maps import plot_map
 
     setting = MapSettings.of(asked.config)
-    chosen_steps = whole_periods(_STEPS if steps is None else steps, 1000)
+    chosen_steps = _STEPS if steps is None else steps
     chosen_kicks = kicks if kicks is not None else _KICKS if setting.kick_matters else (_KICK,)
-    if min(chosen_kicks) <= 0.0:
-        raise UserError(f"found {min(chosen_kicks):g}", field="--kick", wanted="a kick above 0 rad")
     chosen_dampings = _default_dampings(setting, chosen_steps) if dampings is None else dampings
     if asked.out is None and resume:
         raise UserError("found without --out", field="--resume", advice="add --out DIR")
@@ -212,7 +210,7 @@ def _ended(found: CriticalMap) -> tuple[str, int] | None:
     return f"{text} --resume and", INTERRUPTED
 
 
-def _default_dampings(setting: MapSettings, steps: list[int]) -> list[float]:
+def _default_dampings(setting: MapSettings, steps: Sequence[int]) -> list[float]:
     import numpy as np
 
     from haptic_wall.controller.experiments.maps.limits import ceiling
@@ -224,8 +222,8 @@ def _default_dampings(setting: MapSettings, steps: list[int]) -> list[float]:
     return [float(f"{value:.4g}") for value in shares * most]
 
 
-def _text(found: CriticalMap, files: list[Path]) -> str:
-    """Format a table of the largest kick, and the files."""
+def _text(found: CriticalMap) -> list[str]:
+    """Format a table of the largest kick."""
     import numpy as np
 
     k = int(np.argmax(found.kick))
@@ -237,7 +235,7 @@ def _text(found: CriticalMap, files: list[Path]) -> str:
     for j, damping in enumerate(found.virtual_damping):
         cells = "".join(f"{_cell(value):>10}" for value in found.stiffness[:, j, k].tolist())
         lines.append(f"{damping:>14.4g}  {cells}")
-    return "\n".join([*lines, "", "written", *(f"  {path}" for path in files)])
+    return lines
 
 
 def _cell(value: float) -> str:

@@ -1,20 +1,17 @@
 """Reads numbers from the command line: within bounds, lists, and ranges LOW:HIGH.
 
-Lists and ranges are callbacks of options that take text, so that a message names the option.
+Ranges are callbacks of options that take text, so that a message names the option.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from haptic_wall.controller.cli.refusals import WrongValueError
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.guard.belief import Bounded
-from haptic_wall.hw.errors import Problem
 
 _DIGITS = 9
 """Largest number of digits of an id or firmware; Python refuses numbers of thousands"""
@@ -27,13 +24,21 @@ class Number(click.types.FloatParamType):
         low: Smallest number.
         high: Largest number.
         above: Whether ``low`` itself is refused.
+        whole: Whether only whole numbers are taken; they become int.
+        unit: Unit that a refusal names.
     """
 
     def __init__(
-        self, low: float = -math.inf, high: float = math.inf, *, above: bool = False
+        self,
+        low: float = -math.inf,
+        high: float = math.inf,
+        *,
+        above: bool = False,
+        whole: bool = False,
+        unit: str = "",
     ) -> None:
-        self._low, self._high = low, high
-        self._without = (low,) if above else ()
+        self._low, self._high, self._above, self._is_whole = low, high, above, whole
+        self._unit = f" {unit}" if unit else ""
 
     def convert(
         self,
@@ -43,72 +48,58 @@ class Number(click.types.FloatParamType):
     ) -> float:
         """Read the number; raise if it is none, or outside of the bounds."""
         number = _number(str(value))
-        if number is None or not self._low <= number <= self._high or number in self._without:
-            raise WrongValueError(Problem(f"found {value}", wanted=self._wanted()), param)
-        return number
+        if (
+            number is None
+            or not self._low <= number <= self._high
+            or (self._above and number == self._low)
+            or (self._is_whole and number % 1)
+        ):
+            field = param.opts[0] if param else ""
+            raise UserError(f"found {value}", field=field, wanted=self._wanted())
+        return int(number) if self._is_whole else number
 
     def _wanted(self) -> str:
-        if self._low == -math.inf:
-            return "a number"
-        low = f"a number {'above' if self._without else 'from'} {self._low:g}"
-        return low if self._high == math.inf else f"{low}, up to {self._high:g}"
+        wanted = "a whole number" if self._is_whole else "a number"
+        if self._low > -math.inf:
+            wanted += f" {'above' if self._above else 'from'} {self._low:g}"
+        if self._high < math.inf:
+            wanted += f", up to {self._high:g}"
+        return wanted + self._unit
 
 
-def numbers(_: click.Context, parameter: click.Parameter, text: str | None) -> list[float] | None:
-    """Read numbers separated by commas, also negative ones: ``-0.01,0.2``.
-
-    Raises:
-        BadParameter: One is not a finite number.
-    """
-    if text is None:
-        return None
-    found = [_number(part) for part in text.split(",")]
-    good = [number for number in found if number is not None]
-    if len(good) < len(found):
-        wanted = "numbers with commas between, such as -0.01,0.2"
-        raise WrongValueError(Problem(f"found {text!r}", wanted=wanted), parameter)
-    return good
+if TYPE_CHECKING:
+    _OfLists = click.ParamType[list[float]]
+else:
+    _OfLists = click.ParamType  # generic in newer versions only
 
 
-def periods(_: click.Context, parameter: click.Parameter, text: str | None) -> list[float] | None:
-    """Read numbers of whole periods separated by commas: ``0,5``.
-
-    Raises:
-        BadParameter: One is not a whole number from 0 up.
-    """
-    if text is None:
-        return None
-    found = [_number(part) for part in text.split(",")]
-    good = [number for number in found if number is not None and number >= 0 == number % 1]
-    if len(good) < len(found):
-        wanted = "whole periods from 0 up with commas between, such as 0,5"
-        raise WrongValueError(Problem(f"found {text!r}", wanted=wanted), parameter)
-    return good
-
-
-def whole_periods(values: Collection[float], most: int) -> list[int]:
-    """Return the values of ``--delay-steps`` as whole numbers.
+class Numbers(_OfLists):
+    """Numbers with commas between, also negative ones: ``-0.01,0.2``.
 
     Args:
-        values: As given [periods].
-        most: The largest [periods].
-
-    Raises:
-        UserError: One is not a whole number from 0 to ``most``.
+        of: Reads each of them.
     """
-    for value in values:
-        if value != int(value) or not 0 <= value <= most:
-            raise UserError(
-                f"found {value:g}", field="--delay-steps", wanted=f"whole periods from 0 to {most}"
-            )
-    return [int(value) for value in values]
+
+    name = "numbers"
+
+    def __init__(self, of: Number) -> None:
+        self._of = of
+
+    def convert(
+        self,
+        value: Any,  # noqa: ANN401 - click's signature
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> list[float]:
+        """Read the numbers; raise where one is refused."""
+        return [self._of.convert(part, param, ctx) for part in str(value).split(",")]
 
 
 def span(_: click.Context, parameter: click.Parameter, text: str | None) -> Bounded | None:
     """Read a number, or a range ``LOW:HIGH`` whose middle is the estimate.
 
     Raises:
-        BadParameter: It is neither.
+        UserError: It is neither.
     """
     if text is None:
         return None
@@ -121,7 +112,7 @@ def span(_: click.Context, parameter: click.Parameter, text: str | None) -> Boun
             wanted = f"the lower end first: {high:g}:{low:g}"
         case _:
             wanted = "a number, or a range LOW:HIGH"
-    raise WrongValueError(Problem(f"found {text!r}", wanted=wanted), parameter)
+    raise UserError(f"found {text!r}", field=parameter.opts[0], wanted=wanted)
 
 
 def digits(text: str) -> int | None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from haptic_wall.controller.cli.experiment import Asked, carry_out, experiment, folder_option
+from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import say
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of all random choices.")
+@click.option("--seed", type=Number(0, whole=True), default=0, help="Seed of all random choices.")
 @experiment(
     folder_option(
         "Folder for rendered.json, rendered.png and the logs; default: a new one in ./runs/."
@@ -46,8 +46,8 @@ def command(asked: Asked, seed: int) -> None:
     )
 
 
-def _text(found: Rendering, files: list[Path]) -> str:
-    """Return the comparison as a table, and the paths of the files."""
+def _text(found: Rendering) -> list[str]:
+    """Return the comparison as a table."""
     lines = [
         f"{'':<32}{'commanded':>12}{'rendered':>12}{'± stderr':>12}{'ratio':>8}",
     ]
@@ -64,7 +64,7 @@ def _text(found: Rendering, files: list[Path]) -> str:
             f"{found.requested.stiffness:g} N·m/rad were requested; the guard commands"
             f" {found.stiffness:.4g} ({found.binding} limit)"
         )
-    return "\n".join([*lines, *found.notes, "", "written", *(f"  {path}" for path in files)])
+    return [*lines, *found.notes]
 
 
 def _cell(value: float | None, digits: int = 4) -> str:

@@ -18,7 +18,7 @@ from haptic_wall.controller.cli.experiment import (
     say_swing,
 )
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
-from haptic_wall.controller.cli.numbers import numbers, periods, whole_periods
+from haptic_wall.controller.cli.numbers import Number, Numbers
 from haptic_wall.controller.cli.options import say
 from haptic_wall.controller.errors import UserError
 
@@ -37,7 +37,7 @@ _MOST_STEPS = 1000
 @click.option(
     "--virtual-damping",
     "dampings",
-    callback=numbers,
+    type=Numbers(Number()),
     metavar="B[,B...]",
     required=True,
     help="Virtual damping, also negative [N·m·s/rad].",
@@ -45,14 +45,14 @@ _MOST_STEPS = 1000
 @click.option(
     "--delay-steps",
     "steps",
-    callback=periods,
+    type=Numbers(Number(0, _MOST_STEPS, whole=True)),
     metavar="n[,n...]",
     required=True,
     help="Inserted delay in whole periods, beside the delay of loop and servo.",
 )
 @click.option(
     "--kick",
-    type=float,
+    type=Number(0, 3, above=True, unit="rad"),
     metavar="RAD",
     help="Distance from the wall at which the shaft is released [rad]; default: for each point"
     " the largest up to 0.1 that the torque limit allows.",
@@ -60,7 +60,7 @@ _MOST_STEPS = 1000
 @click.option("--fresh", is_flag=True, help="Replace an earlier sweep in DIR.")
 @click.option(
     "--repeats",
-    type=click.IntRange(min=1, max=100),
+    type=Number(1, 100, whole=True),
     default=2,
     show_default=True,
     metavar="N",
@@ -68,13 +68,13 @@ _MOST_STEPS = 1000
 )
 @click.option(
     "--tolerance",
-    type=click.FloatRange(min=1e-5, max=0.5),
+    type=Number(1e-5, 0.5),
     default=0.005,
     show_default=True,
     metavar="FRACTION",
     help="Trials continue until the standard error is this fraction of the stiffness.",
 )
-@click.option("--workers", type=click.IntRange(min=1), metavar="N",
+@click.option("--workers", type=Number(1, whole=True), metavar="N",
               help="Parallel processes on the simulated clock; default: one per core.")  # fmt: skip
 @dask_option
 @experiment(
@@ -88,7 +88,7 @@ _MOST_STEPS = 1000
 def command(
     asked: Asked,
     dampings: list[float],
-    steps: list[float],
+    steps: list[int],
     kick: float | None,
     fresh: bool,
     repeats: int,
@@ -105,7 +105,7 @@ def command(
     from haptic_wall.controller.experiments.cluster import cluster
     from haptic_wall.controller.experiments.holding import without_hand
     from haptic_wall.controller.experiments.sweep.device import Device
-    from haptic_wall.controller.experiments.sweep.plan import Options
+    from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint
     from haptic_wall.controller.experiments.sweep.sweep import (
         ROWS,
         Sweep,
@@ -116,8 +116,6 @@ def command(
     from haptic_wall.controller.processes.run_report import exit_status
     from haptic_wall.controller.report.sweep import plot_sweep
 
-    if kick is not None and not 0.0 < kick <= 3.0:
-        raise UserError(f"found {kick:g}", field="--kick", wanted="a kick above 0 and up to 3 rad")
     effective = without_hand(asked.config)
     if dask is not None and effective.loop.clock != "simulated":
         raise UserError(
@@ -127,7 +125,9 @@ def command(
             wanted="a simulated one",
             advice="add --set loop.clock=simulated, or leave --dask out",
         )
-    options, settings = Options(kick, repeats, tolerance), _settings(dampings, steps)
+    options = Options(kick, repeats, tolerance)
+    # Each once: results are kept by point.
+    settings = tuple(dict.fromkeys(PlanePoint(b, n) for n in steps for b in dampings))
     device = Device.of(effective)
     before = {}
     if asked.out is not None:
@@ -167,19 +167,11 @@ def command(
         measure,
         lambda found: found[0],
         lambda found, name, path: plot_sweep(found[1], device, name, path),
-        lambda found, _files: _text(found[1], found[0]["out"]),
+        lambda found: _text(found[1]),
         rows=lambda found: map(asdict, found[1]),
         others=(ROWS,),
         ended=lambda _found: ended,
     )
-
-
-def _settings(dampings: list[float], steps: list[float]) -> tuple[PlanePoint, ...]:
-    from haptic_wall.controller.experiments.sweep.plan import PlanePoint
-
-    whole = whole_periods(steps, _MOST_STEPS)
-    # Each once: results are kept by point.
-    return tuple(dict.fromkeys(PlanePoint(b, n) for n in whole for b in dampings))
 
 
 def _announce(config: Config, left: tuple[PlanePoint, ...], options: Options, done: int) -> None:
@@ -231,7 +223,7 @@ def _span(seconds: float) -> str:
     return f"about {seconds:.0f} s" if seconds < 100 else f"about {seconds / 60:.0f} min"
 
 
-def _text(points: list[PointResult], folder: Path) -> str:
+def _text(points: list[PointResult]) -> list[str]:
     lines = [
         f"{'B':>9} {'delay':>8} {'measured':>10} {'±':>8} {'exact':>9} {'linear':>9}"
         f" {'friction':>9} {'f':>7} {'kick':>8}",
@@ -249,7 +241,7 @@ def _text(points: list[PointResult], folder: Path) -> str:
             lines.append(f"{'':>9} {point.reason}")
         elif point.trips:
             lines.append(f"{'':>9} trips in between: {'; '.join(point.trips)}")
-    return "\n".join([*lines, "", f"written to {folder}: sweep.csv, sweep.json, sweep.png, logs/"])
+    return lines
 
 
 def _cell(value: float | None, digits: int = 4) -> str:

@@ -16,7 +16,7 @@ from haptic_wall.controller.cli.experiment import (
     folder_option,
     say_swing,
 )
-from haptic_wall.controller.cli.numbers import periods
+from haptic_wall.controller.cli.numbers import Number, Numbers
 from haptic_wall.controller.cli.options import say
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.files import make_folder
@@ -33,7 +33,7 @@ _MOST_SAMPLES = 30
 @click.option(
     "--velocity-samples",
     "samples",
-    callback=periods,
+    type=Numbers(Number(1, _MOST_SAMPLES, whole=True)),
     metavar="N[,N...]",
     help="Lengths of the velocity difference to compare, in samples; default: CONFIG's, 1, 2, 4.",
 )
@@ -61,7 +61,7 @@ _MOST_SAMPLES = 30
 )
 def command(
     asked: Asked,
-    samples: list[float] | None,
+    samples: list[int] | None,
     measure: str | None,
     log: Path | None,
     fresh: bool,
@@ -82,12 +82,11 @@ def command(
     from haptic_wall.controller.report.zwidth import plot_zwidth
 
     config = asked.config
-    whole = _whole(samples)
     if log is not None and not log.is_file():
         raise UserError("there is no such file", field="--log", given=log, wanted="a run's log")
     simulated = config.loop.clock == "simulated"
     which = measure or ("all" if simulated else "own")
-    widths = tuple(width_of(config, velocity) for velocity in velocities(config, whole))
+    widths = tuple(width_of(config, velocity) for velocity in velocities(config, samples))
     chosen = {"own": widths[:1], "all": widths, "none": ()}[which]
     seconds = seconds_of(chosen)
     if chosen:
@@ -102,19 +101,6 @@ def command(
         return Found(config, widths, impedance_of(config, log, runs, say))
 
     carry_out(asked, "zwidth", seconds, found, Found.report, plot_zwidth, _text)
-
-
-def _whole(samples: list[float] | None) -> list[int] | None:
-    if samples is None:
-        return None
-    for each in samples:
-        if not 1 <= each <= _MOST_SAMPLES:
-            raise UserError(
-                f"found {each:g}",
-                field="--velocity-samples",
-                wanted=f"whole samples from 1 to {_MOST_SAMPLES}",
-            )
-    return [int(each) for each in samples]
 
 
 def _announce(asked: Asked, chosen: Sequence[Width], seconds: float) -> None:
@@ -138,7 +124,7 @@ def _announce(asked: Asked, chosen: Sequence[Width], seconds: float) -> None:
         say_swing(config.servo, far)
 
 
-def _text(found: Found, files: list[Path]) -> str:
+def _text(found: Found) -> list[str]:
     lines = [
         "largest stiffness K [N·m/rad], and the virtual damping B [N·m·s/rad] there",
         f"{'velocity':<26}{'ceiling B':>10}{'exact K':>10}{'at B':>9}{'guard K':>10}{'at B':>9}",
@@ -146,7 +132,7 @@ def _text(found: Found, files: list[Path]) -> str:
     for width in found.widths:
         lines += _width_lines(width)
     lines += ["", *_impedance_lines(found.impedance)]
-    return "\n".join([*lines, "", "written", *(f"  {path}" for path in files)])
+    return lines
 
 
 def _width_lines(width: Width) -> list[str]:

@@ -1,8 +1,8 @@
-"""Harmonic balance: which oscillations friction, backlash and a torque limit end or sustain.
+"""Harmonic balance: which oscillations friction and backlash end or sustain.
 
 To a sinusoid of amplitude A and frequency w a nonlinearity is a gain N(A), complex where it lags,
-or a damping. Backlash before the encoder and a clipped torque multiply the whole wall; Coulomb
-friction c adds ``4 c/(pi A w)`` to the damping of the servo. A cycle sustains itself where::
+or a damping. Backlash before the encoder multiplies the whole wall; Coulomb friction c adds
+``4 c/(pi A w)`` to the damping of the servo. A cycle sustains itself where::
 
     N(A) (K + B D(w)) = F(w, A)
 
@@ -16,10 +16,9 @@ Source: Gelb and Vander Velde, Multiple-Input Describing Functions, 1968, sec. 2
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from haptic_wall.controller.theory.checks import (
     ComplexArray,
@@ -31,7 +30,6 @@ from haptic_wall.controller.theory.checks import (
     samples,
     scalar,
 )
-from haptic_wall.controller.theory.exact import critical_point, critical_stiffness
 from haptic_wall.controller.theory.loop import HeldLoop
 
 _AMPLITUDES, _WIDTHS = 12, 10.0
@@ -48,10 +46,6 @@ _TURN = np.linspace(0.0, 2.0 * np.pi, 96, endpoint=False)
 _ROUNDS = 20
 _LEAST = 0.05
 """Least gain of a dead band"""
-_CLIPPED = np.geomspace(1.0, 1e9, 4000)
-"""Commanded amplitudes over the torque limit that are looked at"""
-_LEAST_GAIN, _GAINS, _ROUNDS_OF_GAINS = 1e-6, 33, 3
-"""Gains of a clipped torque that are looked at: the least, their number, and how often"""
 
 
 def backlash_gain(amplitude: ArrayLike, width: ArrayLike) -> ComplexArray:
@@ -290,76 +284,3 @@ def _balance(
         answer = loop.inverse_plant(rates) * heavy / period**2 / (gain * passed) - spring_of_damper
         stiffness = 0.5 * (stiffness + np.maximum(answer.real, 0.0))
     return answer.real, answer.imag
-
-
-class Cycle(NamedTuple):
-    """A self-sustained oscillation."""
-
-    amplitude: float
-    """Half of the position's travel from peak to peak [rad]"""
-    frequency: float
-    """[Hz]"""
-
-
-def clipped_cycle(
-    inertia: float,
-    damping: float,
-    stiffness: float,
-    virtual_damping: float,
-    period: float,
-    delay: float,
-    torque_limit: float,
-) -> Cycle | None:
-    """Return the largest oscillation at which the torque limit ends growth, two-sided wall.
-
-    The gain of a clipped torque scales spring and damper alike, and falls with the amplitude. The
-    cycle is where the scaled wall is at its exact limit, seen from the largest amplitude.
-    Simulations agree to 10 % without a damper. With one a wall has many cycles, up to thirteen
-    times as large as this one and at a third of its frequency.
-
-    Args:
-        inertia: m > 0 [kg·m²].
-        damping: Viscous damping b >= 0 [N·m·s/rad].
-        stiffness: K > 0 [N·m/rad].
-        virtual_damping: B [N·m·s/rad].
-        period: T > 0 [s].
-        delay: t_d >= 0, from the sample to its torque acting [s].
-        torque_limit: At which the wall's torque is clipped, > 0 [N·m].
-
-    Returns:
-        None where no such oscillation lasts.
-
-    Raises:
-        ValueError: An argument is outside of its domain; the message names it.
-    """
-    given = {"inertia": inertia, "stiffness": stiffness, "period": period, "limit": torque_limit}
-    for name, value in given.items():
-        scalar(positive, name, value)
-    loop = (period, delay)
-
-    def grows(gain: FloatArray) -> NDArray[np.bool_]:
-        found: NDArray[np.bool_] = gain * stiffness > critical_stiffness(
-            inertia, damping, gain * virtual_damping, *loop
-        )
-        return found
-
-    tried = np.geomspace(_LEAST_GAIN, 1.0, _GAINS)
-    if not grows(tried[-1:])[0]:
-        return None
-    for _ in range(_ROUNDS_OF_GAINS):
-        first = int(np.argmax(grows(tried)))
-        if first == 0:
-            return None  # it grows at any size
-        tried = np.linspace(tried[first - 1], tried[first], _GAINS)
-    gain = float(tried[first])
-    hertz = critical_point(inertia, damping, gain * virtual_damping, *loop).frequency
-    turn = 2.0 * np.pi * float(hertz) * period
-    wall = abs(stiffness + virtual_damping / period * (1.0 - np.exp(-1j * turn)))
-    return Cycle(_clipped(gain) * torque_limit / float(wall), float(hertz))
-
-
-def _clipped(gain: float) -> float:
-    """Return the commanded amplitude over the limit at which clipping has a gain."""
-    share = 1.0 / _CLIPPED
-    gains = 2.0 / np.pi * (np.arcsin(share) + share * np.sqrt(1.0 - share**2))
-    return float(np.exp(np.interp(-np.log(gain), -np.log(gains), np.log(_CLIPPED))))

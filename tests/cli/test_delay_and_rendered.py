@@ -154,8 +154,8 @@ def test_a_servo_that_does_not_move_is_no_fit_hardware(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--delay-steps", "1.5"), "--delay-steps: found '1.5', wanted whole periods"),
-        (("--delay-steps=-1",), "--delay-steps: found '-1', wanted whole periods"),
+        (("--delay-steps", "1.5"), "--delay-steps: found 1.5, wanted a whole number"),
+        (("--delay-steps=-1",), "--delay-steps: found -1, wanted a whole number"),
     ],
 )
 def test_wrong_input_is_the_users_error(

@@ -43,8 +43,13 @@ def test_advice_carries_the_configuration_as_it_was_given(
     ("arguments", "field", "advice", "status"),
     [
         (["run", "--duration=-1"], "--duration", "wanted a time above 0 s", 2),
-        (["run", "--duration=x"], "--duration", "wanted a number", 2),
-        (["sweep", "simulated", "--repeats=x"], "--repeats", "wanted a whole number", 2),
+        (["identify", "--reach=x"], "--reach", "wanted a number", 2),
+        (
+            ["sweep", "simulated", "--repeats=x"],
+            "--repeats",
+            "wanted a whole number from 1, up to 100",
+            2,
+        ),
         (["run", "--set=wall.stifness=3"], "wall.stifness", "did you mean wall.stiffness?", 2),
         (["config", "simulatd"], "CONFIG", "xl330-m288, xm430-w350", 2),
         (["run", "--plot=a.svg"], "--plot", "wanted one ending in .png: pictures are PNG", 2),

@@ -104,10 +104,10 @@ def test_a_servo_with_a_load_is_mapped(cli: Cli, tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (["xm430-w350"], "CONFIG: found a real servo at"),
-        (["simulated", "--kick", "0"], "--kick: found 0, wanted a kick above 0"),
-        (["simulated", "--delay-steps", "0.5"], "--delay-steps: found '0.5', wanted whole periods"),
-        (["simulated", "--delay-steps=-1"], "--delay-steps: found '-1'"),
-        (["simulated", "--virtual-damping", "a"], "wanted numbers with commas between"),
+        (["simulated", "--kick", "0"], "--kick: found 0, wanted a number above 0 rad"),
+        (["simulated", "--delay-steps", "0.5"], "--delay-steps: found 0.5, wanted a whole number"),
+        (["simulated", "--delay-steps=-1"], "--delay-steps: found -1"),
+        (["simulated", "--virtual-damping", "a"], "--virtual-damping: found a, wanted a number"),
     ],
 )
 def test_what_cannot_be_mapped_is_refused_before_anything_is_written(

@@ -110,7 +110,7 @@ def test_an_interrupted_sweep_keeps_what_is_finished(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--virtual-damping=0", "--delay-steps=1.5"), "--delay-steps: found '1.5'"),
+        (("--virtual-damping=0", "--delay-steps=1.5"), "--delay-steps: found 1.5"),
         (("--virtual-damping=0", "--delay-steps=1", "--kick=0"), "--kick: found 0"),
         (("--virtual-damping=x", "--delay-steps=1"), "virtual-damping"),
         (("--delay-steps=1",), "--virtual-damping"),

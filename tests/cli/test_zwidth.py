@@ -199,7 +199,7 @@ def test_a_log_of_a_wall_that_never_acted_says_so(tmp_path: Path, cli: Cli) -> N
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("--velocity-samples=0",), "--velocity-samples: found 0, wanted whole samples from 1"),
+        (("--velocity-samples=0",), "--velocity-samples: found 0, wanted a whole number from 1"),
         (("--log", "nowhere.hwlog"), "--log nowhere.hwlog: there is no such file"),
         (("--log", "{text}"), "is not a log of haptic-wall"),
         (("--log", "{detents}"), "found the law detents, wanted the log of a wall"),

@@ -1,4 +1,4 @@
-"""Harmonic balances against simulation in time: friction, backlash, a torque limit."""
+"""Harmonic balances against simulation in time: friction and backlash."""
 
 from __future__ import annotations
 
@@ -14,18 +14,15 @@ from haptic_wall.controller.theory import (
     max_virtual_damping,
 )
 from haptic_wall.controller.theory.harmonic import (
-    Cycle,
     Lossy,
     backlash_gain,
     backlash_limit,
-    clipped_cycle,
     kick_limit,
 )
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.truth import TrueServo
 from tests.support.exact_servo import PlantParameters, State, step
-from tests.support.nonlinear_walls import PERIOD, Motion, Walls
-from tests.theory.oracles import Loop
+from tests.support.nonlinear_walls import PERIOD
 
 Array = NDArray[np.float64]
 COUNT = 2 * math.pi / 4096
@@ -123,81 +120,6 @@ def test_the_gain_of_backlash_is_the_first_harmonic(ratio: float) -> None:
     output = play(np.cos(angle), 1 / ratio)
     harmonic = complex(2 * np.mean(output * np.exp(-1j * angle)))
     assert complex(backlash_gain(1.0, 1 / ratio)) == pytest.approx(harmonic, abs=2e-3)
-
-
-def walls(count: int, seed: int, share: tuple[float, float], damper: float) -> list[Loop]:
-    """Walls on random devices at a share of the critical stiffness."""
-    random = np.random.default_rng(seed)
-    found = []
-    for _ in range(count):
-        m = 10 ** random.uniform(-2.7, -1.5)
-        b, delay = m * random.uniform(1, 10), random.uniform(0, 5) * PERIOD
-        big_b = random.uniform(0, damper) * float(max_virtual_damping(m, b, PERIOD, delay))
-        k = random.uniform(*share) * float(critical_stiffness(m, b, big_b, PERIOD, delay))
-        found.append(Loop(m, b, k, big_b, PERIOD, delay))
-    return found
-
-
-def clipped(loop: Loop) -> Cycle | None:
-    m, b, k, big_b, period, delay, _, _ = loop
-    return clipped_cycle(m, b, k, big_b, period, delay, 1.0)
-
-
-def measured(seen: Array, cycle: Cycle) -> tuple[float, float]:
-    """Amplitude and frequency over the last ten turns of a steady oscillation."""
-    last = seen[-int(10 / cycle.frequency / PERIOD) :]
-    middle = last - last.mean()
-    ups = np.flatnonzero((middle[1:] > 0) & (middle[:-1] <= 0))
-    at = ups + middle[ups] / (middle[ups] - middle[ups + 1])
-    return float(np.ptp(last)) / 2, (at.size - 1) / (at[-1] - at[0]) / PERIOD
-
-
-@pytest.mark.whole
-@pytest.mark.parametrize(
-    ("damper", "amplitude", "frequency"),
-    [(0.0, (0.99, 1.15), (0.92, 1.01)), (0.2, (0.99, 1.7), (0.75, 1.01))],
-)
-def test_growing_motion_comes_to_the_cycle_of_the_torque_limit(
-    damper: float, amplitude: tuple[float, float], frequency: tuple[float, float], thorough: bool
-) -> None:
-    found = [(loop, clipped(loop)) for loop in walls(50 if thorough else 10, 5, (1.05, 3), damper)]
-    pairs = [(loop, cycle) for loop, cycle in found if cycle is not None]
-    assert len(pairs) >= 8
-    pairs = pairs * 2  # begun below and above it
-    sizes = np.repeat([0.9, 1.2], len(pairs) // 2)
-    one = np.ones(len(pairs))
-
-    def column(name: str) -> Array:
-        return np.array([getattr(loop, name) for loop, _ in pairs])
-
-    motion = Motion(
-        Walls(
-            inertia=column("inertia"),
-            damping=column("damping"),
-            stiffness=column("stiffness"),
-            virtual_damping=column("virtual_damping"),
-            delay=column("delay"),
-            limit=one,
-            count=0.0 * one,
-            edge=0.0 * one,
-            backlash=0.0 * one,
-        ),
-        sizes * np.array([cycle.amplitude for _, cycle in pairs]),
-        np.array([cycle.frequency for _, cycle in pairs]),
-    )
-    seen = motion.run(15_000)
-    for i, (_, cycle) in enumerate(pairs):
-        size, hertz = measured(seen[:, i], cycle)
-        assert amplitude[0] < size / cycle.amplitude < amplitude[1]
-        assert frequency[0] < hertz / cycle.frequency < frequency[1]
-
-
-def test_a_stable_wall_has_no_cycle_of_the_torque_limit_and_an_unstable_one_has() -> None:
-    for loop in walls(8, 7, (0.2, 0.95), 0.5):
-        assert clipped(loop) is None
-        assert clipped(loop._replace(stiffness=6 * loop.stiffness)) is not None
-    with pytest.raises(ValueError, match="stiffness must be > 0, got 0"):
-        clipped_cycle(0.01, 0.01, 0.0, 0.0, PERIOD, 0.0, 1.0)
 
 
 def grows(plant: PlantParameters, wall: tuple[float, float, float], kick: float, w: float) -> bool:
