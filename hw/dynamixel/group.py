@@ -19,7 +19,6 @@ from haptic_wall.hw.dynamixel.health import HealthPolls
 from haptic_wall.hw.dynamixel.samples import Way
 from haptic_wall.hw.dynamixel.startup import Ready
 from haptic_wall.hw.errors import (
-    Problem,
     ServoError,
     ServoHealthError,
     ServoLostError,
@@ -99,8 +98,12 @@ class DynamixelGroup:
                 for one in servos:
                     one.watchdog.resume(self._now_ns(), under_torque=False)  # idle meanwhile
         except ServoError as error:
-            self._off()
-            raise self._told(error) from error.__cause__
+            if self._off():
+                raise
+            raise type(error)(
+                f"{error} Torque off{self._of_whom()} could not be read back",
+                advice="switch the servo's power off.",
+            ) from error
         except BaseException:
             self._off()
             raise
@@ -237,10 +240,13 @@ class DynamixelGroup:
             advice="check the cable, and that no two have the same id.",
         )
 
-    def _off(self) -> None:
+    def _off(self) -> bool:
         """Send zero goals if this driver has the torque on; switch it off and read it back.
 
         Nothing is written to a servo with an unknown control table.
+
+        Returns:
+            Whether torque off was read back from all others.
         """
         self._keep([])
         known = [one for one in self.servos if one.known]
@@ -254,6 +260,12 @@ class DynamixelGroup:
                     self.exchange.send([0] * len(self.servos))
             left = torque_off(left)
         self.left_on = [one for one in self.servos if not one.known or one.table in left]
+        return not left
+
+    def _of_whom(self) -> str:
+        if len(self.servos) == 1:
+            return ""
+        return " of " + ", ".join(one.facts.name for one in self.left_on if one.known)
 
     def _keep(self, some: Sequence[Driven]) -> None:
         """While one of several is examined, none pushes on, and no other's watchdog trips."""
@@ -273,13 +285,10 @@ class DynamixelGroup:
         if len(self.servos) == 1:  # its driver's user stops it
             return error
         self.stop()
-        return self._told(error)
-
-    def _told(self, error: ServoError) -> ServoError:
-        """Return the error, with what the servos have latched, and whose torque may be on."""
-        told = [f"T{one.trouble[1:]}." for one in self.servos if one.trouble]
-        if left := ", ".join(one.facts.name for one in self.left_on if one.known):
-            told.append(f"Torque off of {left} could not be read back: switch the power off.")
-        if not told:
-            return error
-        return type(error)(Problem(str(error), advice=" ".join(told), mark=" "))
+        told = [str(error)]
+        told += [f"T{one.trouble[1:]}." for one in self.servos if one.trouble]
+        if self.left_on:
+            told.append(
+                f"Torque off{self._of_whom()} could not be read back: switch the power off."
+            )
+        return type(error)(" ".join(told))

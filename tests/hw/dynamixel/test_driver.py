@@ -294,7 +294,7 @@ def test_a_start_that_cannot_confirm_torque_off_says_so() -> None:
         return b"" if deaf else data
 
     bench.line.read = deaf_once_torque_is_on  # type: ignore[method-assign]
-    with pytest.raises(ServoLostError, match="could not be read back: switch the power off"):
+    with pytest.raises(ServoLostError, match="could not be read back: switch the servo's power"):
         bench.servo.start()
 
 
