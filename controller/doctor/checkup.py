@@ -30,6 +30,7 @@ from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.registers import RETURN_DELAY_UNIT_NS
 from haptic_wall.hw.dynamixel.rules import (
     STATUS_LEVEL,
+    Rule,
     be_alone,
     judge,
     judge_firmware,
@@ -37,7 +38,6 @@ from haptic_wall.hw.dynamixel.rules import (
     read_servo,
 )
 from haptic_wall.hw.dynamixel.tables import Model, model_by_number
-from haptic_wall.hw.dynamixel.verdict import Repair
 from haptic_wall.hw.errors import (
     PortBusyError,
     PortError,
@@ -170,13 +170,13 @@ class _Checkup:
     def _set_up(self, settings: DriverSettings, found: FoundServo) -> bool:
         """Check model, firmware and registers; return whether torque is off."""
         report, number = self.report, found.model_number
-        self._add(judge_model(number, settings.model).check("model"))
+        self._add(judge_model(number, settings.model))
         model = model_by_number(number)
         if model is None:
             report.leave_out("firmware", "registers")
             return False
         report.tell(f"registers of {name_of(found)}")
-        self._add(judge_firmware(model, found.firmware).check("firmware"))
+        self._add(judge_firmware(model, found.firmware))
         with opened(settings.port, found.baud, self._clock) as line:
             table = Table.on(line, found.baud, found.id, settings.port, model)
             if report.consent is not None:  # as a start: a silent second servo takes it too
@@ -197,31 +197,28 @@ class _Checkup:
 
     def _judge(
         self, table: Table, settings: DriverSettings, model: Model
-    ) -> tuple[dict[str, Check], dict[str, Repair]]:
-        """Return all checks of the registers, and the repairs of those that fail, by name."""
+    ) -> tuple[dict[str, Check], dict[str, Rule]]:
+        """Return all checks of the registers, and the rules that can mend those that fail."""
         constant = settings.torque_constant or model.torque_constant or 0.0
         seen = read_servo(table, model, constant, settings.torque_limit)
         self._return_delay_ns = seen["return_delay_time"] * RETURN_DELAY_UNIT_NS
         checks, repairs = {}, {}
-        for rule, verdict in judge(seen):
-            checks[rule.name] = verdict.check(rule.name, fixable=rule.repair is not None)
-            if rule.repair is not None and not verdict.ok:
-                repairs[rule.name] = rule.repair
+        for rule, check in judge(seen):
+            checks[check.name] = check
+            if check.fixable:
+                repairs[check.name] = rule
         return checks, repairs
 
-    def _mend(
-        self, table: Table, checks: Mapping[str, Check], repairs: Mapping[str, Repair]
-    ) -> bool:
+    def _mend(self, table: Table, checks: Mapping[str, Check], repairs: Mapping[str, Rule]) -> bool:
         """Make the repairs for which there is consent; return whether any was tried.
 
         A reboot comes last.
         """
         tried = False
-        for name, repair in sorted(repairs.items(), key=lambda item: not item[1].register):
-            check = checks[name]
-            if self.report.may(question(name, check.found, check.wanted, repair)):
+        for name, rule in sorted(repairs.items(), key=lambda item: not item[1].register):
+            if self.report.may(question(checks[name], rule)):
                 tried = True
-                self.report.note(mend(table, self._clock, name, repair))
+                self.report.note(mend(table, self._clock, name, rule))
         return tried
 
     # The machine

@@ -10,41 +10,40 @@ from typing import Final
 from haptic_wall.controller.doctor.report import Change
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.register_access import Table
-from haptic_wall.hw.dynamixel.verdict import Repair
+from haptic_wall.hw.dynamixel.rules import Rule
 from haptic_wall.hw.errors import ServoError, ServoLostError, ServoMissingError
+from haptic_wall.hw.servo import Check
 
 _BOOT_NS: Final = 3_000_000_000
 _BOOT_STEP_NS: Final = 100_000_000
 
 
-def question(name: str, found: str, wanted: str, repair: Repair) -> str:
-    """Return the question to ask before a repair."""
-    if not repair.register:
-        return f"{name}: {found} -> reboot"
-    if repair.register == "torque_enable":
+def question(check: Check, rule: Rule) -> str:
+    """Return the question to ask before a rule."""
+    if rule.register == "torque_enable":
         return "torque: on -> off (a load on the shaft will fall)"
-    return f"{name}: {found} -> {wanted}"
+    return f"{check.name}: {check.found} -> {check.wanted if rule.register else 'reboot'}"
 
 
-def mend(table: Table, clock: Clock, name: str, repair: Repair) -> Change:
+def mend(table: Table, clock: Clock, name: str, rule: Rule) -> Change:
     """Write one register, or reboot, and read back the result.
 
     Args:
         table: The servo.
         clock: Tells the time.
         name: Name of the check.
-        repair: The repair.
+        rule: The one that tells how.
     """
     told, before = "", 0
     try:
-        if not repair.register:
+        if not rule.register:
             return _reboot(table, clock, name)
-        before = table.read(repair.register)
+        before = table.read(rule.register)
         told = str(before)
-        factory = table.registers[repair.register].default
-        value = factory if repair.value is None else repair.value
-        wanted = before & ~repair.mask | value & repair.mask
-        after = table.write(repair.register, wanted)
+        factory = table.registers[rule.register].default
+        value = factory if rule.value is None else rule.value
+        wanted = before & ~rule.mask | value & rule.mask
+        after = table.write(rule.register, wanted)
     except ServoError as error:
         return Change(name, told, str(error), False)
     return Change(name, told, str(after), after == wanted)

@@ -16,12 +16,12 @@ from typing import Final
 
 from haptic_wall.hw.dynamixel.register_access import UNHELD, Table
 from haptic_wall.hw.dynamixel.registers import WATCHDOG_TRIPPED
+from haptic_wall.hw.dynamixel.rules import checked
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
-from haptic_wall.hw.dynamixel.verdict import Verdict
 from haptic_wall.hw.dynamixel.watchdog import rearm, watchdog_units
 from haptic_wall.hw.dynamixel.wire import CYCLE_BYTES
 from haptic_wall.hw.errors import ServoLostError, UnfitServoError
-from haptic_wall.hw.servo import Outcome
+from haptic_wall.hw.servo import Check, Outcome
 from haptic_wall.hw.settings import DriverSettings
 
 _PUSHES: Final = 3
@@ -71,7 +71,7 @@ class Push:
 
 def prove_the_sign(
     settings: DriverSettings, law: TorqueLaw, current_limit: int, table: Table, name: str
-) -> Verdict:
+) -> Check:
     """Check that a small torque away from the wall moves the shaft away from the wall.
 
     A hand may be on the shaft: the push waits until the shaft rests, and one with the wrong result
@@ -90,7 +90,7 @@ def prove_the_sign(
     """
     most = settings.probe_torque
     if most <= 0.0:
-        return Verdict(True, "not probed", "not asked for")
+        return Check("torque sign", True, "not probed", "not asked for")
     if settings.torque_limit > 0.0:
         most = min(most, settings.torque_limit)
     limit = max(1, min(law.within(most), current_limit))
@@ -124,7 +124,7 @@ def prove_the_sign(
         advice = "find the cause of this machine's stalls, or raise servo.watchdog_s"
         if late := table.lateness():
             why, advice = why + late, UNHELD
-    return Verdict(push.sign_is_right, found, "motion with the torque", why, advice)
+    return checked("torque sign", push.sign_is_right, found, "motion with the torque", why, advice)
 
 
 class _Prober:

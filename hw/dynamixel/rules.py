@@ -1,26 +1,26 @@
 """What a servo must be set to, in one table: a start refuses by it, ``doctor`` prints and mends.
 
-A rule reads registers and gives a verdict on them. Settings that a person made are changed only by
+A rule reads registers and makes a check of them. Settings that a person made are changed only by
 a person, or by a person's ``doctor --fix``. Reading changes nothing in the servo.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from typing import Final
 
+from haptic_wall.hw.dynamixel.health import DrivingRange
 from haptic_wall.hw.dynamixel.register_access import Table
-from haptic_wall.hw.dynamixel.registers import (
-    RETURN_DELAY_UNIT_NS,
-)
+from haptic_wall.hw.dynamixel.registers import RETURN_DELAY_UNIT_NS
 from haptic_wall.hw.dynamixel.tables import Model, model_by_number
-from haptic_wall.hw.dynamixel.verdict import Repair, Rule, Seen, Verdict
+from haptic_wall.hw.dynamixel.torque_law import TorqueLaw, torque_law
+from haptic_wall.hw.servo import Check
 
 WATCHDOG_FIRMWARE: Final = 38
 """First firmware with a Bus Watchdog"""
 STATUS_LEVEL: Final = 2
 """Status Return Level at which the servo replies to everything"""
-_ALL_REPLIES: Final = ("status_return_level", STATUS_LEVEL)
 _LISTENINGS: Final = 3
 _LISTEN_NS: Final = 20_000_000
 """Wait for a second reply [ns]: longer than the largest return delay (0.5 ms) and an adapter's
@@ -40,15 +40,88 @@ _ERRORS: Final = {
 """Names and remedies of the bits of Hardware Error Status"""
 
 
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """The registers of a servo as read; missing ones do not exist in it."""
+
+    table: Table
+    values: Mapping[str, int]
+    model: Model
+    constant: float
+    """Torque per current of the motor [N·m/A]"""
+    torque_limit: float
+    """The configured one [N·m]; 0: the servo's own"""
+
+    def __getitem__(self, name: str) -> int:
+        """Return the value of a register, which must exist."""
+        return self.values[name]
+
+    @property
+    def volts(self) -> float:
+        """Return the present supply [V]."""
+        return self["present_input_voltage"] / 10
+
+    @property
+    def law(self) -> TorqueLaw:
+        """Return the relation of goal currents and torques at the present supply."""
+        return torque_law(self.model, self.constant, self.volts)
+
+    def factory(self, name: str) -> int:
+        """Return the factory setting of a register."""
+        return self.table.registers[name].default
+
+    def bounds(self, watchdog: int) -> DrivingRange:
+        """Return the range in which the servo may be driven.
+
+        Args:
+            watchdog: Setting of Bus Watchdog [20 ms].
+        """
+        names = ("min_voltage_limit", "max_voltage_limit", "temperature_limit")
+        return DrivingRange(watchdog, *(self[name] for name in names))
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """One row of the table, and the repair of its fault: bits of a register, or a reboot."""
+
+    reads: tuple[str, ...]
+    """The registers that it judges; the rule is for servos that have them"""
+    judge: Callable[[Seen], Check]
+    refuses: bool = False
+    """Whether a start is refused by it"""
+    register: str | None = None
+    """The one to repair; None: a person's decision; empty: a reboot"""
+    value: int | None = 0
+    """None: the factory's"""
+    mask: int = 0xFFFF
+    """The affected bits of ``value``"""
+
+
+def checked(name: str, ok: bool, found: str, wanted: str, why: str, advice: str) -> Check:
+    """Return a check of which a fault is told as a sentence, ``WHY: ADVICE``.
+
+    Args:
+        name: Name of the check.
+        ok: There is no fault.
+        found: What was found.
+        wanted: What would be right.
+        why: The fault.
+        advice: The remedy; with ``ok`` and no ``why`` it says what could be better.
+    """
+    remedy = f"{why}: {advice}" if not ok else "" if why else advice
+    return Check(name, ok, found, wanted, remedy)
+
+
 # Before anything else: without model and firmware no register has a meaning
 
 
-def judge_model(number: int, name: str) -> Verdict:
+def judge_model(number: int, name: str) -> Check:
     """Judge a model number against the name of the configured model."""
     model = model_by_number(number)
     advice = f"connect an {name}"
     if model is None:
-        return Verdict(
+        return checked(
+            "model",
             False,
             f"unknown model ({number})",
             name,
@@ -62,10 +135,10 @@ def judge_model(number: int, name: str) -> Verdict:
     elif model.name != name:
         advice += f", or set servo.model={model.name}"
     ok = model.name == name and model.current_mode
-    return Verdict(ok, f"{model.name} ({number})", name, why, advice)
+    return checked("model", ok, f"{model.name} ({number})", name, why, advice)
 
 
-def judge_firmware(model: Model, firmware: int) -> Verdict:
+def judge_firmware(model: Model, firmware: int) -> Check:
     """Judge a firmware, by its Bus Watchdog."""
     why = advice = ""
     ok = firmware >= WATCHDOG_FIRMWARE
@@ -74,7 +147,7 @@ def judge_firmware(model: Model, firmware: int) -> Verdict:
         advice = "update it with Dynamixel Wizard"
     elif not model.knows_fast_reads(firmware):
         advice = f"{model.fast_sync_read_firmware} or later reads several servos in one reply"
-    return Verdict(ok, str(firmware), f"at least {WATCHDOG_FIRMWARE}", why, advice)
+    return checked("firmware", ok, str(firmware), f"at least {WATCHDOG_FIRMWARE}", why, advice)
 
 
 def be_alone(table: Table) -> None:
@@ -112,14 +185,14 @@ def _clear(
         refuses: Whether a start is refused.
     """
 
-    def judge(seen: Seen) -> Verdict:
+    def judge(seen: Seen) -> Check:
         found = " and ".join(text for bit, text in dangers.items() if seen[register] >> bit & 1)
         if not found:
-            return Verdict(True, good, good)
-        return Verdict(False, found, good, why.format(found), advice)
+            return Check(name, True, good, good)
+        return checked(name, False, found, good, why.format(found), advice)
 
     mask = sum(1 << bit for bit in dangers)
-    return Rule(name, (register,), judge, Repair(register, 0, mask), refuses)
+    return Rule((register,), judge, refuses, register, 0, mask)
 
 
 def error_names(error: int) -> str:
@@ -134,49 +207,55 @@ def what_to_do(error: int) -> str:
     return f"{remove}; then reboot it, or switch its power off and on; only this clears the error"
 
 
-def _error(seen: Seen) -> Verdict:
+def _error(seen: Seen) -> Check:
     error = seen["hardware_error_status"]
     if not error:
-        return Verdict(True, "none", "none")
+        return Check("hardware error", True, "none", "none")
     names = error_names(error) or "unknown"
     why = f"It has latched a hardware error ({names})"
-    return Verdict(False, f"{names} (0x{error:02x})", "none", why, what_to_do(error))
+    return checked(
+        "hardware error", False, f"{names} (0x{error:02x})", "none", why, what_to_do(error)
+    )
 
 
-def _status_level(seen: Seen) -> Verdict:
+def _status_level(seen: Seen) -> Check:
     level = seen["status_return_level"]
     why = "It does not confirm writes"
     advice = f"set Status Return Level (68) to {STATUS_LEVEL}; a run does so itself"
-    return Verdict(level == STATUS_LEVEL, str(level), str(STATUS_LEVEL), why, advice)
+    return checked(
+        "status return level", level == STATUS_LEVEL, str(level), str(STATUS_LEVEL), why, advice
+    )
 
 
-def _return_delay(seen: Seen) -> Verdict:
+def _return_delay(seen: Seen) -> Check:
     delay = seen["return_delay_time"]
     found = f"{delay} ({delay * RETURN_DELAY_UNIT_NS // 1000} µs)"
     if not delay:
-        return Verdict(True, found, "0")
+        return Check("return delay", True, found, "0")
     advice = "write 0 to Return Delay Time (9); a run does so itself"
-    return Verdict(False, found, "0", "It delays every reply", advice)
+    return checked("return delay", False, found, "0", "It delays every reply", advice)
 
 
-def _secondary_id(seen: Seen) -> Verdict:
+def _secondary_id(seen: Seen) -> Check:
     second = seen["secondary_id"]
     if second > 252:
-        return Verdict(True, "none", "none")
+        return Check("secondary id", True, "none", "none")
     why = f"It also obeys writes to id {second}, without a reply"
-    return Verdict(False, str(second), "none", why, "write 255 to Secondary ID (12)")
+    return checked(
+        "secondary id", False, str(second), "none", why, "write 255 to Secondary ID (12)"
+    )
 
 
-def _shutdown(seen: Seen) -> Verdict:
+def _shutdown(seen: Seen) -> Check:
     shutdown, factory = seen["shutdown"], seen.factory("shutdown")
     wanted = f"{factory}, the factory setting"
     if not (missing := error_names(factory & ~shutdown)):
-        return Verdict(True, str(shutdown), wanted)
+        return Check("shutdown", True, str(shutdown), wanted)
     why, advice = f"It does not protect itself from {missing}", f"write {factory} to Shutdown (63)"
-    return Verdict(False, f"{shutdown}, without {missing}", wanted, why, advice)
+    return checked("shutdown", False, f"{shutdown}, without {missing}", wanted, why, advice)
 
 
-def _current_limit(seen: Seen) -> Verdict:
+def _current_limit(seen: Seen) -> Check:
     current, most, name = seen["current_limit"], seen.model.current_limit, seen.model.name
     torque = seen.law.torque(current)
     why = advice = ""
@@ -191,46 +270,54 @@ def _current_limit(seen: Seen) -> Verdict:
             f"servo.torque_limit is {seen.torque_limit:g} N·m: raise Current Limit (38), or accept "
             "the servo's lower limit"
         )
-    return Verdict(not why, f"{current} ({torque:.2f} N·m)", f"1 to {most}", why, advice)
+    return checked(
+        "current limit", not why, f"{current} ({torque:.2f} N·m)", f"1 to {most}", why, advice
+    )
 
 
-def _pwm_limit(seen: Seen) -> Verdict:
+def _pwm_limit(seen: Seen) -> Check:
     pwm, full, model = seen["pwm_limit"], seen.factory("pwm_limit"), seen.model
     stall = model.stall_torque or seen.law.torque(model.current_limit)
     torque = pwm / full * seen.volts / model.voltage * stall
     found = f"{pwm} ({torque:.2g} N·m at a standstill)"
     if pwm < _LEAST_PWM * full:
         why = f"Its PWM Limit (36) bounds the torque to {torque:.2g} N·m at a standstill"
-        return Verdict(False, found, str(full), why, "raise it with Dynamixel Wizard")
+        return checked("PWM limit", False, found, str(full), why, "raise it with Dynamixel Wizard")
     advice = "" if pwm >= full else "the torque at high speed is lower: raise PWM Limit (36)"
-    return Verdict(True, found, str(full), advice=advice)
+    return Check("PWM limit", True, found, str(full), advice)
 
 
-def _supply(seen: Seen) -> Verdict:
+def _supply(seen: Seen) -> Check:
     volts, bounds, nominal = seen.volts, seen.bounds(0), seen.model.voltage
     wanted = f"{bounds.lowest / 10:g} to {bounds.highest / 10:g} V"
     if fault := bounds.supply_fault(seen["present_input_voltage"]):
-        return Verdict(False, f"{volts:g} V", wanted, f"It {fault.what}", fault.advice.rstrip("."))
+        return checked(
+            "supply", False, f"{volts:g} V", wanted, f"It {fault.what}", fault.advice.rstrip(".")
+        )
     advice = ""
     if abs(volts - nominal) > 0.15 * nominal:
         advice = f"its stall torque holds at {nominal:g} V; here the largest torque differs"
-    return Verdict(True, f"{volts:g} V", wanted, advice=advice)
+    return Check("supply", True, f"{volts:g} V", wanted, advice)
 
 
-def _temperature(seen: Seen) -> Verdict:
+def _temperature(seen: Seen) -> Check:
     celsius, bounds = seen["present_temperature"], seen.bounds(0)
     found, wanted = f"{celsius} °C", f"at most {bounds.warmest} °C"
     if fault := bounds.heat_fault(celsius):
-        return Verdict(False, found, wanted, f"It {fault.what}", fault.advice.rstrip("."))
+        return checked(
+            "temperature", False, found, wanted, f"It {fault.what}", fault.advice.rstrip(".")
+        )
     warm = celsius > bounds.warmest - _WARM
     advice = "it is close to the limit at which it shuts down" if warm else ""
-    return Verdict(True, found, wanted, advice=advice)
+    return Check("temperature", True, found, wanted, advice)
 
 
 _SUPPLY: Final = ("present_input_voltage", "min_voltage_limit", "max_voltage_limit")
 _HEAT: Final = ("present_temperature", "temperature_limit")
 RULES: Final = (
-    Rule("status return level", ("status_return_level",), _status_level, Repair(*_ALL_REPLIES)),
+    Rule(
+        ("status_return_level",), _status_level, register="status_return_level", value=STATUS_LEVEL
+    ),
     _clear(
         "torque",
         "torque_enable",
@@ -240,7 +327,7 @@ RULES: Final = (
         "end that program, hold any load on the shaft, and switch its power off and on",
         refuses=False,
     ),
-    Rule("hardware error", ("hardware_error_status",), _error, Repair(), True),
+    Rule(("hardware_error_status",), _error, refuses=True, register=""),
     _clear(
         "direction",
         "drive_mode",
@@ -274,13 +361,13 @@ RULES: Final = (
         "Its Startup Configuration means {}",
         f"{_FIX} clears these bits of Startup Configuration (60)",
     ),
-    Rule("return delay", ("return_delay_time",), _return_delay, Repair("return_delay_time")),
-    Rule("secondary id", ("secondary_id",), _secondary_id, Repair("secondary_id", 255)),
-    Rule("shutdown", ("shutdown",), _shutdown, Repair("shutdown", None)),
-    Rule("current limit", ("current_limit", "present_input_voltage"), _current_limit, refuses=True),
-    Rule("PWM limit", ("pwm_limit", "present_input_voltage"), _pwm_limit),
-    Rule("supply", (*_SUPPLY, *_HEAT), _supply, refuses=True),
-    Rule("temperature", (*_HEAT, *_SUPPLY), _temperature, refuses=True),
+    Rule(("return_delay_time",), _return_delay, register="return_delay_time"),
+    Rule(("secondary_id",), _secondary_id, register="secondary_id", value=255),
+    Rule(("shutdown",), _shutdown, register="shutdown", value=None),
+    Rule(("current_limit", "present_input_voltage"), _current_limit, refuses=True),
+    Rule(("pwm_limit", "present_input_voltage"), _pwm_limit),
+    Rule((*_SUPPLY, *_HEAT), _supply, refuses=True),
+    Rule((*_HEAT, *_SUPPLY), _temperature, refuses=True),
 )
 """In the order in which they are printed, and repaired but for a reboot, which comes last: torque
 locks EEPROM, and a reboot follows Startup Configuration"""
@@ -307,8 +394,8 @@ def read_servo(
     return Seen(table, values, model, constant, torque_limit)
 
 
-def judge(seen: Seen, *, start: bool = False) -> Iterator[tuple[Rule, Verdict]]:
-    """Yield every rule that applies to a servo, with its verdict.
+def judge(seen: Seen, *, start: bool = False) -> Iterator[tuple[Rule, Check]]:
+    """Yield every rule that applies to a servo, with its check.
 
     Args:
         seen: The servo.
@@ -316,4 +403,5 @@ def judge(seen: Seen, *, start: bool = False) -> Iterator[tuple[Rule, Verdict]]:
     """
     for rule in RULES:
         if (rule.refuses or not start) and all(name in seen.values for name in rule.reads):
-            yield rule, rule.judge(seen)
+            check = rule.judge(seen)
+            yield rule, replace(check, fixable=not check.ok and rule.register is not None)

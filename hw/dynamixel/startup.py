@@ -16,7 +16,9 @@ from haptic_wall.hw.dynamixel.register_access import ECHOES, Table
 from haptic_wall.hw.dynamixel.registers import CURRENT_MODE, POSITION_UNIT
 from haptic_wall.hw.dynamixel.rules import (
     STATUS_LEVEL,
+    Seen,
     be_alone,
+    checked,
     judge,
     judge_firmware,
     judge_model,
@@ -25,9 +27,8 @@ from haptic_wall.hw.dynamixel.rules import (
 from haptic_wall.hw.dynamixel.samples import Sample
 from haptic_wall.hw.dynamixel.tables import Model
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
-from haptic_wall.hw.dynamixel.verdict import Seen, Verdict
 from haptic_wall.hw.dynamixel.watchdog import watchdog_units
-from haptic_wall.hw.errors import UnfitServoError
+from haptic_wall.hw.errors import Problem, UnfitServoError
 from haptic_wall.hw.serialport.timer import describe, timer_file, timer_ms
 from haptic_wall.hw.servo import Check, Outcome
 from haptic_wall.hw.settings import DriverSettings
@@ -80,7 +81,6 @@ class Startup:
         where = settings.port or "the emulated bus in memory"
         self._name = f"servo with id {settings.id} on {where}"
         self._checks: list[Check] = []
-        self._faults: list[Verdict] = []
 
     def run(self, number: int) -> Ready:
         """Check everything, set what the driver may set, and enable torque at zero torque.
@@ -100,8 +100,7 @@ class Startup:
         self._torque_off()
         settings, table = self._settings, self._table
         seen = read_servo(table, self._model, self._constant, settings.torque_limit, start=True)
-        for rule, verdict in judge(seen, start=True):
-            self._judge(rule.name, verdict)
+        self._checks += (check for _, check in judge(seen, start=True))
         self._refuse_if_unfit()
         self._set_up()
         self._report_speed(seen.volts)
@@ -110,8 +109,8 @@ class Startup:
         longest_ns, reply_ns = self._measure_reply()
         self._refuse_if_unfit()
         self._torque_on()
-        proof = prove_the_sign(settings, seen.law, seen["current_limit"], table, self._name)
-        self._judge("torque sign", proof)
+        sign = prove_the_sign(settings, seen.law, seen["current_limit"], table, self._name)
+        self._checks.append(sign)
         self._refuse_if_unfit()
         bounds = seen.bounds(watchdog_units(settings.watchdog_s))
         return Ready(self._checks, seen, bounds, reply_ns, longest_ns)
@@ -131,16 +130,16 @@ class Startup:
     def _identify(self, number: int) -> None:
         """Check model and firmware, and have every instruction answered."""
         table = self._table
-        self._judge("model", judge_model(number, self._model.name))
+        self._checks.append(judge_model(number, self._model.name))
         self._refuse_if_unfit()
         before = table.try_read("status_return_level")  # at 0 reads have no reply
         level = table.write("status_return_level", STATUS_LEVEL)  # a silent second servo takes it
         found = str(level) if level == before else f"{before or 0}, set to {level}"
-        why, advice = "It does not answer every instruction", "reboot it"
-        verdict = Verdict(level == STATUS_LEVEL, found, str(STATUS_LEVEL), why, advice)
-        self._judge("status return level", verdict)
+        why = "It does not answer every instruction"
+        ok = level == STATUS_LEVEL
+        self._judge("status return level", ok, found, str(STATUS_LEVEL), why, "reboot it")
         firmware = table.read("firmware_version")
-        self._judge("firmware", judge_firmware(self._model, firmware))
+        self._checks.append(judge_firmware(self._model, firmware))
         self._refuse_if_unfit()
         table.registers = self._model.registers_at(firmware)
 
@@ -170,8 +169,7 @@ class Startup:
         )
         ok = limit <= 0.0 or law.within(limit) > 0
         found = f"{self._constant:.3g} N·m/A, {origin}"
-        verdict = Verdict(ok, found, "measured", why, "raise servo.torque_limit")
-        self._judge("torque per current", verdict)
+        self._judge("torque per current", ok, found, "measured", why, "raise servo.torque_limit")
 
     def _measure_reply(self) -> tuple[int, int]:
         """Return the time of a reply [ns], and again if longer than the schedules allow; else 0.
@@ -203,10 +201,8 @@ class Startup:
         was_on = self._table.read("torque_enable") != 0
         off = not was_on or self._table.write("torque_enable", 0) == 0
         found = "off" if not was_on else "on, switched off" if off else "on"
-        self._judge(
-            "torque at the start",
-            Verdict(off, found, "off", "Its torque stays on", "switch its power off"),
-        )
+        why, advice = "Its torque stays on", "switch its power off"
+        self._judge("torque at the start", off, found, "off", why, advice)
 
     def _set_up(self) -> None:
         """Set mode, return delay, goal and watchdog where they differ, and read them back."""
@@ -228,14 +224,13 @@ class Startup:
         found = str(after) if after == before else f"{before}, set to {after}"
         why = f"Its {self._table.label(register_name)} stays {after} when {wanted} is written"
         advice = "reboot it, and look for another program on this bus"
-        self._judge(name, Verdict(after == wanted, found, str(wanted), why, advice))
+        self._judge(name, after == wanted, found, str(wanted), why, advice)
 
     def _torque_on(self) -> None:
         """Enable torque; the goal is zero."""
         on = self._table.write("torque_enable", 1) == 1
         advice = "check its supply voltage and Hardware Error Status (70)"
-        found = "on" if on else "off"
-        self._judge("torque", Verdict(on, found, "on", "Its torque stays off", advice))
+        self._judge("torque", on, "on" if on else "off", "on", "Its torque stays off", advice)
         self._refuse_if_unfit()
 
     # Tools
@@ -243,19 +238,14 @@ class Startup:
     def _report(self, name: str, found: str, wanted: str) -> None:
         self._checks.append(Check(name, True, found, wanted))
 
-    def _judge(self, name: str, verdict: Verdict) -> None:
-        self._checks.append(verdict.check(name))
-        if not verdict.ok:
-            self._faults.append(verdict)
+    def _judge(self, name: str, ok: bool, found: str, wanted: str, why: str, advice: str) -> None:
+        self._checks.append(checked(name, ok, found, wanted, why, advice))
 
     def _refuse_if_unfit(self) -> None:
         """Raise if any check failed so far, with a sentence for each."""
-        if not self._faults:
-            return
-        *others, last = self._faults
-        unfit = f"The {self._name} must not be driven as it is."
-        told = (f"{fault.why}: {fault.advice}." for fault in others)
-        raise UnfitServoError(" ".join((unfit, *told, last.why)), advice=f"{last.advice}.")
+        if told := " ".join(f"{check.fix}." for check in self._checks if not check.ok):
+            unfit = f"The {self._name} must not be driven as it is."
+            raise UnfitServoError(Problem(unfit, advice=told, mark=" "))
 
     def _sample(self) -> Sample:
         """Return a position, over the same path as the running cycle."""

@@ -67,8 +67,9 @@ def torque_law(model: Model, constant: float, volts: float) -> TorqueLaw:
     """
     if not model.senses_supply_current:
         return TorqueLaw(constant * model.current_unit_ma * 1e-3)
-    unit = model.current_unit_ma * 1e-3
-    return TorqueLaw(constant * motor_current(unit, volts, 0.0, resistance(model), 0.0), True)
+    ohms = resistance(model)
+    current = math.sqrt(4.0 * ohms * volts * (model.current_unit_ma * 1e-3)) / (2.0 * ohms)
+    return TorqueLaw(constant * current, True)  # R i² = U i_s
 
 
 def resistance(model: Model) -> float:
@@ -80,43 +81,3 @@ def resistance(model: Model) -> float:
     return model.voltage / (
         model.stall_current or model.current_limit * model.current_unit_ma * 1e-3
     )
-
-
-def supply_current(
-    current: float, volts: float, speed: float, resistance: float, back_emf: float
-) -> float:
-    """Return the current sensed at the supply [A] when ``current`` [A] flows through the motor.
-
-    It has the sign of the motor's, as a direction; the manual's Goal Current has one too.
-
-    Args:
-        current: Current of the motor [A].
-        volts: Voltage of the supply [V].
-        speed: Speed of the output [rad/s].
-        resistance: R [ohm].
-        back_emf: k_e at the output [V·s/rad].
-    """
-    return abs((resistance * current + back_emf * speed) / volts) * current
-
-
-def motor_current(
-    sensed: float, volts: float, speed: float, resistance: float, back_emf: float
-) -> float:
-    """Return the motor current [A] at which ``sensed`` [A] is measured at the supply; 0 for 0.
-
-    Where the shaft is driven against the wanted direction, at least the current of a shorted motor
-    flows:
-    the supply does not see that part.
-
-    Args:
-        sensed: Current of the supply [A].
-        volts: Voltage of the supply [V].
-        speed: Speed of the output [rad/s].
-        resistance: R [ohm].
-        back_emf: k_e at the output [V·s/rad].
-    """
-    if sensed == 0.0:
-        return sensed
-    along = math.copysign(back_emf * speed, speed * sensed)
-    root = math.sqrt(along * along + 4.0 * resistance * volts * abs(sensed))
-    return math.copysign((root - along) / (2.0 * resistance), sensed)

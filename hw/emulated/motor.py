@@ -16,10 +16,11 @@ Source: ROBOTIS e-Manual, specification and "Goal Current" of each model.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from haptic_wall.hw.dynamixel.tables import Model
-from haptic_wall.hw.dynamixel.torque_law import motor_current, resistance, supply_current
+from haptic_wall.hw.dynamixel.torque_law import resistance
 from haptic_wall.hw.plant.current_loop import Winding
 
 
@@ -61,16 +62,26 @@ class Motor:
         return (self.resistance * current + self.back_emf * speed) / volts
 
     def sensed(self, current: float, volts: float, speed: float) -> float:
-        """Return the current that the servo measures [A] at a motor current ``current`` [A]."""
+        """Return the current that the servo measures [A] at a motor current ``current`` [A].
+
+        That of the supply has the sign of the motor's, as a direction; the manual's Goal Current
+        has one too.
+        """
         if not self.senses_supply:
             return current
-        return supply_current(current, volts, speed, self.resistance, self.back_emf)
+        return abs(self.duty(current, volts, speed)) * current
 
     def from_sensed(self, sensed: float, volts: float, speed: float) -> float:
-        """Return the motor current [A] at a measured current ``sensed`` [A]; 0 for 0."""
-        if not self.senses_supply:
+        """Return the motor current [A] at a measured current ``sensed`` [A]; 0 for 0.
+
+        Where the shaft is driven against the wanted direction, at least the current of a shorted
+        motor flows: the supply does not see that part.
+        """
+        if not self.senses_supply or sensed == 0.0:
             return sensed
-        return motor_current(sensed, volts, speed, self.resistance, self.back_emf)
+        along = math.copysign(self.back_emf * speed, speed * sensed)
+        root = math.sqrt(along * along + 4.0 * self.resistance * volts * abs(sensed))
+        return math.copysign((root - along) / (2.0 * self.resistance), sensed)
 
 
 def motor_of(model: Model, torque_constant: float) -> Motor:

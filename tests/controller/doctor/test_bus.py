@@ -18,17 +18,16 @@ from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser
 from haptic_wall.hw.dynamixel.codec.frames import Frame
 from haptic_wall.hw.dynamixel.register_access import Table
-from haptic_wall.hw.dynamixel.rules import judge, read_servo
+from haptic_wall.hw.dynamixel.rules import Rule, judge, read_servo
 from haptic_wall.hw.dynamixel.tables import MODELS
-from haptic_wall.hw.dynamixel.verdict import Rule, Verdict
 from haptic_wall.hw.emulated.adapter import Adapter
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.errors import PortError
 from haptic_wall.hw.serialport import timer as latency
+from haptic_wall.hw.servo import Check
 from haptic_wall.hw.truth import TrueServo
-from tests.typed import not_none
 
 MS = 1_000_000
 BAUD = 4_000_000
@@ -84,25 +83,25 @@ class Bus:
             table.write(name, value)
         self.sent.clear()
 
-    def judged(self, torque_limit: float = 4.0) -> dict[str, tuple[Rule, Verdict]]:
+    def judged(self, torque_limit: float = 4.0) -> dict[str, tuple[Rule, Check]]:
         seen = read_servo(self.table, MODELS["XM430-W350"], 4.1 / 2.3, torque_limit)
-        return {rule.name: (rule, verdict) for rule, verdict in judge(seen)}
+        return {check.name: (rule, check) for rule, check in judge(seen)}
 
     def wrong(self) -> list[str]:
-        return [name for name, (_, verdict) in self.judged().items() if not verdict.ok]
+        return [name for name, (_, check) in self.judged().items() if not check.ok]
 
-    def verdict(self, name: str) -> Verdict:
+    def check(self, name: str) -> Check:
         return self.judged()[name][1]
 
     def mend(self, name: str) -> Change:
         rule, _ = self.judged()[name]
-        return mend(self.table, self.clock, name, not_none(rule.repair))
+        return mend(self.table, self.clock, name, rule)
 
     def mend_all(self) -> list[Change]:
         """Mend what is wrong, in the order of the table, but reboot last."""
-        repairs = {n: not_none(r.repair) for n, (r, v) in self.judged().items() if not v.ok}
-        order = sorted(repairs, key=lambda name: not repairs[name].register)
-        return [mend(self.table, self.clock, name, repairs[name]) for name in order]
+        wrong = [(check.name, rule) for rule, check in self.judged().values() if not check.ok]
+        order = sorted(wrong, key=lambda each: not each[1].register)
+        return [mend(self.table, self.clock, name, rule) for name, rule in order]
 
     def wrote(self) -> list[Frame]:
         return [f for f in self.sent if f.instruction in WRITING]
@@ -174,13 +173,13 @@ def test_what_hurts_is_found_and_mended_and_nothing_else_is_touched(fault: Fault
     bus = Bus(return_delay=0)
     bus.set(**{fault.register: fault.value})
     assert bus.wrong() == [fault.name]
-    assert bus.verdict(fault.name).found == fault.found
+    assert bus.check(fault.name).found == fault.found
     assert bus.wrote() == []
     assert bus.mend(fault.name).verified
     assert [frame.params[0] for frame in bus.wrote()] == [
         MODELS["XM430-W350"].registers[fault.register].address
     ]
-    assert bus.verdict(fault.name).found == fault.mended
+    assert bus.check(fault.name).found == fault.mended
     assert bus.wrong() == []
 
 
@@ -194,12 +193,12 @@ def test_a_latched_error_is_named_and_a_reboot_clears_what_has_no_cause_any_more
     bus = Bus()
     bus.set(max_voltage_limit=110)  # the emulated supply gives 12 V
     bus.wait(bus.clock.now_ns() + 10 * MS)
-    assert bus.verdict("hardware error").found == "input voltage (0x01)"
-    assert not bus.verdict("supply").ok
+    assert bus.check("hardware error").found == "input voltage (0x01)"
+    assert not bus.check("supply").ok
     assert not bus.mend("hardware error").verified  # it is still there
     bus.set(max_voltage_limit=160)
     assert bus.mend("hardware error").verified
-    assert bus.verdict("hardware error").ok
+    assert bus.check("hardware error").ok
 
 
 @pytest.mark.parametrize("startup", [1, 2])
@@ -223,7 +222,7 @@ def test_eeprom_that_is_locked_is_reported_and_not_taken_for_mended() -> None:
     change = bus.mend("return delay")
     assert not change.verified
     assert "refuses" in change.after
-    assert bus.verdict("return delay").found == "250 (500 µs)"
+    assert bus.check("return delay").found == "250 (500 µs)"
 
 
 def test_torque_is_never_enabled_by_any_repair() -> None:
@@ -265,17 +264,17 @@ def test_a_doubled_reply_is_not_taken_for_another_register() -> None:
 def test_too_low_a_current_limit_is_advice_and_none_at_all_or_an_impossible_one_is_wrong() -> None:
     bus = Bus()
     bus.set(current_limit=100)
-    low = bus.verdict("current limit")
+    low = bus.check("current limit")
     assert low.ok
     assert "0.48 N·m" in low.found
-    assert "servo.torque_limit" in low.advice
+    assert "servo.torque_limit" in low.fix
     bus.set(current_limit=0)
-    assert not bus.verdict("current limit").ok
+    assert not bus.check("current limit").ok
     bus.servos[1].memory["current_limit"] = 1194
-    found = bus.verdict("current limit")
+    found = bus.check("current limit")
     assert not found.ok
-    assert "at most 1193" in found.why
-    assert "replace the servo" in found.advice
+    assert "at most 1193" in found.fix
+    assert "replace the servo" in found.fix
 
 
 # Time

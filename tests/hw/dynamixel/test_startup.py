@@ -17,7 +17,7 @@ import pytest
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser
 from haptic_wall.hw.dynamixel.probe import Push, _Prober
 from haptic_wall.hw.dynamixel.register_access import Table
-from haptic_wall.hw.dynamixel.rules import RULES, read_servo
+from haptic_wall.hw.dynamixel.rules import judge, read_servo
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.adapter import Adapter
 from haptic_wall.hw.emulated.servo import EmulatedServo
@@ -588,10 +588,10 @@ def test_a_torque_that_does_not_come_is_no_wrong_sign(
     with pytest.raises(UnfitServoError, match=r"not come \(.* N·m, where .* measured") as refusal:
         bench.servo.start()
     assert ("raise PWM Limit (36), 16 of 885" in str(refusal.value)) is (pwm == 16)
-    rule = next(rule for rule in RULES if rule.name == "PWM limit")
     model = MODELS["XM430-W350"]
     seen = read_servo(Table.on(bench.line, 4_000_000, 1, "", model), model, 4.1 / 2.3, 0.0)
-    assert rule.judge(seen).ok is (pwm == 885)
+    (found,) = (check for _, check in judge(seen) if check.name == "PWM limit")
+    assert found.ok is (pwm == 885)
 
 
 def add_twin(bench: Bench, delay: int, *, position: float = 1.0, tick: int = 999) -> EmulatedServo:
