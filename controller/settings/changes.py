@@ -52,7 +52,9 @@ def changed(config: Config, sets: Sequence[str]) -> Config:
             del data["wall"][name]
     for section in ("wall", "delay"):
         data[section] |= given.get(section) or {}
-    return loaded(data, "of the running wall")
+    new = loaded(data, "of the running wall")
+    new.request()  # refuses a law of the user that the run has not imported
+    return new
 
 
 def difference(old: Config, new: Config) -> Mapping[str, Any]:
