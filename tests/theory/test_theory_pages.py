@@ -13,5 +13,5 @@ DOCS = Path(__file__).parents[2] / "docs"
 @pytest.mark.parametrize("page", ["limit-cycles.md"])
 def test_the_page_shows_what_comes_out(page: str) -> None:
     found = doctest.testfile(str(DOCS / page), module_relative=False, encoding="utf-8")
-    assert found.attempted > 5
+    assert found.attempted >= 5
     assert found.failed == 0
