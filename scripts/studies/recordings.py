@@ -202,7 +202,10 @@ def out_of(name: str) -> dict[str, Left]:
         # With the usual new terms, with next to none (as the model before), and from the
         # regression: the best fit of a simpler model may lie in another valley.
         little = {name: _LITTLE * value for name, value in usual.items()} | known
-        for start, own in ((usual, at), (little, at), (start_with(model, begun), None)):
+        starts = [(usual, at), (little, at)]
+        if found:
+            starts.append((start_with(model, begun), None))
+        for start, own in starts:
             near = fit(pieces, start, own, rounds=15)
             again = fit_anywhere(pieces, near.terms, near.own, rounds=12)
             shots += [near, again]

@@ -64,6 +64,8 @@ def judged(
     Returns:
         The models, one of them chosen, and the parameters of that one.
     """
+    if len(names) == 1:
+        return (Judged(names[0], first.rms, None, chosen=True),), first.terms
     pieces, _ = pieces_of(stretches, PIECE_S, PIECE_S)
     count = len(pieces.sampled)
     folds = np.arange(count) * min(_FOLDS, count) // count
@@ -73,11 +75,10 @@ def judged(
     for name in (*names, *richer):
         if name in richer and best == 0:
             break
-        if len(names) == 1:
-            found.append((Judged(name, first.rms, None), first.terms))
-            break
         # The best fit of a simpler model may lie in another valley than that of a richer one.
-        starts = [{**first.terms, **found[-1][1]}, begun, found[0][1]] if found else [first.terms]
+        starts = [{**first.terms, **found[-1][1]}, begun] if found else [first.terms]
+        if len(found) > 1:
+            starts.append(found[0][1])
         shots = [fit(pieces, start_with(name, each), rounds=_ROUNDS) for each in starts]
         shot = min(shots, key=lambda each: each.rms)
         error = None
