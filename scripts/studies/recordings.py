@@ -192,7 +192,7 @@ def out_of(name: str) -> dict[str, Left]:
     begun = first_terms(stretches, weight=True)
     terms = begun
     at: FloatArray | None = None
-    found = {}
+    found: dict[str, Left] = {}
     for model in PREDICTING:
         shots = []
         usual = start_with(model, {**terms, "coulomb": begun["coulomb"]})
