@@ -237,6 +237,7 @@ def test_a_killed_loop_has_its_torque_cut(tmp_path: Path) -> None:
     assert_torque_off(witness(tmp_path))
 
 
+@pytest.mark.whole
 def test_a_stopped_loop_has_its_torque_cut_and_says_nothing_when_resumed(tmp_path: Path) -> None:
     arguments = run_arguments("--duration", "60", "--witness", "witness.csv")
     arguments += ["--set", "safety.heartbeat_s=0.5"]
@@ -524,6 +525,7 @@ def test_the_wall_is_on_only_while_the_dead_man_is_held(
     assert np.any(rows["torque"][~is_off]), "it pulls the shaft, and friction keeps it beside"
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("pedal")
 def test_a_run_without_its_dead_man_never_comes_on(tmp_path: Path, servo: str) -> None:
     arguments = run_arguments("--hold", "pedal", "--duration", "0.5", servo=servo)

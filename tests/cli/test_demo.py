@@ -78,6 +78,7 @@ def demonstration(folder: Path) -> Iterator[subprocess.Popen[str]]:
         assert left == []
 
 
+@pytest.mark.whole
 @pytest.mark.realtime
 @pytest.mark.parametrize("wait_s", [whole_only(0.8), 1.5])
 def test_ctrl_c_while_it_starts_ends_all_of_it(tmp_path: Path, wait_s: float) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from haptic_wall.controller.theory.checks import IntArray
 from haptic_wall.hw.servo import Outcome
+from tests.cases import whole_only
 from tests.support.memory_session import run_in_memory
 from tests.typed import not_none
 
@@ -40,8 +41,15 @@ def swings(found: Any) -> list[float]:
     return [float(max(part)) for part in np.array_split(np.array(truth), 5)]
 
 
-@pytest.mark.parametrize("schedule", ["pipelined", "immediate"])
-@pytest.mark.parametrize("rate_hz", [1000, 500])
+@pytest.mark.parametrize(
+    ("rate_hz", "schedule"),
+    [
+        (1000, "pipelined"),
+        (500, "immediate"),
+        whole_only(1000, "immediate"),
+        whole_only(500, "pipelined"),
+    ],
+)
 def test_in_every_phase_it_runs_to_the_end_softer_and_says_why(
     rate_hz: int, schedule: str, thorough: bool, wholly: bool
 ) -> None:

@@ -6,6 +6,7 @@ from scripts import readme_output
 from tests.docs.test_commands import folder  # noqa: F401 - a fixture
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("folder")
 def test_what_is_shown_is_what_the_program_says() -> None:
     stale = [

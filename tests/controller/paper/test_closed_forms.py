@@ -38,6 +38,7 @@ def test_equation_13_is_the_boundary_of_one_sample() -> None:
     assert one_sample_limit(0.1, 1.01 * max_virtual_damping(1.0, 0.1, 1.0, 1.0)) == 0
 
 
+@pytest.mark.whole
 def test_points_of_figure_10() -> None:
     # delta = 0: one point each, below the line, at a damping that falls with the delay
     for delay in (0.0, 0.5, 1.0, 3.0):

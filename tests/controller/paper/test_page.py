@@ -81,6 +81,7 @@ def test_the_page_shows_every_item_with_its_files(made: tuple[Path, list[Made]],
     assert all((folder / link).is_file() for link in links)
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("name", ["table2", "fig3", "fig9"])
 def test_the_numbers_of_the_page_are_those_of_the_csv(
     made: tuple[Path, list[Made]], page: str, name: str
