@@ -52,8 +52,8 @@ if TYPE_CHECKING:
 def command(asked: Asked, fresh: bool, only_plan: bool, reach: float) -> None:
     """Examine, identify and measure CONFIG's servo; report its stiffest wall and the reasons.
 
-    It runs doctor, identify, delay, rendered and a short sweep, and writes DIR/config.yaml for
-    haptic-wall run and DIR/report.html for you. The shaft moves by itself and must be free.
+    It runs doctor, identify, delay and a short sweep, and writes DIR/config.yaml for haptic-wall
+    run, and DIR/report.html for you. The shaft moves by itself and must be free.
 
     Exit status: that of the first step that failed.
     """

@@ -20,7 +20,7 @@ _PARAMETERS = {
     "torque_gain": ("torque gain", ""),
     "backlash": ("backlash", "rad"),
 }
-_DEVICE, _STATIC = "delay of the servo, by further runs", "rendered over commanded stiffness"
+_DEVICE = "delay of the servo, by further runs"
 
 Figure = dict[str, float | None]
 """``value``, ``stderr``, and ``kick_rad``: the amplitude for which a limit holds"""
@@ -70,14 +70,13 @@ def _predicted(predictions: Mapping[str, Any]) -> Iterator[tuple[str, str, str, 
     yield _DEVICE, "s", "delay", predictions["parameters"]["delay"]
     for inserted in predictions["inserted_delay"]:
         yield _inserted_name(inserted), "s", "delay", inserted
-    yield _STATIC, "", "rendered", predictions["static_stiffness_ratio"]
     for point in predictions["critical_stiffness"]:
         yield _limit_name(point), "N·m/rad", "sweep", point
 
 
 def _figures(measured: Ended) -> Iterator[tuple[str, Figure]]:
     """Yield what was measured, by the names of the predictions."""
-    identify, delay, rendered = (measured.data(s) or {} for s in ("identify", "delay", "rendered"))
+    identify, delay = (measured.data(s) or {} for s in ("identify", "delay"))
     estimates = [(name, identify.get(key)) for key, (name, _) in _PARAMETERS.items()]
     if delay:
         estimates.append((_DEVICE, delay["parts"]["device"]))
@@ -85,10 +84,6 @@ def _figures(measured: Ended) -> Iterator[tuple[str, Figure]]:
     for name, each in estimates:
         if each and each["value"] is not None and math.isfinite(each["value"]):
             yield name, _figure(each["value"], each["stderr"])
-    for row in rendered.get("rows", ()):
-        if row["name"] == "static stiffness" and row["rendered"] and row["commanded"]:
-            error = (row["stderr"] or 0.0) / row["commanded"]
-            yield _STATIC, _figure(row["rendered"] / row["commanded"], error)
     for point in (measured.data("sweep") or {"points": ()})["points"]:
         if point["measured"] is not None:
             figure = _figure(point["measured"], point["uncertainty"], point["kick_rad"])

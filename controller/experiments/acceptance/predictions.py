@@ -31,8 +31,6 @@ _KICKS = (0.003, 0.006, 0.0125, 0.025, 0.05, 0.1)
 """[rad]"""
 _PERIODS = 0.1
 """Uncertainty of an inserted delay that is recovered [periods]"""
-_STATIC = 0.03
-"""Uncertainty of the ratio of rendered to commanded stiffness"""
 _PARAMETERS = ("inertia", "damping", "coulomb", "delay", "torque_gain", "backlash")
 
 
@@ -55,7 +53,6 @@ def predicted(config: Config) -> dict[str, Any]:
             for steps in DELAY_STEPS
             if steps
         ],
-        "static_stiffness_ratio": {"value": 1.0, "low": 1.0 - _STATIC, "high": 1.0 + _STATIC},
         "critical_stiffness": [_critical(config, point) for point in points(config)],
     }
 

@@ -6,13 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-Step = Literal["doctor", "identify", "delay", "rendered", "sweep"]
-STEPS: tuple[Step, ...] = ("doctor", "identify", "delay", "rendered", "sweep")
+Step = Literal["doctor", "identify", "delay", "sweep"]
+STEPS: tuple[Step, ...] = ("doctor", "identify", "delay", "sweep")
 TITLES: Mapping[Step, str] = {
     "doctor": "the testbed examined",
     "identify": "inertia, friction and delay identified",
     "delay": "the loop's delay measured",
-    "rendered": "rendered and commanded wall compared",
     "sweep": "the critical stiffness measured",
 }
 

@@ -13,7 +13,6 @@ from haptic_wall.controller.experiments.identify.identification import (
     announcement,
     bounds_of,
 )
-from haptic_wall.controller.experiments.rendered import rendering
 from haptic_wall.controller.experiments.sweep.sweep import excursion, expected_s
 from haptic_wall.controller.settings.config import Config
 
@@ -62,10 +61,6 @@ def announce(config: Config, reach: float) -> Announcement:
     runs = 1 + len(DELAY_STEPS)
     lines.append(f"delay: the same motions in {runs} runs, with periods inserted")
     seconds += loop_delay.START_S + runs * loop_delay.RUN_S
-    lines.append(
-        f"rendered: {rendering.announcement(config)}, with torques of up to {limit:.3g} N·m"
-    )
-    seconds += rendering.SECONDS
     if config.loop.clock == "simulated":
         lines.append("sweep: the shaft is released at a few settings, at rising stiffness")
         return Announcement(tuple(lines), seconds + _SWEEP_S)

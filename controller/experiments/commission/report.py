@@ -59,7 +59,6 @@ def report(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
         "doctor": (outcomes["doctor"].data or None) if "doctor" in outcomes else None,
         "identify": _without_text(found["identify"]),
         "delay": found["delay"],
-        "rendered": found["rendered"],
         "sweep": found["sweep"],
         "config": str(config_file) if found["identify"] is not None else None,
     }

@@ -39,8 +39,6 @@ from haptic_wall.hw.errors import ServoError
 JSON, PAGE, ALLOWED, ROWS = "commission.json", "report.html", "allowed.png", "commission.rows"
 """In the folder: report, page, the verdict's picture, the outcomes that are kept"""
 HARDWARE, WRONG = 4, 1
-_NEEDS_MODEL: frozenset[Step] = frozenset({"rendered", "sweep"})
-"""Steps that compare with the identified servo, and are planned with it"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +154,7 @@ def _obstacle(step: Step, outcomes: Mapping[Step, StepOutcome], config: Config) 
             if config.servo.kind == "simulated"
             else "its bus is on the simulated clock, there is none in real time to examine"
         )
-    if step in _NEEDS_MODEL and done(outcomes, "identify") is None:
+    if step == "sweep" and done(outcomes, "identify") is None:
         return "it needs the result of identify, for its plan and for comparison"
     return None
 

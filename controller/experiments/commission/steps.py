@@ -21,10 +21,6 @@ from haptic_wall.controller.experiments.holding import without_hand
 from haptic_wall.controller.experiments.identify.identification import identify
 from haptic_wall.controller.experiments.identify.identified_config import identified_config
 from haptic_wall.controller.experiments.identify.text import report as identify_report
-from haptic_wall.controller.experiments.rendered.rendering import (
-    measure_rendering,
-    rendering_report,
-)
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
 from haptic_wall.controller.experiments.sweep.result import PointResult
@@ -158,12 +154,6 @@ def run_delay(bench: StepContext) -> StepResult:
     return StepResult(delay_report(found, config.period_s, config.belief().delay.high), (found,))
 
 
-def run_rendered(bench: StepContext) -> StepResult:
-    """Measure the stiffness, the drag and the contacts that the servo renders."""
-    found = measure_rendering(bench.config, bench.logs, 0, bench.tell)
-    return StepResult(rendering_report(found), (found,))
-
-
 def run_sweep(bench: StepContext) -> StepResult:
     """Measure the critical stiffness at a few points; an interrupted sweep continues.
 
@@ -196,7 +186,6 @@ RUN: dict[Step, Callable[[StepContext], StepResult]] = {
     "doctor": run_doctor,
     "identify": run_identify,
     "delay": run_delay,
-    "rendered": run_rendered,
     "sweep": run_sweep,
 }
 """The function of each step"""
