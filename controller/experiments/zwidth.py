@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 
 from haptic_wall.controller.errors import ConfigError
-from haptic_wall.controller.experiments.commission.sweep_points import OPTIONS, points_at
+from haptic_wall.controller.experiments.commission.plan import OPTIONS, points_at
 from haptic_wall.controller.experiments.commission.verdict import GuardQuestion
 from haptic_wall.controller.experiments.holding import sample_age, without_hand
 from haptic_wall.controller.experiments.sweep.device import Device

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from haptic_wall.controller.experiments.commission.outcome import Step
-from haptic_wall.controller.experiments.commission.steps import Plot
+from haptic_wall.controller.experiments.commission.steps import Plot, Step
 from haptic_wall.controller.experiments.commission.verdict import GuardQuestion
 from haptic_wall.controller.report import style
 from haptic_wall.controller.report.delay import plot_delay

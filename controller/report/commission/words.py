@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from haptic_wall.controller.experiments.commission.report import INCOMPLETE, NOT_MEASURED
+from haptic_wall.controller.experiments.commission.sequence import INCOMPLETE, NOT_MEASURED
 from haptic_wall.controller.experiments.identify.text import UNITS
 from haptic_wall.controller.guard.delay_parts import ms
 

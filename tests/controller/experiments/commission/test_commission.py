@@ -16,8 +16,7 @@ import pytest
 
 from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.experiments.commission import plan, steps
-from haptic_wall.controller.experiments.commission.outcome import Step
-from haptic_wall.controller.experiments.commission.steps import StepContext, StepResult
+from haptic_wall.controller.experiments.commission.steps import Step, StepContext, StepResult
 from haptic_wall.controller.experiments.identify.bench import UnidentifiableError
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
 from haptic_wall.controller.experiments.sweep.sweep import sweep
