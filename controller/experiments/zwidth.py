@@ -165,7 +165,7 @@ def width_of(config: Config, velocity: Velocity) -> Width:
         return Width(velocity, None, str(error.problem))
     device = Device.of(two_sided)
     delay = device.lag + two_sided.delay.steps * device.period + sample_age(two_sided)
-    ceiling = device.ceiling(delay)
+    ceiling = device.loop.ceiling(delay)
     # Denser at small dampings: the encoder allows most servos a small part of the ceiling.
     dampings = np.concatenate([[0.0], ceiling * np.geomspace(_LEAST, _MOST, _POINTS)])
     one_sided = np.full(dampings.size, np.nan)

@@ -122,7 +122,7 @@ def expected(
         servo = Lossy(inertia / gain, damping / gain, coulomb / gain, backlash, **beside)
         delay = max(point["delay_s"] + late - belief.delay.value, 0.0)
         loop = point["virtual_damping"], device.period, delay, kick
-        limit = kick_limit(servo, *loop, device.velocity_samples)
+        limit = kick_limit(servo, *loop, device.loop.samples)
         found.append(limit if math.isfinite(limit) else float(point["exact"]))
     value, soft, stiff = found
     low, high = min(soft, (1.0 - _PERCENT) * value), max(stiff, (1.0 + _PERCENT) * value)

@@ -124,10 +124,10 @@ def points_at(config: Config, steps: int) -> tuple[PlanePoint, ...]:
 def _sensible(config: Config, device: Device, steps: int) -> float:
     # A sample may be younger than assumed, and the limit then higher.
     delay = steps * device.period + device.lag
-    top = _CEILING * device.ceiling(delay + sample_age(config))
+    top = _CEILING * device.loop.ceiling(delay + sample_age(config))
     if device.position_step:
         share = config.guard.quantisation_share * device.torque_limit
-        top = min(top, share * device.velocity_samples * device.period / device.position_step)
+        top = min(top, share * device.loop.samples * device.period / device.position_step)
     if _has_room(device, top, steps, delay) or not _has_room(device, 0.0, steps, delay):
         return top  # in the second case no damping helps, and the sweep reports it
     low = 0.0
