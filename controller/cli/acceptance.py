@@ -5,13 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from haptic_wall import __version__
-from haptic_wall.controller.cli.commission import announced, folder_for, written
+from haptic_wall.controller.cli.commission import announced, folder_for, write_all, written
 from haptic_wall.controller.cli.experiment import REACH, Asked, experiment, folder_option, moving
 from haptic_wall.controller.cli.failure import EndedEarlyError
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
@@ -53,8 +53,7 @@ def command(asked: Asked, only_plan: bool, fresh: bool) -> None:
 
     Exit status: that of the first step that failed.
     """
-    from haptic_wall.controller.experiments.acceptance import bundle, predictions
-    from haptic_wall.controller.experiments.acceptance.twin import twin_of
+    from haptic_wall.controller.experiments import acceptance, bundle
     from haptic_wall.controller.experiments.commission.plan import announce
     from haptic_wall.controller.experiments.commission.sequence import run_steps
     from haptic_wall.controller.experiments.commission.steps import StepContext
@@ -67,35 +66,37 @@ def command(asked: Asked, only_plan: bool, fresh: bool) -> None:
     if out is None:
         return
     take_folder("--out", out, (), force=False)
-    refuse_foreign(out, predictions.FILE, (_JSON, _PAGE, bundle.FILE, _MEASURED, _EMULATED))
+    refuse_foreign(out, acceptance.FILE, (_JSON, _PAGE, bundle.FILE, _MEASURED, _EMULATED))
     announced(asked, announcement)
 
-    points = predictions.points(config)
-    encode = as_json
-    real_bench = StepContext(
-        config, asked.name, REACH, out / _MEASURED, encode, say, fresh, PLOTS, points
-    )
-    twin_bench = StepContext(
-        twin_of(config), asked.name, REACH, out / _EMULATED, encode, _quiet, fresh, points=points
-    )
+    bench = StepContext(config, asked.name, REACH, out / _MEASURED, say, fresh, PLOTS)
+    bench = replace(bench, points=acceptance.points(config))
     with writing("--out", out):
-        predicted = predictions.keep(out, config)
-        say(f"the predictions are written: {out / predictions.FILE}")
+        predicted = acceptance.keep(out, config)
+        say(f"the predictions are written: {out / acceptance.FILE}")
         with moving(config, announcement.seconds):
-            real = run_steps(real_bench)
-        written(real, asked.name, out / _MEASURED)
+            real = run_steps(bench)
+        written(real, asked.name, bench.folder)
         doctor = real.outcomes.get("doctor")
         if doctor is not None and doctor.ends_all:
             advice = f"then the same command with --out {out} continues"
             raise EndedEarlyError(
                 Problem(f"nothing has moved: {doctor.reason}", advice=advice), real.exit_status
             )
-        twin = None
+        twin = real
         if not real.interrupted:
             say("the same steps run on an emulated servo; nothing moves")
             with working("emulating", _EMULATED_S):
-                twin = run_steps(twin_bench)
-        if twin is None or twin.interrupted:
+                twin = run_steps(
+                    replace(
+                        bench,
+                        config=acceptance.twin_of(config),
+                        folder=out / _EMULATED,
+                        tell=lambda _text: None,  # its steps are those that were told before
+                        plots={},
+                    )
+                )
+        if twin.interrupted:
             advice = f"the same command with --out {out} continues"
             kept = Problem("interrupted: finished steps are kept", advice=advice)
             raise EndedEarlyError(kept, INTERRUPTED)
@@ -109,55 +110,38 @@ def _packed(
     asked: Asked, out: Path, predicted: dict[str, Any], real: Ended, twin: Ended
 ) -> dict[str, Any]:
     """Write report and bundle; return the report's data."""
-    from haptic_wall.controller.experiments.acceptance import bundle, predictions
-    from haptic_wall.controller.experiments.acceptance.judged import FAILS, HOLDS, rows
+    from haptic_wall.controller.experiments import acceptance, bundle
     from haptic_wall.controller.report.acceptance.page import page
 
-    found = rows(predicted, real, twin)
-    verdicts = [row["verdict"] for row in found]
+    found = acceptance.rows(predicted, real, twin)
+    holds, fails = (
+        sum(row["verdict"] == verdict for row in found)
+        for verdict in (acceptance.HOLDS, acceptance.FAILS)
+    )
     scrubber = bundle.Scrubber([out])
     config = asked.config
-    before = (out / predictions.FILE).read_bytes()
+    before = (out / acceptance.FILE).read_bytes()
     report = {
         **RESULT_MARK,
-        "program": f"haptic-wall {__version__}",
         "name": Path(asked.name).name,
-        "headline": f"{verdicts.count(HOLDS)} of {verdicts.count(HOLDS) + verdicts.count(FAILS)}"
-        " predictions hold",
+        "headline": f"{holds} of {holds + fails} predictions hold",
         "servo": config.servo.kind,
         "model": config.servo.model,
         "clock": config.loop.clock,
         "rate_hz": config.loop.rate_hz,
         "predictions_sha256": hashlib.sha256(before).hexdigest(),
         "rows": found,
-        "steps": _steps(real),
-        "emulated_steps": _steps(twin),
+        "steps": real.steps(),
+        "emulated_steps": twin.steps(),
         "versions": bundle.versions(),
     }
     clean: dict[str, Any] = scrubber.values(json.loads(as_json(report)))
-    own = {
-        _JSON: as_json(clean) + "\n",
-        _PAGE: page(clean),
-        predictions.FILE: before.decode(),
-    }
-    for name in (_JSON, _PAGE):
-        with whole(out / name) as part:
-            part.write_text(own[name], encoding="utf-8")
+    own = {_JSON: as_json(clean) + "\n", _PAGE: page(clean)}
+    write_all(out, own)
     folders = {name: out / name for name in (_MEASURED, _EMULATED)}
     with whole(out / bundle.FILE) as part:
-        bundle.pack(part, folders, own, scrubber)
+        bundle.pack(part, folders, {**own, acceptance.FILE: before.decode()}, scrubber)
     return clean | {"bundle": str(out / bundle.FILE), "report": str(out / _PAGE)}
-
-
-def _steps(ended: Ended) -> list[dict[str, Any]]:
-    return [
-        {"step": step, "state": outcome.state, "reason": outcome.reason}
-        for step, outcome in ended.outcomes.items()
-    ]
-
-
-def _quiet(_text: str) -> None:
-    """Tell nothing: the emulated servo's steps are those that were told before."""
 
 
 def _text(report: dict[str, Any]) -> str:

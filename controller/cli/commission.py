@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -22,7 +23,6 @@ from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.settings.load import Loaded
 from haptic_wall.controller.system.files import whole
-from haptic_wall.controller.system.json_text import RESULT_MARK
 from haptic_wall.controller.system.signals import on_signals
 
 if TYPE_CHECKING:
@@ -52,8 +52,8 @@ if TYPE_CHECKING:
 def command(asked: Asked, fresh: bool, only_plan: bool, reach: float) -> None:
     """Examine, identify and measure CONFIG's servo; report its stiffest wall and the reasons.
 
-    It runs doctor, identify, delay, rendered and a short sweep, and writes DIR/config.yaml for
-    haptic-wall run and DIR/report.html for you. The shaft moves by itself and must be free.
+    It runs doctor, identify, delay and a short sweep, and writes DIR/config.yaml for haptic-wall
+    run, and DIR/report.html for you. The shaft moves by itself and must be free.
 
     Exit status: that of the first step that failed.
     """
@@ -74,7 +74,7 @@ def command(asked: Asked, fresh: bool, only_plan: bool, reach: float) -> None:
 
     refuse_same_file({"CONFIG": asked.file, f"--out (its {CONFIG})": out / CONFIG})
     take_folder("--out", out, (), force=False)  # the sequence knows what may be replaced
-    bench = StepContext(config, asked.name, reach, out, as_json, say, fresh, PLOTS)
+    bench = StepContext(config, asked.name, reach, out, say, fresh, PLOTS)
     left = not is_complete(kept_steps(bench).done)
     if left:
         announced(asked, announcement)
@@ -147,22 +147,29 @@ def written(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
     Raises:
         OSError: They cannot be written.
     """
-    from haptic_wall.controller.experiments.commission.report import report
-    from haptic_wall.controller.experiments.commission.sequence import ALLOWED, JSON, PAGE
+    from haptic_wall.controller.experiments.commission.sequence import ALLOWED, JSON, PAGE, report
     from haptic_wall.controller.experiments.commission.verdict import GuardQuestion
     from haptic_wall.controller.report.commission.page import page
     from haptic_wall.controller.report.commission.picture import draw_allowed
 
-    data = report(ended, name, folder)
+    data: dict[str, Any] = json.loads(as_json(report(ended, name, folder)))
     question = GuardQuestion.of(ended.config, data["delay"])
     allowed = drawn_or_noted("--out", folder / ALLOWED, partial(draw_allowed, question, data))
     data["report"] = str(folder / PAGE)
-    with ExitStack() as both:
-        html = both.enter_context(whole(folder / PAGE))
-        html.write_text(page(data, folder, allowed), encoding="utf-8")
-        part = both.enter_context(whole(folder / JSON))
-        part.write_text(as_json({**RESULT_MARK, **data}) + "\n", encoding="utf-8")
+    write_all(folder, {PAGE: page(data, folder, allowed), JSON: as_json(data) + "\n"})
     return data
+
+
+def write_all(folder: Path, texts: Mapping[str, str]) -> None:
+    """Write texts to the files of their names: all, or none.
+
+    Raises:
+        OSError: One cannot be written.
+    """
+    with ExitStack() as all_or_none:
+        for name, text in texts.items():
+            part = all_or_none.enter_context(whole(folder / name))
+            part.write_text(text, encoding="utf-8")
 
 
 def _text(report: dict[str, Any], folder: Path) -> str:

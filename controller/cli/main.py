@@ -36,14 +36,13 @@ COMMANDS = {
     "config": "List all settings: value, unit, origin, range, meaning.",
     "boundary": "Compute the stiffness limits of a servo and their causes.",
     "map": "Simulate many walls of a servo; map the critical stiffness.",
-    "commission": "Run doctor, identify, delay, rendered and sweep in one.",
+    "commission": "Run doctor, identify, delay and sweep in one.",
     "acceptance": "Guide you through the acceptance of a first real servo.",
     "identify": "Measure inertia, friction and delay of a servo.",
     "sweep": "Measure the critical stiffness of a servo.",
     "zwidth": "Show which stiffness and damping a servo can render.",
     "delay": "Measure the loop's delay, from torque command to motion.",
     "detect": "Look for an oscillation in a log or a CSV.",
-    "rendered": "Compare the rendered stiffness with the commanded one.",
     "log": "Summarise a log; export it, draw it, cut it.",
     "bench": "Measure timing and speed on this machine, beside peers.",
     "init": "Write a commented configuration, to be edited.",
@@ -63,7 +62,6 @@ NEEDS_LINUX = frozenset(
         "sweep",
         "zwidth",
         "delay",
-        "rendered",
         "identify",
     }
 )

@@ -213,10 +213,7 @@ def _ended(found: CriticalMap) -> tuple[str, int] | None:
 def _default_dampings(setting: MapSettings, steps: Sequence[int]) -> list[float]:
     import numpy as np
 
-    from haptic_wall.controller.experiments.maps.limits import ceiling
-
-    delay = float(setting.delay(np.array(max(steps))))
-    most = ceiling(setting.servo, setting.period, delay, setting.velocity_samples)
+    most = setting.loop.ceiling(float(setting.delay(np.array(max(steps)))))
     # Denser at small values, where walls are used and the limits rise steeply.
     shares = np.linspace(0.0, 1.0, _DAMPINGS) ** 2
     return [float(f"{value:.4g}") for value in shares * most]

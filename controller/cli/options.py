@@ -22,6 +22,7 @@ from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.working import aside
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.files import is_full
+from haptic_wall.controller.system.json_text import plain
 from haptic_wall.controller.system.printable import printable
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -131,24 +132,8 @@ def as_json(value: Mapping[str, Any]) -> str:
     Raises:
         TypeError: It holds something that JSON cannot.
     """
-    text = json.dumps(_plain(value), indent=2, allow_nan=False)
+    text = json.dumps(plain(value, named), indent=2, allow_nan=False)
     return text.replace("\x7f", "\\u007f")  # the one control character that JSON takes as it is
-
-
-def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever a report holds
-    if isinstance(value, Mapping):
-        return {str(key): _plain(inner) for key, inner in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(inner) for inner in value]
-    if isinstance(value, str):
-        return named(value)
-    if isinstance(value, PurePath):
-        return str(value)
-    if hasattr(value, "tolist"):  # NumPy's scalars and arrays
-        return _plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 _COMMAND: Final = re.compile(r"(haptic-wall [a-z]+ )CONFIG\b")

@@ -18,13 +18,10 @@ from haptic_wall.controller.cli.experiment import (
 )
 from haptic_wall.controller.cli.numbers import Number, Numbers
 from haptic_wall.controller.cli.options import say
-from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.files import make_folder
 
 if TYPE_CHECKING:
-    from haptic_wall.controller.experiments.zwidth.impedance import Impedance
-    from haptic_wall.controller.experiments.zwidth.measured import Found
-    from haptic_wall.controller.experiments.zwidth.plane import Width
+    from haptic_wall.controller.experiments.zwidth import Width
 
 _MOST_SAMPLES = 30
 
@@ -43,13 +40,6 @@ _MOST_SAMPLES = 30
     help="own: measure the boundary with CONFIG's velocity; all: with all that are compared; none:"
     " do not measure. Default: all on the simulated clock, otherwise own.",
 )
-@click.option(
-    "--log",
-    type=click.Path(path_type=Path),
-    metavar="LOG",
-    help="Log of a run in which a hand moved the shaft in the wall; the impedance is computed from"
-    " it. Default: a run with a simulated hand; a real servo needs the log.",
-)
 @click.option("--fresh", is_flag=True, help="Measure the points of an earlier call again.")
 @experiment(
     folder_option(
@@ -59,80 +49,68 @@ _MOST_SAMPLES = 30
     of_walls=True,
     filters=True,
 )
-def command(
-    asked: Asked,
-    samples: list[int] | None,
-    measure: str | None,
-    log: Path | None,
-    fresh: bool,
-) -> None:
+def command(asked: Asked, samples: list[int] | None, measure: str | None, fresh: bool) -> None:
     """Show the Z-width of CONFIG's servo: the largest stiffness over the virtual damping.
 
     It compares velocities over several samples and with a filter: by exact theory, by the guard,
-    and by measurements as in sweep. It also shows the impedance of CONFIG's wall over frequency,
-    commanded and measured. A real shaft moves by itself, unless --measure none is given.
+    and by measurements as in sweep. A real shaft moves by itself, unless --measure none is given.
     """
-    from haptic_wall.controller.experiments.zwidth.measured import (
-        Found,
-        impedance_of,
-        measure_points,
-        seconds_of,
-    )
-    from haptic_wall.controller.experiments.zwidth.plane import velocities, width_of
+    from haptic_wall.controller.experiments.zwidth import measure_points, velocities, width_of
     from haptic_wall.controller.report.zwidth import plot_zwidth
 
     config = asked.config
-    if log is not None and not log.is_file():
-        raise UserError("there is no such file", field="--log", given=log, wanted="a run's log")
-    simulated = config.loop.clock == "simulated"
-    which = measure or ("all" if simulated else "own")
+    which = measure or ("all" if config.loop.clock == "simulated" else "own")
     widths = tuple(width_of(config, velocity) for velocity in velocities(config, samples))
     chosen = {"own": widths[:1], "all": widths, "none": ()}[which]
-    seconds = seconds_of(chosen)
-    if chosen:
-        _announce(asked, chosen, seconds)
-    else:
+    seconds = _announced(asked, chosen)
+    if not chosen:
         asked = replace(asked, yes=True)  # nothing moves
 
-    def found(folder: Path) -> Found:
+    def measured(folder: Path) -> Sequence[Width]:
         make_folder(folder)
         measure_points(chosen, folder / "measured", fresh, say)
-        runs = folder if which != "none" else None
-        return Found(config, widths, impedance_of(config, log, runs, say))
+        return widths
 
-    carry_out(asked, "zwidth", seconds, found, Found.report, plot_zwidth, _text)
+    carry_out(
+        asked,
+        "zwidth",
+        seconds,
+        measured,
+        lambda found: {
+            "servo": config.servo.kind,
+            "clock": config.loop.clock,
+            "period_s": config.period_s,
+            "side": config.wall.side,
+            "margin": config.guard.margin,
+            "widths": [width.report() for width in found],
+        },
+        lambda found, name, path: plot_zwidth(found, config.wall, name, path),
+        _text,
+    )
 
 
-def _announce(asked: Asked, chosen: Sequence[Width], seconds: float) -> None:
-    """Announce the motions."""
-    from haptic_wall.controller.experiments.commission.sweep_points import OPTIONS
-    from haptic_wall.controller.experiments.sweep.sweep import excursion
+def _announced(asked: Asked, chosen: Sequence[Width]) -> float:
+    """Announce the motions; return about how long they take in real time [s]."""
+    from haptic_wall.controller.experiments.sweep.sweep import excursion, expected_s
 
     config = asked.config
-    if config.loop.clock == "simulated":
-        return
-    say(f"about {seconds / 60.0:.0f} min in real time")
-    if config.servo.kind == "hardware":
-        far = max(
-            (
-                excursion(width.config, width.settings(), OPTIONS)
-                for width in chosen
-                if width.config is not None
-            ),
-            default=0.0,
-        )
-        say_swing(config.servo, far)
+    sweeps = [each for width in chosen if (each := width.sweep(Path())) is not None]
+    asked_for = [(each.config, each.settings, each.options) for each in sweeps]
+    seconds = sum(expected_s(*each) for each in asked_for)
+    if chosen and config.loop.clock != "simulated":
+        say(f"about {seconds / 60.0:.0f} min in real time")
+        if config.servo.kind == "hardware":
+            far = max((excursion(*each) for each in asked_for), default=0.0)
+            say_swing(config.servo, far)
+    return seconds
 
 
-def _text(found: Found) -> list[str]:
-    lines = [
+def _text(found: Sequence[Width]) -> list[str]:
+    return [
         "largest stiffness K [N·m/rad], and the virtual damping B [N·m·s/rad] there",
         f"{'velocity':<26}{'ceiling B':>10}{'exact K':>10}{'at B':>9}{'guard K':>10}{'at B':>9}",
+        *(line for width in found for line in _width_lines(width)),
     ]
-    for width in found.widths:
-        lines += _width_lines(width)
-    lines += ["", *_impedance_lines(found.impedance)]
-    return lines
 
 
 def _width_lines(width: Width) -> list[str]:
@@ -158,29 +136,6 @@ def _width_lines(width: Width) -> list[str]:
             f" friction {_cell(point.predicted_with_friction)}, kick {_cell(point.kick_rad)} rad"
         )
     return lines
-
-
-def _impedance_lines(found: Impedance) -> list[str]:
-    lines = [
-        f"impedance of {found.stiffness:.4g} N·m/rad with {found.virtual_damping:.3g} N·m·s/rad,"
-        f" delay {1e3 * found.delay_s:.3g} ms"
-        + (f"; measured from the torque {found.torque}" if found.rows else ""),
-        f"{'f [Hz]':>8}{'law K':>9}{'law B':>10}{'acting K':>10}{'acting B':>10}{'K':>9}{'B':>10}"
-        f"{'±':>8}{'coherence':>11}",
-    ]
-    for band in found.bands:
-        lines.append(
-            f"{band.frequency_hz:>8.3g}{band.commanded_stiffness:>9.4g}"
-            f"{band.commanded_damping:>10.3g}{band.acting_stiffness:>10.4g}"
-            f"{band.acting_damping:>10.3g}"
-            + (
-                f"  {band.reason or ''}"
-                if band.stiffness is None
-                else f"{band.stiffness:>9.4g}{band.damping:>10.3g}{band.stderr:>8.2g}"
-                f"{band.coherence:>11.3f}"
-            )
-        )
-    return [*lines, *filter(None, [found.reason])]
 
 
 def _cell(value: float | None) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.resources import files
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.report import style
 from haptic_wall.controller.theory import critical_stiffness
+from haptic_wall.hw.truth import TrueServo
 
 FloatArray = NDArray[np.float64]
 Simulate = Callable[[FloatArray, FloatArray], FloatArray]
@@ -24,6 +26,8 @@ DAMPING = 0.1
 """[N·s/m]"""
 PERIOD = 1e-3
 """[s]"""
+_KICK, _NEAR = 0.01, 1e-4
+"""Of the simulation: kick, which does not matter without friction, and relative accuracy"""
 PRINTED_STEP = 0.01
 """The table's last digit [N/m]"""
 SOURCES = ("theory", "simulation")
@@ -74,7 +78,7 @@ def compare(simulate: Simulate | None = None) -> Table2:
     """Compute all 36 cells.
 
     Args:
-        simulate: None: the experiment of ``haptic_wall.controller.experiments.maps.onset``.
+        simulate: None: the simulation of ``haptic_wall.controller.experiments.maps``.
     """
     delay_samples, virtual_damping, printed = _printed()
     delay, virtual = np.meshgrid(delay_samples * PERIOD, virtual_damping, indexing="ij")
@@ -84,10 +88,17 @@ def compare(simulate: Simulate | None = None) -> Table2:
 
 
 def _simulate(virtual_damping: FloatArray, delay: FloatArray) -> FloatArray:
-    from haptic_wall.controller.experiments.maps.onset import simulated_critical_stiffness
+    from haptic_wall.controller.experiments.maps.walls import critical, wall_of
 
-    found = simulated_critical_stiffness(INERTIA, DAMPING, virtual_damping, PERIOD, delay)
-    return np.asarray(found)
+    servo = TrueServo(INERTIA, DAMPING, counts_per_rev=0, torque_limit=math.inf)
+    guess = critical_stiffness(INERTIA, DAMPING, virtual_damping, PERIOD, delay)
+    found = [
+        critical(wall_of(servo, period=PERIOD, delay=late, virtual_damping=b), _KICK, k, _NEAR)
+        for b, late, k in zip(
+            *(a.ravel().tolist() for a in (virtual_damping, delay, guess)), strict=True
+        )
+    ]
+    return np.array(found).reshape(guess.shape)
 
 
 def _printed() -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -7,15 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from haptic_wall.controller.experiments.maps.limits import (
-    ceiling,
-    exact_limit,
-    one_sided_limit_of,
-)
 from haptic_wall.controller.experiments.maps.maps import CriticalMap
 from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.report import style
-from haptic_wall.controller.theory import linear_limit
 from haptic_wall.controller.theory.checks import FloatArray
 
 if TYPE_CHECKING:
@@ -54,26 +48,25 @@ def plot_map(found: CriticalMap, name: str, path: Path) -> None:
 
 
 def _over_damping(ax: Axes, found: CriticalMap, colours: dict[int, str]) -> None:
-    setting, servo = found.setting, found.setting.servo
+    setting = found.setting
     low, high = float(found.virtual_damping.min()), float(found.virtual_damping.max())
     ends = _signed_root(np.array([low, high]))
     # Squares of roots may miss the ends by rounding.
     across = np.clip(_signed_square(np.linspace(ends[0], ends[1], _POINTS)), low, high)
     for i, colour in colours.items():
         delay = float(found.delay[i])
-        most = ceiling(servo, setting.period, delay, setting.velocity_samples)
+        most = setting.loop.ceiling(delay)
         # The curve is drawn down to zero at the ceiling.
         damping = np.unique(np.append(across, most * (1 - np.geomspace(1e-4, 0.2, 20))))
         damping = damping[(damping >= low) & (damping <= high)]
-        loop = (damping, setting.period, np.array([[delay]]), setting.velocity_samples)
-        linear = linear_limit(servo.damping, damping, setting.period, delay)
+        linear, exact, one_sided = (
+            each[0] for each in setting.limits(damping, np.array([delay]), tolerance=0.01)
+        )
         dotted = (0, (1, 2))
         _curve(ax, damping, linear, color=colour, linewidth=0.6, linestyle=dotted)
-        exact = exact_limit(servo, *loop)[0]
         _curve(ax, damping, exact, color=colour, linewidth=0.9)
         if setting.one_sided:
-            limit = one_sided_limit_of(servo, *loop, tolerance=0.01)[0]
-            _curve(ax, damping, limit, color=colour, linewidth=0.9, linestyle="--")
+            _curve(ax, damping, one_sided, color=colour, linewidth=0.9, linestyle="--")
         for k, look in _shown_kicks(found).items():
             ax.plot(found.virtual_damping, _drawn(found.stiffness[i, :, k]), color=colour, **look)
     if not _root_scale(found):

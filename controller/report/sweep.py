@@ -122,6 +122,6 @@ def _legend(points: Sequence[PointResult], colours: dict[int, str]) -> list[Any]
 
 def _title(device: Device, name: str) -> str:
     return (
-        f"{style.titled(name)}: critical stiffness\nbelieved: $m$ {device.inertia:.3g} kg·m²,"
-        f" $b$ {device.damping:.3g} N·m·s/rad, Coulomb friction {device.coulomb:.3g} N·m"
+        f"{style.titled(name)}: critical stiffness\nbelieved: $m$ {device.loop.inertia:.3g} kg·m²,"
+        f" $b$ {device.loop.damping:.3g} N·m·s/rad, Coulomb friction {device.coulomb:.3g} N·m"
     )

@@ -1,9 +1,11 @@
-"""Reads strict JSON: Python's own reader accepts NaN and turns 1e400 into infinity."""
+"""Reads and makes strict JSON: Python's own accepts NaN, and turns 1e400 into infinity."""
 
 from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable, Mapping
+from pathlib import PurePath
 from typing import Any, Final
 
 from haptic_wall import __version__
@@ -27,3 +29,25 @@ def _finite(text: str) -> float:
     if not math.isfinite(number):
         raise ValueError(f"{text} is no number in JSON")
     return number
+
+
+def plain(value: Any, text: Callable[[str], str] = str) -> Any:  # noqa: ANN401 - any report's parts
+    """Return a value as JSON can hold it; numbers that are not finite become null.
+
+    Args:
+        value: Made of mappings, sequences, numbers (NumPy's too), texts and paths.
+        text: Changes each text.
+    """
+    if isinstance(value, Mapping):
+        return {str(key): plain(inner, text) for key, inner in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(inner, text) for inner in value]
+    if isinstance(value, str):
+        return text(value)
+    if isinstance(value, PurePath):
+        return str(value)
+    if hasattr(value, "tolist"):  # NumPy's scalars and arrays
+        return plain(value.tolist(), text)
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 import pytest
 
 from haptic_wall.controller.cli.main import main
-from haptic_wall.controller.experiments.acceptance import predictions
+from haptic_wall.controller.experiments import acceptance
 from haptic_wall.controller.experiments.commission import steps
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
 from haptic_wall.controller.experiments.sweep.sweep import sweep
@@ -49,9 +49,8 @@ def named(patch: pytest.MonkeyPatch, home: Path) -> None:
 
 def quicker(patch: pytest.MonkeyPatch) -> None:
     """Measure fewer points, in this process alone."""
-    patch.setattr(predictions, "short_sweep", lambda _config: SWEPT)
+    patch.setattr(acceptance, "short_sweep", lambda _config: SWEPT)
     patch.setattr(steps, "sweep", partial(sweep, workers=1))
-    patch.setattr(steps, "BURSTS", 3)
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +74,7 @@ def test_an_emulated_servo_is_accepted_to_the_end(tmp_path: Path) -> None:
     """Down to the bytes: each step through the driver, on a bus in memory."""
     with pytest.MonkeyPatch.context() as patch:
         quicker(patch)
-        patch.setattr(predictions, "short_sweep", lambda _config: SWEPT[:1])
+        patch.setattr(acceptance, "short_sweep", lambda _config: SWEPT[:1])
         assert call(*EMULATED, "--yes", "--out", tmp_path / "out") == 0
     report = report_of(tmp_path / "out")
     assert [s["step"] for s in report["steps"] if s["state"] != "done"] == ["doctor"]
@@ -92,7 +91,7 @@ def test_the_steps_are_taken_and_most_predictions_hold(accepted: Path) -> None:
     states = {step["step"]: step["state"] for step in report["steps"]}
     assert states == {
         "doctor": "skipped",  # there is no bus in real time
-        **dict.fromkeys(("identify", "delay", "rendered", "sweep"), "done"),
+        **dict.fromkeys(("identify", "delay", "sweep"), "done"),
     }
     verdicts = {row["name"]: row["verdict"] for row in report["rows"]}
     limits = [name for name in verdicts if name.startswith("critical stiffness")]

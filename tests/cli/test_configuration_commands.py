@@ -65,7 +65,7 @@ def test_config_shows_bounds_of_the_belief_and_marks_what_is_not_used() -> None:
     assert {"servo.inertia", "servo.hand"} < set(unused)
 
 
-@pytest.mark.parametrize("command", ["run", "config", "doctor", "identify", "delay", "rendered"])
+@pytest.mark.parametrize("command", ["run", "config", "doctor", "identify", "delay"])
 def test_a_configuration_that_is_a_pipe_is_refused_at_once(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,

@@ -47,7 +47,7 @@ def test_nobody_else_is(asked: list[str], monkeypatch: pytest.MonkeyPatch) -> No
     assert not asked
 
 
-@pytest.mark.parametrize("command", ["delay", "identify", "rendered", "sweep", "zwidth"])
+@pytest.mark.parametrize("command", ["delay", "identify", "sweep", "zwidth"])
 def test_every_experiment_that_moves_asks_before_it_opens_the_port(
     command: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -56,7 +56,7 @@ def test_every_experiment_that_moves_asks_before_it_opens_the_port(
         raise click.Abort
 
     monkeypatch.setattr(experiment, "ask_to_move", stop)
-    monkeypatch.setattr("haptic_wall.controller.experiments.zwidth.plane._POINTS", 4)
+    monkeypatch.setattr("haptic_wall.controller.experiments.zwidth._POINTS", 4)
     monkeypatch.chdir(tmp_path)
     options = ["--virtual-damping=0.02", "--delay-steps=0"] if command == "sweep" else []
     module = import_module(f"haptic_wall.controller.cli.{command}")
@@ -64,9 +64,7 @@ def test_every_experiment_that_moves_asks_before_it_opens_the_port(
     assert result.exit_code == 1 and isinstance(result.exception, SystemExit)
 
 
-@pytest.mark.parametrize(
-    "command", ["map", "sweep", "rendered", "commission", "zwidth", "acceptance"]
-)
+@pytest.mark.parametrize("command", ["map", "sweep", "commission", "zwidth", "acceptance"])
 def test_what_measures_walls_refuses_another_law(
     command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -200,9 +200,9 @@ def _unfinished(folder: Path) -> None:
     question = maps.MapQuestion(setting, [0.0, 0.1], [0, 1, 2], [0.1])
     kept = question.kept(folder / ROWS, resume=False, fresh=False)
     for task in question.tasks()[:2]:
-        kept.add(task, question.part(task).compute())
+        kept.add(task, question.compute(task)())
     with (folder / ROWS).open("a") as file:
-        file.write("[[2, 0, 2], [[11.5], [")
+        file.write("[[1, 0], [11.5")
 
 
 @pytest.mark.whole
@@ -218,7 +218,7 @@ def test_a_killed_map_goes_on_and_ends_with_the_same_bytes(
     left = _Counting()
     _computed_by(left, monkeypatch)
     assert cli("map", *_FEW, "--out", folder, "--resume")[0] == 0
-    assert left.tasks == 1
+    assert left.tasks == 4
     assert cli("map", *_FEW, "--out", whole)[0] == 0
     names = sorted(path.name for path in whole.iterdir())
     assert names == ["map.csv", "map.json", "map.png"]
@@ -233,8 +233,8 @@ def test_a_killed_map_goes_on_and_ends_with_the_same_bytes(
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("[[0, 0, 2], [[-1.0], [1.0]]]", "map.rows, line 4: found no result of this program"),
-        ("[[0, 0, 2], [[NaN], [1.0]]]", "map.rows, line 4"),
+        ("[[0, 0], [-1.0]]", "map.rows, line 4: found no result of this program"),
+        ("[[0, 0], [NaN]]", "map.rows, line 4"),
         ("[" * 5000, "map.rows, line 4"),
     ],
 )

@@ -25,10 +25,9 @@ DRAWING = {
     "map": ("map", "simulated", *SWEEP, "--workers=1", "--out=a"),
     "sweep": ("sweep", *SIMULATED, *SWEEP, "--out=a"),
     "zwidth": ("zwidth", *SIMULATED, "--velocity-samples=1", "--measure=none", "--out=a"),
-    "rendered": ("rendered", *SIMULATED, "--out=a"),
     "identify": ("identify", *SIMULATED, "--out=a.yaml"),
 }
-WHOLE = "rendered", "identify", "delay", "sweep", "zwidth"
+WHOLE = "identify", "delay", "sweep", "zwidth"
 
 
 @pytest.mark.whole

@@ -19,7 +19,6 @@ FOLDERS = [
     (["paper", "fig3"], "fig3.csv"),
     (["paper"], "index.html"),
     (["delay", *SIMULATED], "delay.json"),
-    (["rendered", *SIMULATED], "rendered.png"),
     (SWEEP, "sweep.csv"),
     (SWEEP, "sweep.json"),
     (["commission", *SIMULATED], "report.html"),

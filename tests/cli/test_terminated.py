@@ -32,11 +32,6 @@ MIDDLES: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "map, theory": ("experiments.maps.maps", "_theory", ("map", "simulated", OUT)),
     "paper": ("paper.items", "make", ("paper", "all", OUT)),
     "identify": ("experiments.identify.identification", "identify", ("identify", *SIMULATED)),
-    "rendered": (
-        "experiments.rendered.rendering",
-        "measure_rendering",
-        ("rendered", *SIMULATED, OUT),
-    ),
 }
 
 SOME = ("boundary", "map, theory", "paper")

@@ -60,7 +60,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     gc.enable()  # a run switches it off
 
 
-MEASURING = ("delay", "identify", "map", "rendered", "sweep", "zwidth")
+MEASURING = ("delay", "identify", "map", "sweep", "zwidth")
 
 
 @pytest.fixture
@@ -77,15 +77,12 @@ def cut_short(monkeypatch: pytest.MonkeyPatch, thorough: bool) -> None:
         "haptic_wall.controller.experiments.recorded.estimate.identify_record", Nobody().submit
     )
     # Its own module comes last: one that imported it meanwhile would keep what takes its place.
-    for module in ("commission.steps", "zwidth.measured", "sweep.sweep"):
+    for module in ("commission.steps", "zwidth", "sweep.sweep"):
         monkeypatch.setattr(
             f"haptic_wall.controller.experiments.{module}.sweep", lambda *_, **__: False
         )
-    monkeypatch.setattr("haptic_wall.controller.experiments.zwidth.plane._POINTS", 4)
-    for name in ("measure_points", "impedance_of"):
-        monkeypatch.setattr(
-            f"haptic_wall.controller.experiments.zwidth.measured.{name}", interrupted
-        )
+    monkeypatch.setattr("haptic_wall.controller.experiments.zwidth._POINTS", 4)
+    monkeypatch.setattr("haptic_wall.controller.experiments.zwidth.measure_points", interrupted)
     monkeypatch.setattr(maps, "processes", lambda _count: nullcontext(Nobody()))
     monkeypatch.setattr(cluster, "cluster", lambda _address: nullcontext(Nobody()))
     monkeypatch.setattr(
@@ -232,8 +229,6 @@ def test_commands_of_the_program(
         seconds = float(value_of(words, "--from") or -0.9) + 1.0
         quick = [f"--duration={seconds}", "--set=loop.clock=simulated", "--set=loop.rate_hz=250"]
         assert call(["run", "--log", words[1], *quick]) == 0
-    if words[0] == "zwidth" and (log := value_of(words, "--log")) is not None:
-        assert call(["run", "--log", log, "--duration=0.1", "--set=loop.clock=simulated"]) == 0
     assert call(words) == (0 if thorough or words[0] not in MEASURING else 130)
     if (csv := value_of(words, "--csv")) is not None:
         assert (folder / csv).read_text().startswith("time_s,position_rad,torque_nm,")

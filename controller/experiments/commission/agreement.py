@@ -16,6 +16,12 @@ _ERRORS = 2.0
 """Standard errors within which two answers agree"""
 _TORQUES = frozenset(("excess", "drag", "dead_band"))
 """Effects in the unit of the identified torque"""
+_KEYS = {
+    **{key: key for key in ("virtual_damping", "delay_steps", "delay_s", "kick_rad", "measured")},
+    **{"stderr": "uncertainty", "without_friction": "exact"},
+    **{key: key for key in ("larger_grows", "reason")},
+}
+"""What of a sweep's point is told again, and by which name it goes there"""
 _PERCENT = 0.05
 """Smallest uncertainty of the predicted stiffness, as a fraction: friction is not exactly Coulomb's
 """
@@ -34,7 +40,6 @@ def delays(
     one = Estimated(**identify["delay"])
     other = Estimated(**delay["parts"]["device"])
     error = math.hypot(one.stderr, other.stderr)
-    recovered = [point for point in delay["points"] if point["recovered"] is not None]
     return {
         "device": {
             "identify": identify["delay"],
@@ -52,7 +57,8 @@ def delays(
                     "agree": abs(point["recovered"]["value"] - point["inserted"])
                     <= _ERRORS * point["recovered"]["stderr"],
                 }
-                for point in recovered
+                for point in delay["points"]
+                if point["recovered"] is not None
             ],
         },
     }
@@ -68,40 +74,32 @@ def boundary(
         points: Points of a sweep's report.
         effects: Effects that were identified beside the model, by the names of ``Lossy``.
     """
-    config = without_hand(config)
     answers = []
     for point in points:
-        answer = {
-            "virtual_damping": point["virtual_damping"],
-            "delay_steps": point["delay_steps"],
-            "delay_s": point["delay_s"],
-            "kick_rad": point["kick_rad"],
-            "measured": point["measured"],
-            "stderr": point["uncertainty"],
-            "without_friction": point["exact"],
-            "expected": None,
-            "low": None,
-            "high": None,
-            "larger_grows": point.get("larger_grows"),
-            "agree": None,
-            "reason": point["reason"],
-        }
+        answer = {name: point.get(key) for name, key in _KEYS.items()}
+        answer |= {"expected": None, "low": None, "high": None, "agree": None}
         if point["measured"] is not None:
-            expected, soft, stiff = _ends(config, point, effects or {})
-            low = min(soft, (1.0 - _PERCENT) * expected)
-            high = max(stiff, (1.0 + _PERCENT) * expected)
-            error = _ERRORS * (point["uncertainty"] or 0.0)
-            agree = low - error <= point["measured"] <= high + error
-            answer |= {"expected": expected, "low": low, "high": high, "agree": agree}
+            found = expected(config, point, point["kick_rad"], effects or {})
+            room = _ERRORS * (point["uncertainty"] or 0.0)
+            agree = found["low"] - room <= point["measured"] <= found["high"] + room
+            answer |= {"expected": found.pop("value"), **found, "agree": agree}
         answers.append(answer)
     return answers
 
 
-def _ends(
-    config: Config, point: Mapping[str, Any], effects: Mapping[str, float]
-) -> tuple[float, float, float]:
-    """Return a point's predicted stiffness: of the model, its softest and stiffest corner."""
-    belief, device = config.belief(), Device.of(config)
+def expected(
+    config: Config, point: Mapping[str, Any], kick: float, effects: Mapping[str, float]
+) -> dict[str, float]:
+    """Return a predicted stiffness and its bounds over the belief: ``value, low, high`` [N·m/rad].
+
+    Args:
+        config: Configuration with the model.
+        point: ``virtual_damping``, total ``delay_s``, and ``exact``: what holds where friction
+            sustains no cycle.
+        kick: [rad]
+        effects: See ``boundary``.
+    """
+    belief, device = config.belief(), Device.of(without_hand(config))
     m, b, c, slack, lag = (
         (each.value, each.low, each.high)
         for each in (
@@ -115,18 +113,17 @@ def _ends(
     # Backlash and delay help the softest corner in their largest size.
     slack, lag = ((value, high, low) for value, low, high in (slack, lag))
     gain = belief.torque_gain.value
-    # The belief's Coulomb friction is that of slow motion, which contains what fades.
-    beside = {**_commanded(effects, gain), "excess": 0.0}
+    # In commanded torque. The belief's Coulomb friction is that of slow motion, which contains what
+    # fades.
+    beside = {name: size / gain if name in _TORQUES else size for name, size in effects.items()}
+    beside["excess"] = 0.0
     found = []
     for inertia, damping, coulomb, backlash, late in zip(m, b, c, slack, lag, strict=True):
         servo = Lossy(inertia / gain, damping / gain, coulomb / gain, backlash, **beside)
         delay = max(point["delay_s"] + late - belief.delay.value, 0.0)
-        loop = point["virtual_damping"], device.period, delay, point["kick_rad"]
-        limit = kick_limit(servo, *loop, device.velocity_samples)
-        found.append(limit if math.isfinite(limit) else point["exact"])
-    return found[0], found[1], found[2]
-
-
-def _commanded(effects: Mapping[str, float], gain: float) -> dict[str, float]:
-    """Return the effects in commanded torque."""
-    return {name: size / gain if name in _TORQUES else size for name, size in effects.items()}
+        loop = point["virtual_damping"], device.period, delay, kick
+        limit = kick_limit(servo, *loop, device.loop.samples)
+        found.append(limit if math.isfinite(limit) else float(point["exact"]))
+    value, soft, stiff = found
+    low, high = min(soft, (1.0 - _PERCENT) * value), max(stiff, (1.0 + _PERCENT) * value)
+    return {"value": value, "low": low, "high": high}

@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from haptic_wall.controller.errors import HapticWallError
-from haptic_wall.controller.experiments.commission.outcome import (
-    STEPS,
-    TITLES,
-    Step,
-    StepOutcome,
-    done,
-    partly_done,
-)
+from haptic_wall.controller.experiments.commission import agreement
 from haptic_wall.controller.experiments.commission.plan import has_doctor
 from haptic_wall.controller.experiments.commission.steps import (
     CONFIG,
     RUN,
+    STEPS,
     SWEEP,
+    TITLES,
+    Step,
     StepContext,
+    StepOutcome,
     identified,
 )
+from haptic_wall.controller.experiments.commission.verdict import GuardQuestion, verdict
 from haptic_wall.controller.experiments.kept import Kept, fingerprint, refuse_foreign
 from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
@@ -33,14 +31,15 @@ from haptic_wall.controller.experiments.testbed import (
 from haptic_wall.controller.processes.run_report import exit_status
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.files import make_folder, whole
+from haptic_wall.controller.system.json_text import RESULT_MARK, plain
 from haptic_wall.controller.system.signals import interrupting
 from haptic_wall.hw.errors import ServoError
 
 JSON, PAGE, ALLOWED, ROWS = "commission.json", "report.html", "allowed.png", "commission.rows"
 """In the folder: report, page, the verdict's picture, the outcomes that are kept"""
+COMPLETE, INCOMPLETE, NOT_MEASURED = "complete", "incomplete", "not measured"
+"""Values of ``status``"""
 HARDWARE, WRONG = 4, 1
-_NEEDS_MODEL: frozenset[Step] = frozenset({"rendered", "sweep"})
-"""Steps that compare with the identified servo, and are planned with it"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +61,22 @@ class Ended:
 
     def data(self, step: Step) -> dict[str, Any] | None:
         """Return a step's result, of a sweep also as far as it came; None: there is none."""
-        return (partly_done if step == "sweep" else done)(self.outcomes, step)
+        outcome = self.outcomes.get(step)
+        if outcome is None or (outcome.state != "done" and step != "sweep"):
+            return None
+        return outcome.data or None
+
+    def steps(self) -> list[dict[str, Any]]:
+        """Return name, title, state, reason and duration of each step, for a report."""
+        unknown = dict.fromkeys(("reason", "seconds"))
+        return [
+            {"step": step, "title": TITLES[step], "state": "not taken", **unknown}
+            | {k: getattr(o, k) for o in [self.outcomes.get(step)] if o for k in _TOLD}
+            for step in STEPS
+        ]
+
+
+_TOLD = ("state", "reason", "seconds")
 
 
 def kept_steps(bench: StepContext) -> Kept[Step, StepOutcome]:
@@ -71,12 +85,13 @@ def kept_steps(bench: StepContext) -> Kept[Step, StepOutcome]:
     Raises:
         UserError: The folder is of other settings, or has files that no commissioning wrote.
     """
-    refuse_foreign(bench.folder, ROWS, _written())
+    written = [CONFIG, PAGE, ALLOWED, JSON, SWEEP, *(f"{step}.png" for step in STEPS)]
+    refuse_foreign(bench.folder, ROWS, written)
     return Kept(
         bench.folder / ROWS,
         {"config": bench.config.model_dump(mode="json"), "reach": bench.reach},
         lambda line: (line["step"], StepOutcome(**line)),
-        lambda _step, outcome: json.loads(bench.encode(asdict(outcome))),
+        lambda _step, outcome: plain(asdict(outcome)),
         fresh=bench.fresh,
     )
 
@@ -103,25 +118,19 @@ def run_steps(bench: StepContext) -> Ended:
     earlier = dict(kept.done)
     complete = is_complete(earlier)
     outcomes: dict[Step, StepOutcome] = {}
-    config = bench.config
-    interrupted = False
+    ended = Ended(outcomes, bench.config, interrupted=False)
     for step in STEPS:
-        basis = fingerprint({"config": config.model_dump(mode="json")})
+        basis = fingerprint({"config": ended.config.model_dump(mode="json")})
         before = earlier.get(step)
         # The testbed is examined again before new motions.
         usable = complete or (step != "doctor" and before and before.state == "done")
         if usable and before and before.basis == basis:
             bench.tell(f"{step}: kept from an earlier call")
             outcomes[step] = before
-        elif not interrupted:
-            why_not = _obstacle(step, outcomes, config)
+        elif not ended.interrupted:
             try:
                 with interrupting():
-                    outcome, shown = (
-                        (StepOutcome(step, "skipped", basis, why_not), ())
-                        if why_not is not None
-                        else _taken(step, replace(bench, config=config, partly={}), basis)
-                    )
+                    outcome, shown = _taken(step, ended, bench, basis)
                     outcomes[step] = kept.add(step, outcome)
                     if outcome.reason is not None:
                         bench.tell(f"{step}: {outcome.state}: {outcome.reason}")
@@ -130,43 +139,43 @@ def run_steps(bench: StepContext) -> Ended:
                         _draw(step, shown, bench)
             except (KeyboardInterrupt, ExperimentInterruptedError):
                 bench.tell(f"{step}: interrupted")
-                interrupted = True  # earlier measurements stay in the report
-        if step == "identify" and (found := done(outcomes, step)) is not None:
-            config = identified(found["config_text"], bench.config)
+                ended = replace(ended, interrupted=True)  # earlier measurements stay in the report
+        if step == "identify" and (found := ended.data(step)) is not None:
+            ended = replace(ended, config=identified(found["config_text"], bench.config))
             path = bench.folder / CONFIG
             if outcomes[step] is not before or not path.exists():
                 with whole(path) as part:
                     part.write_text(found["config_text"], encoding="utf-8")
-    return Ended(outcomes, config, interrupted)
+    return ended
 
 
-def _written() -> list[str]:
-    """Return the names of what is written into the folder, beside what is kept."""
-    return [CONFIG, PAGE, ALLOWED, JSON, SWEEP, *(f"{step}.png" for step in STEPS)]
-
-
-def _obstacle(step: Step, outcomes: Mapping[Step, StepOutcome], config: Config) -> str | None:
+def _obstacle(step: Step, ended: Ended) -> str | None:
     """Return the reason why a step cannot be executed; None if it can."""
-    for earlier in outcomes.values():
+    for earlier in ended.outcomes.values():
         if earlier.ends_all:
             return f"{earlier.step} ended the commissioning"
-    if step == "doctor" and not has_doctor(config):
+    if step == "doctor" and not has_doctor(ended.config):
         return (
             "the servo is simulated, there is no bus to examine"
-            if config.servo.kind == "simulated"
+            if ended.config.servo.kind == "simulated"
             else "its bus is on the simulated clock, there is none in real time to examine"
         )
-    if step in _NEEDS_MODEL and done(outcomes, "identify") is None:
+    if step == "sweep" and ended.data("identify") is None:
         return "it needs the result of identify, for its plan and for comparison"
     return None
 
 
-def _taken(step: Step, bench: StepContext, basis: str) -> tuple[StepOutcome, tuple[Any, ...]]:
+def _taken(
+    step: Step, ended: Ended, bench: StepContext, basis: str
+) -> tuple[StepOutcome, tuple[Any, ...]]:
     """Execute a step; return its outcome, errors included, and the data of its plot.
 
     Raises:
         KeyboardInterrupt: A person has ended it, as ``ExperimentInterruptedError``.
     """
+    if (why_not := _obstacle(step, ended)) is not None:
+        return StepOutcome(step, "skipped", basis, why_not), ()
+    bench = replace(bench, config=ended.config, partly={})
     bench.tell(f"{step}: {TITLES[step]} ...")
     began = time.monotonic()
 
@@ -184,12 +193,10 @@ def _taken(step: Step, bench: StepContext, basis: str) -> tuple[StepOutcome, tup
         return failed(error, HARDWARE, ends_all=True), ()
     except HapticWallError as error:
         return failed(error, error.exit_status), ()
-    seconds = time.monotonic() - began
     if step == "doctor" and data["fatal"]:
         status = HARDWARE if not data["reached"] else WRONG
-        outcome = failed(_fatal_text(data), status, ends_all=True)
-        return replace(outcome, data=data), ()
-    return StepOutcome(step, "done", basis, seconds=seconds, data=data), shown
+        return replace(failed(_fatal_text(data), status, ends_all=True), data=data), ()
+    return StepOutcome(step, "done", basis, seconds=time.monotonic() - began, data=data), shown
 
 
 def _draw(step: Step, shown: tuple[Any, ...], bench: StepContext) -> None:
@@ -202,11 +209,55 @@ def _draw(step: Step, shown: tuple[Any, ...], bench: StepContext) -> None:
 
 
 def _fatal_text(data: Mapping[str, Any]) -> str:
+    fatal = [check for check in data["checks"] if check["name"] in data["fatal"]]
     said = [
         f"{check['name']}: found {check['found']}, wanted {check['wanted']}"
         + (f"; {check['fix']}" if check["fix"] else "")
-        for check in data["checks"]
-        if check["name"] in data["fatal"]
+        for check in fatal
     ]
-    mend = any(c["fixable"] for c in data["checks"] if c["name"] in data["fatal"])
-    return "; ".join(said) + ("; `haptic-wall doctor CONFIG --fix` remedies it" if mend else "")
+    if any(check["fixable"] for check in fatal):
+        said.append("`haptic-wall doctor CONFIG --fix` remedies it")
+    return "; ".join(said)
+
+
+def report(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
+    """Return the data of a commissioning's page, text and JSON; a step not done is null.
+
+    Args:
+        ended: The commissioning, as far as it came.
+        name: Name of the configuration, for people.
+        folder: Folder with the files of the steps.
+    """
+    config, doctor = ended.config, ended.outcomes.get("doctor")
+    identify, delay, sweep = (ended.data(step) for step in ("identify", "delay", "sweep"))
+    complete = is_complete(ended.outcomes)
+    status = COMPLETE if complete else INCOMPLETE
+    delays = boundary = None
+    if identify is not None and delay is not None:
+        delays = agreement.delays(identify, delay, config.period_s)
+    if identify is not None and sweep is not None:
+        boundary = agreement.boundary(config, sweep["points"], identify.get("effects"))
+    return {
+        **RESULT_MARK,
+        "name": name,
+        "servo": config.servo.kind,
+        "model": config.servo.model,
+        "clock": config.loop.clock,
+        "rate_hz": config.loop.rate_hz,
+        "interrupted": ended.interrupted,
+        "status": NOT_MEASURED if identify is None else status,
+        "complete": complete,
+        "verdict": verdict(GuardQuestion.of(config, delay), identify is not None),
+        "agreement": {"delay": delays, "boundary": boundary},
+        "steps": [
+            {**each, "picture": picture if (folder / picture).exists() else None}
+            for each in ended.steps()
+            for picture in [f"{each['step']}.png"]
+        ],
+        # After a fatal finding of the doctor only its checks matter.
+        "doctor": (doctor.data or None) if doctor else None,
+        "identify": identify and {k: v for k, v in identify.items() if k != "config_text"},
+        "delay": delay,
+        "sweep": sweep,
+        "config": str(folder / CONFIG) if identify is not None else None,
+    }

@@ -8,23 +8,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from pydantic import ValidationError
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.experiments.commission.outcome import Step
-from haptic_wall.controller.experiments.commission.plan import DELAY_STEPS
-from haptic_wall.controller.experiments.commission.sweep_points import OPTIONS, short_sweep
+from haptic_wall.controller.experiments.commission.plan import DELAY_STEPS, OPTIONS, short_sweep
 from haptic_wall.controller.experiments.delay import delay_report, measure_delay
 from haptic_wall.controller.experiments.holding import without_hand
 from haptic_wall.controller.experiments.identify.identification import identify
 from haptic_wall.controller.experiments.identify.identified_config import identified_config
 from haptic_wall.controller.experiments.identify.text import report as identify_report
-from haptic_wall.controller.experiments.rendered.rendering import (
-    measure_rendering,
-    rendering_report,
-)
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
 from haptic_wall.controller.experiments.sweep.result import PointResult
@@ -58,7 +52,34 @@ _HARMLESS = frozenset(
 them. With any other one a run would be refused, or could not be trusted."""
 
 
-_FRESH = "give --fresh to identify again"
+Step = Literal["doctor", "identify", "delay", "sweep"]
+STEPS: tuple[Step, ...] = ("doctor", "identify", "delay", "sweep")
+TITLES: Mapping[Step, str] = {
+    "doctor": "the testbed examined",
+    "identify": "inertia, friction and delay identified",
+    "delay": "the loop's delay measured",
+    "sweep": "the critical stiffness measured",
+}
+
+State = Literal["done", "failed", "skipped"]
+
+
+@dataclass(frozen=True, slots=True)
+class StepOutcome:
+    """The outcome of one step, as it is kept."""
+
+    step: Step
+    state: State
+    basis: str
+    """Fingerprint of the step's configuration; with another one the step is repeated"""
+    reason: str | None = None
+    """Why it failed or was skipped; None: it is done"""
+    exit_status: int = 0
+    """Exit status of the command, if this is the first failed step"""
+    ends_all: bool = False
+    """No further step is possible with this servo now"""
+    seconds: float = 0.0
+    data: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +92,6 @@ class StepContext:
     reach: float
     """Largest excursion during the identification [rad]"""
     folder: Path
-    encode: Callable[[Mapping[str, Any]], str]
-    """Returns one JSON object as text; values that are not finite become null"""
     tell: Tell
     fresh: bool = False
     """Discard the results of an earlier call"""
@@ -82,11 +101,6 @@ class StepContext:
     """Points of the sweep; None: planned by the identified model"""
     partly: dict[str, Any] = field(default_factory=dict)
     """Data of a step that ends early, as far as it came"""
-
-    @property
-    def logs(self) -> Path:
-        """Return the folder of the logs."""
-        return self.folder / LOGS
 
     def picture(self, step: Step) -> Path:
         """Return the path of a step's picture."""
@@ -125,7 +139,7 @@ def run_doctor(bench: StepContext) -> StepResult:
 
 def run_identify(bench: StepContext) -> StepResult:
     """Identify the servo; return the text of the configuration with the result, too."""
-    found = identify(bench.config, bench.logs, bench.reach, bench.tell)
+    found = identify(bench.config, bench.folder / LOGS, bench.reach, bench.tell)
     text = identified_config(bench.config, found, bench.name)
     return StepResult({**identify_report(found), "config_text": text}, (found,))
 
@@ -145,23 +159,23 @@ def identified(text: str, config: Config) -> Config:
     try:
         found = Config.model_validate(config_yaml.parse(text, where))
     except ValidationError as error:
-        raise UserError(f"{where} has {error.error_count()} wrong fields", advice=_FRESH) from None
+        raise UserError(
+            f"{where} has {error.error_count()} wrong fields",
+            advice="give --fresh to identify again",
+        ) from None
     if found.model_copy(update={"model": config.model}) != config:
-        raise UserError(f"{where} differs from CONFIG in more than the model", advice=_FRESH)
+        raise UserError(
+            f"{where} differs from CONFIG in more than the model",
+            advice="give --fresh to identify again",
+        )
     return found
 
 
 def run_delay(bench: StepContext) -> StepResult:
     """Measure the loop's delay, and whether inserted delays are recovered."""
     config = bench.config
-    found = measure_delay(config, bench.logs, DELAY_STEPS, tell=bench.tell)
+    found = measure_delay(config, bench.folder / LOGS, DELAY_STEPS, tell=bench.tell)
     return StepResult(delay_report(found, config.period_s, config.belief().delay.high), (found,))
-
-
-def run_rendered(bench: StepContext) -> StepResult:
-    """Measure the stiffness, the drag and the contacts that the servo renders."""
-    found = measure_rendering(bench.config, bench.logs, 0, bench.tell)
-    return StepResult(rendering_report(found), (found,))
 
 
 def run_sweep(bench: StepContext) -> StepResult:
@@ -196,7 +210,6 @@ RUN: dict[Step, Callable[[StepContext], StepResult]] = {
     "doctor": run_doctor,
     "identify": run_identify,
     "delay": run_delay,
-    "rendered": run_rendered,
     "sweep": run_sweep,
 }
 """The function of each step"""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -122,11 +122,8 @@ def verdict(question: GuardQuestion, identified: bool) -> dict[str, Any]:
         "velocity_samples": wall.velocity_samples,
         "torque_limit": question.situation.torque_limit,
         "model": {
-            name: {"value": each.value, "low": each.low, "high": each.high}
-            for name, each in (
-                (name, getattr(belief, name))
-                for name in ("inertia", "damping", "coulomb", "delay", "torque_gain")
-            )
+            name: asdict(getattr(belief, name))
+            for name in ("inertia", "damping", "coulomb", "delay", "torque_gain")
         },
         "delay_parts": [
             {"name": name, "seconds": size, "share": size / parts.total}

@@ -10,7 +10,8 @@ import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext, suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,23 +19,19 @@ import numpy as np
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.kept import Kept
-from haptic_wall.controller.experiments.maps.limits import exact_limit, one_sided_limit_of
-from haptic_wall.controller.experiments.maps.loop import Wall
-from haptic_wall.controller.experiments.maps.onset import onset
-from haptic_wall.controller.experiments.maps.walls import wall_of
+from haptic_wall.controller.experiments.linear_loop import LinearLoop
+from haptic_wall.controller.experiments.maps.walls import Wall, critical, wall_of
 from haptic_wall.controller.experiments.processes import cores, processes, results
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.signals import interrupting
-from haptic_wall.controller.theory import linear_limit
+from haptic_wall.controller.theory import linear_limit, one_sided_limit
+from haptic_wall.controller.theory.chain_contact import one_sided_limits
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.plant.mechanics import mechanics_of
 from haptic_wall.hw.truth import TrueServo
 
 TOLERANCE = 1e-3
 """Default relative accuracy of a map."""
-_TASK = 64
-"""Largest number of points in a task: more would leave cores idle."""
-
 _LIMITS = 1000
 """Settings whose theoretical limits are computed together: they take some 80 kB each meanwhile"""
 
@@ -43,14 +40,12 @@ Progress = Callable[[int, int], None]
 
 
 class Task(NamedTuple):
-    """A part of a map: some neighbouring virtual dampings at one delay, with every kick."""
+    """A part of a map: one virtual damping at one delay, with every kick."""
 
     delay: int
     """Its number among the delays"""
-    first: int
-    """Number of the first virtual damping"""
-    size: int
-    """Number of virtual dampings"""
+    damping: int
+    """Its number among the virtual dampings"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,28 +78,38 @@ class MapSettings:
                 advice="name such a configuration, or set servo.backend=simulated and the "
                 "servo's identified values",
             )
-        one_sided = config.wall.side != "both"
-        servo = config.true_servo()
-        _refuse_more(servo, config.period_ns)
+        servo, wall = config.true_servo(), config.wall
+        tick_ns = round(servo.current_period * 1e9)
+        if tick_ns and config.period_ns % tick_ns:
+            raise UserError(
+                f"found {servo.current_period:g} s",
+                field="servo.current_period",
+                wanted=f"the loop's period, {config.period_s:g} s, divided by a whole number",
+                advice="change it, or use haptic-wall sweep",
+            )
         if servo.back_emf and config.servo.kind != "simulated":
             raise UserError(
                 "found true for an emulated servo, whose motor a map does not know",
                 field="servo.back_emf",
                 advice="set servo.backend=simulated, servo.torque_limit and servo.no_load_speed",
             )
-        clip = config.wall.torque_clip
-        return cls(
-            servo,
-            config.period_ns,
-            one_sided,
-            config.wall.velocity_samples,
-            math.inf if clip is None else clip,
-        )
+        clip = math.inf if wall.torque_clip is None else wall.torque_clip
+        return cls(servo, config.period_ns, wall.side != "both", wall.velocity_samples, clip)
 
     @property
     def period(self) -> float:
         """Return the sampling period [s]."""
         return self.period_ns * 1e-9
+
+    @property
+    def loop(self) -> LinearLoop:
+        """Return the servo without friction and encoder in its loop."""
+        servo, load = self.servo, None
+        if servo.flexible:
+            load = servo.load_inertia, servo.transmission_stiffness, servo.transmission_damping
+        inertia = servo.inertia + servo.load_inertia * servo.flexible
+        rest = (self.velocity_samples, None, load, servo.encoder)
+        return LinearLoop(inertia, servo.damping, self.period, *rest)
 
     @property
     def kick_matters(self) -> bool:
@@ -120,22 +125,48 @@ class MapSettings:
 
     def delay(self, steps: IntArray) -> FloatArray:
         """Return the total delay [s] with this many inserted periods."""
-        total_ns = steps * self.period_ns + round(self.servo.delay * 1e9)
+        total_ns = np.asarray(steps) * self.period_ns + round(self.servo.delay * 1e9)
         return total_ns.astype(np.float64) * 1e-9
 
-    def walls(self, virtual_damping: Sequence[float], steps: int) -> list[Wall]:
-        """Return walls with these virtual dampings and this many inserted periods."""
-        delay_ns = steps * self.period_ns + round(self.servo.delay * 1e9)
-        wall = wall_of(
+    def wall(self, virtual_damping: float, steps: int) -> Wall:
+        """Return the wall with this virtual damping and this many inserted periods."""
+        return wall_of(
             self.servo,
             period=self.period,
-            delay=delay_ns * 1e-9,
-            virtual_damping=0.0,
+            delay=(steps * self.period_ns + round(self.servo.delay * 1e9)) * 1e-9,
+            virtual_damping=float(virtual_damping),
             one_sided=self.one_sided,
             velocity_samples=self.velocity_samples,
             limit=self.torque_clip,
         )
-        return [wall._replace(virtual_damping=float(damping)) for damping in virtual_damping]
+
+    def limits(
+        self, damping: FloatArray, delay: FloatArray, tolerance: float = 1e-4
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the linear, the exact and the one-sided limit without friction [N·m/rad].
+
+        Args:
+            damping: B, shape (n,) [N·m·s/rad].
+            delay: t_d, shape (m,) [s].
+            tolerance: Wanted relative accuracy of a rigid servo's one-sided limit; 0.01 is quick.
+
+        Returns:
+            Each of delays × dampings.
+        """
+        servo, period, n = self.servo, self.period, self.velocity_samples
+        late = delay[:, None]
+        linear = linear_limit(servo.damping, damping, period, late)
+        loop = self.loop
+        exact = np.asarray(loop.critical(damping, late).stiffness)
+        if loop.load is None:
+            walls = (damping, period, late, n, tolerance)
+            return linear, exact, one_sided_limit(servo.inertia, servo.damping, *walls)
+        chain = loop.chain()
+        rows = [
+            one_sided_limits(chain, period, float(one), row, damping, n)
+            for one, row in zip(delay, exact, strict=True)
+        ]
+        return linear, exact, np.array(rows)
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,29 +205,15 @@ class MapQuestion:
         return len(self.dampings) * len(self.delay_steps) * len(self.kicks)
 
     def tasks(self) -> list[Task]:
-        """Divide the map by its settings alone; return the tasks in the order of their start."""
-        size = max(1, _TASK // len(self.kicks))
+        """Return the parts of the map in the order of their start."""
         # The longest delays, which take longest, come first, so that the cores finish together.
         order = sorted(range(len(self.delay_steps)), key=lambda i: -self.delay_steps[i])
-        return [
-            Task(i, first, min(size, len(self.dampings) - first))
-            for i in order
-            for first in range(0, len(self.dampings), size)
-        ]
+        return [Task(i, j) for i in order for j in range(len(self.dampings))]
 
-    def part(self, task: Task) -> MapQuestion:
-        """Return the settings of one task; they can be sent to another process."""
-        dampings = self.dampings[task.first : task.first + task.size]
-        return replace(self, dampings=dampings, delay_steps=[self.delay_steps[task.delay]])
-
-    def compute(self) -> FloatArray:
-        """Compute a part: critical stiffness at its one delay, dampings × kicks [N·m/rad]."""
-        (steps,) = self.delay_steps
-        repeated = [damping for damping in self.dampings for _ in self.kicks]
-        kicks = np.tile(np.array(self.kicks, dtype=np.float64), len(self.dampings))
-        walls = self.setting.walls(repeated, steps)
-        found = onset(walls, kicks, self.tolerance, self.setting.servo)
-        return found.reshape(len(self.dampings), len(self.kicks))
+    def compute(self, task: Task) -> Callable[[], FloatArray]:
+        """Return what computes a task's critical stiffness at each kick [N·m/rad]; picklable."""
+        wall = self.setting.wall(self.dampings[task.damping], self.delay_steps[task.delay])
+        return partial(_computed, self.setting, wall, tuple(self.kicks), self.tolerance)
 
     def kept(self, path: Path, *, resume: bool, fresh: bool) -> Kept[Task, FloatArray]:
         """Return the file of finished tasks.
@@ -213,10 +230,8 @@ class MapQuestion:
 
         def read(line: Any) -> tuple[Task, FloatArray]:  # noqa: ANN401 - JSON
             task, found = Task(*line[0]), np.array(line[1], dtype=np.float64)
-            if task not in tasks or found.shape != (task.size, len(self.kicks)):
-                raise ValueError("no task of this map")
-            if not np.all(found >= 0.0):
-                raise ValueError("no stiffness")
+            if task not in tasks or found.shape != (len(self.kicks),) or not np.all(found >= 0.0):
+                raise ValueError("no task of this map, or no stiffness")
             return task, found
 
         def write(task: Task, found: FloatArray) -> object:
@@ -225,20 +240,12 @@ class MapQuestion:
         return Kept(path, asdict(self), read, write, fresh=fresh, resume=resume)
 
 
-def _refuse_more(servo: TrueServo, period_ns: int) -> None:
-    """Refuse a servo with effects that would be left out.
-
-    Raises:
-        UserError: It has such an effect.
-    """
-    tick_ns = round(servo.current_period * 1e9)
-    if tick_ns and period_ns % tick_ns:
-        raise UserError(
-            f"found {servo.current_period:g} s",
-            field="servo.current_period",
-            wanted=f"the loop's period, {period_ns * 1e-9:g} s, divided by a whole number",
-            advice="change it, or use haptic-wall sweep",
-        )
+def _computed(
+    setting: MapSettings, wall: Wall, kicks: Sequence[float], tolerance: float
+) -> FloatArray:
+    delay = wall.whole * wall.period + wall.lag
+    guess = float(setting.loop.critical(wall.virtual_damping, delay).stiffness)
+    return np.array([critical(wall, kick, guess, tolerance, setting.servo) for kick in kicks])
 
 
 @dataclass(frozen=True, slots=True)
@@ -283,7 +290,7 @@ def critical_map(
     progress: Progress | None = None,
     kept: Kept[Task, FloatArray] | None = None,
 ) -> CriticalMap:
-    """Compute the critical stiffness by simulation at every combination; see ``onset``.
+    """Compute the critical stiffness by simulation at every combination.
 
     Args:
         question: The settings.
@@ -302,20 +309,16 @@ def critical_map(
         Exception: An error of a task, or of the caller's executor; the other tasks were cancelled.
     """
     found = _theory(question)
-
-    def fill(task: Task, stiffness: FloatArray) -> None:
-        found.stiffness[task.delay, task.first : task.first + task.size] = stiffness
-
     known = {} if kept is None else kept.done
     for task, stiffness in known.items():
-        fill(task, stiffness)
-    left = [(task, question.part(task).compute) for task in question.tasks() if task not in known]
+        found.stiffness[task] = stiffness
+    left = [(task, question.compute(task)) for task in question.tasks() if task not in known]
     own = processes(min(workers or cores(), len(left) or 1)) if executor is None else None
     with suppress(KeyboardInterrupt), interrupting(), own or nullcontext(executor) as pool:
         assert pool is not None
         with results(pool, left) as computed:
             for task, stiffness in computed:
-                fill(task, stiffness)
+                found.stiffness[task] = stiffness
                 if kept is not None:
                     kept.add(task, stiffness)
                 if progress is not None:
@@ -330,18 +333,8 @@ def _theory(question: MapQuestion) -> CriticalMap:
     steps = np.array(question.delay_steps, dtype=np.int64)
     delay = setting.delay(steps)
     cuts = range(0, damping.size, max(1, _LIMITS // steps.size))
-    parts = [_limits(setting, part, delay[:, None]) for part in np.split(damping, cuts[1:])]
+    parts = [setting.limits(part, delay) for part in np.split(damping, cuts[1:])]
     linear, exact, one_sided = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
     kick = np.array(question.kicks, dtype=np.float64)
     stiffness = np.full((steps.size, damping.size, kick.size), np.nan)
     return CriticalMap(setting, damping, steps, delay, kick, stiffness, linear, exact, one_sided)
-
-
-def _limits(
-    setting: MapSettings, damping: FloatArray, delay: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the linear, the exact and the one-sided limit, delays × dampings [N·m/rad]."""
-    servo, period = setting.servo, setting.period
-    loop = (servo, damping, period, delay, setting.velocity_samples)
-    linear = linear_limit(servo.damping, damping, period, delay)
-    return linear, exact_limit(*loop), one_sided_limit_of(*loop)

@@ -1,12 +1,14 @@
-"""Describes walls on servos for simulations, and simulates a wall period by period from Python."""
+"""Describes walls on servos for simulation, and runs it: period by period, or for the limit."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
+from haptic_wall.controller.experiments.maps import search
 from haptic_wall.controller.experiments.maps.compiled import compiled
 from haptic_wall.controller.experiments.maps.loop import (
     MEASURED,
@@ -26,6 +28,8 @@ from haptic_wall.hw.plant.two_masses import ROOM, Buffer
 from haptic_wall.hw.truth import TrueServo
 
 _SNAP = 1e-9  # fraction of a period: a delay this near to a whole number is taken as whole
+_NOISY = 16_384
+"""Periods after which the encoder's noise repeats"""
 _WORTH = 32
 """Least number of periods that are worth a compiled call"""
 
@@ -81,12 +85,13 @@ def wall_of(
     )
 
 
-def noise_of(servo: TrueServo, period: float, periods: int) -> list[float]:
+@lru_cache(maxsize=8)
+def noise_of(servo: TrueServo, period: float, periods: int) -> tuple[float, ...]:
     """Return the noise of its encoder in each period [counts]; empty: it has none."""
     if servo.encoder_noise == 0.0:
-        return []
+        return ()
     errors = EncoderErrors(servo)
-    return [errors.noise(round(k * period * 1e9)) for k in range(periods)]
+    return tuple(errors.noise(round(k * period * 1e9)) for k in range(periods))
 
 
 def buffers(wall: Wall, noise: Sequence[float] = ()) -> tuple[Buffer, Buffer]:
@@ -94,6 +99,37 @@ def buffers(wall: Wall, noise: Sequence[float] = ()) -> tuple[Buffer, Buffer]:
     s = [*[0.0] * (RINGS + wall.samples + wall.whole + 3), *noise]
     z = [0.0] * ROOM
     return (s, z) if compiled() is None else (_array(s), _array(z))
+
+
+def critical(
+    wall: Wall, kick: float, guess: float, tolerance: float, servo: TrueServo | None = None
+) -> float:
+    """Return the stiffness above which the simulated motion after a kick grows [N·m/rad].
+
+    Two-sided: the servo is let go at rest, ``kick`` from the wall, where it was held for long: it
+    starts at a turning point with v = 0 and the velocity estimate sees no jump; the amplitude of
+    the oscillation grows. One-sided: the servo comes freely with the speed that the spring alone
+    would stop after ``kick``; that speed grows from entry to exit.
+
+    Without friction, quantisation, backlash and limit the kick does not matter. With them the
+    result is a property of the kick too.
+
+    Args:
+        wall: The wall.
+        kick: > 0 [rad].
+        guess: Where to look first [N·m/rad]; 0: there is no guess.
+        tolerance: Wanted relative accuracy, > 0.
+        servo: Its encoder makes the noise; None: there is none.
+
+    Returns:
+        The middle between two neighbouring stiffnesses, of which one grows. 0 where the motion
+        grows at the softest wall tried (1e-4 m/T², and below half the guess), inf where it does not
+        at the stiffest (20 m/T²).
+    """
+    functions = compiled()
+    run = search.onset if functions is None else functions.onset
+    noise = () if servo is None else noise_of(servo, wall.period, _NOISY)
+    return float(run(wall, *buffers(wall, noise), kick, guess, tolerance))
 
 
 class Loop:

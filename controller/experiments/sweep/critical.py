@@ -9,7 +9,7 @@ of trials, so that there is one start-up for all.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,7 +30,6 @@ from haptic_wall.controller.experiments.sweep.result import (
     PointResult,
     bounded_text,
     bracket_text,
-    disturbed_text,
     nothing_text,
     out_of_reach_text,
     unstable_text,
@@ -99,29 +98,24 @@ class PointSearch:
         options: Options,
         tell: Callable[[str], None] = lambda _text: None,
     ) -> None:
-        self._bed = bed
-        self._setting = setting
-        self._options = options
-        self._tell = tell
+        self._bed, self._setting, self._options, self._tell = bed, setting, options, tell
         self._device = Device.of(bed.config)
         self._longest_age = sample_age(bed.config)
         self._ages: list[float] = []
-        self._delay = self._total_delay()
-        self._trials: list[Trial] = []
         self._cap = math.inf
-        self._too_stiff = 0
-        self._offset = {1.0: 0.0, -1.0: 0.0}
-        self._repeat = 0
-        self._lost = 0
-        self._again: list[_Asked] = []
+        self._too_stiff = self._lost = self._repeat = 0
         self.result = PointResult(
-            virtual_damping=setting.virtual_damping,
-            delay_steps=setting.delay_steps,
-            delay_s=self._delay,
-            exact=self._device.exact(setting.virtual_damping, self._delay),
-            linear=self._device.linear(setting.virtual_damping, self._delay),
-            kick_rad=options.kick,
+            setting.virtual_damping, setting.delay_steps, 0.0, 0.0, 0.0, options.kick
         )
+        self._locate()
+
+    def _locate(self) -> None:
+        """Set the total delay, by the ages that were measured, and theory's limits at it."""
+        result, device = self.result, self._device
+        age = float(np.mean(self._ages)) if self._ages else 0.5 * self._longest_age
+        result.delay_s = self._setting.delay_steps * device.period + device.lag + age
+        result.exact = device.exact(result.virtual_damping, result.delay_s)
+        result.linear = device.linear(result.virtual_damping, result.delay_s)
 
     def run(self) -> PointResult:
         """Search to the end.
@@ -133,13 +127,11 @@ class PointSearch:
             UserError: A log could not be written completely.
         """
         result = self.result
-        damping = self._setting.virtual_damping
         if result.exact <= 0.0:
-            result.reason = unstable_text(self._device, damping, self._delay)
+            loop, damping = self._device.loop, result.virtual_damping
+            result.reason = unstable_text(loop, damping, result.delay_s)
             return result
-        self._reach = reach(self._device, self._setting, self._delay, self._options.kick)
-        self._kick = self._reach.kick
-        result.kick_rad = self._kick
+        self._kick_by(self._options.kick)
         self._hold = hold_spring(
             self._device, self._setting.delay_steps, self._longest_age, self._kick
         )
@@ -148,37 +140,24 @@ class PointSearch:
             return result
         found = self._search()
         while found is None and self._may_be_smaller():
-            self._smaller_kick()
+            # A stiffer wall oscillates faster, against the same friction. Friction that grows with
+            # the torque, or a dead band, is not in the belief.
+            self._kick_by(_SMALLER * self._kick)
+            self._tell(
+                f"nothing grows within the torque limit: a smaller kick, {self._kick:.3g} rad"
+            )
             found = self._search()
-        self._conclude(found, damping)
+        self._locate()
+        self._conclude(found)
         return result
 
-    def _search(self) -> Balance | None:
-        """Return the balance of one kick; None: its trials do not tell it."""
-        found: Balance | None = None
-        fine = idle = repeats = 0
-        for number in range(_BATCHES + _REPEATS):
-            if number - repeats == _BATCHES:
-                break
-            found = self._estimate()
-            if found is not None and self._enough(found, fine):
-                break
-            near = found is not None and found.uncertainty < _CLOSE * found.stiffness
-            if self._again and repeats < _REPEATS:
-                batch, near = self._again, False
-                repeats += 1
-            else:
-                batch = self._around(found, near) if found is not None else self._bracketing()
-            if not batch:
-                break
-            fine += near
-            usable = len(self._usable())
-            if not self._play(batch):
-                break
-            idle = idle + 1 if len(self._usable()) == usable else 0
-            if idle == _IDLE or (found is None and self._is_narrow()):
-                break
-        return self._estimate()
+    def _kick_by(self, kick: float | None) -> None:
+        """Begin with a kick, or with the largest that the limits allow."""
+        self._reach = reach(self._device, self._setting, self.result.delay_s, kick)
+        self._kick = self.result.kick_rad = self._reach.kick
+        self._trials: list[Trial] = []
+        self._again: list[_Asked] = []
+        self._offset = {1.0: 0.0, -1.0: 0.0}
 
     def _may_be_smaller(self) -> bool:
         """Whether the torque limit was in the way, and a smaller kick leaves more room."""
@@ -186,81 +165,47 @@ class PointSearch:
         least = _LEAST_COUNTS * self._device.position_step
         return chosen and bool(self._died()) and not self._grew() and _SMALLER * self._kick > least
 
-    def _smaller_kick(self) -> None:
-        """Start again with a smaller kick.
+    def _search(self) -> Balance | None:
+        """Return the balance of one kick; None: its trials do not tell it."""
+        fine = idle = repeats = 0
+        for number in range(_BATCHES + _REPEATS):
+            found = self._estimate()
+            if number - repeats == _BATCHES or (found is not None and self._enough(found, fine)):
+                break
+            near = found is not None and found.uncertainty < _CLOSE * found.stiffness
+            if self._again and repeats < _REPEATS:
+                batch, near = self._again, False
+                repeats += 1
+            else:
+                batch = self._bracketing() if found is None else self._around(found, near)
+            fine += near
+            usable = self._usable()
+            if not batch or not self._play(batch):
+                break
+            idle = idle + 1 if self._usable() == usable else 0
+            between = self._bracket()
+            narrow = between is not None and between[1] < _NARROW * between[0]
+            if idle == _IDLE or (found is None and narrow):
+                break
+        return self._estimate()
 
-        A stiffer wall oscillates faster, against the same friction. Friction that grows with the
-        torque, or a dead band, is not in the belief.
-        """
-        self._kick *= _SMALLER
-        self._tell(f"no motion grows within the torque limit: a smaller kick, {self._kick:.3g} rad")
-        self._reach = reach(self._device, self._setting, self._delay, self._kick)
-        self._trials.clear()
-        self._again = []
-        self._offset = {1.0: 0.0, -1.0: 0.0}
+    # What was found
+
+    def _died(self) -> list[float]:
+        return [trial.stiffness for trial in self._trials if not trial.grew]
+
+    def _grew(self) -> list[float]:
+        return [trial.stiffness for trial in self._trials if trial.grew]
+
+    def _usable(self) -> int:
+        """Return the number of trials with half-cycles to fit."""
+        return sum(trial.growth.log_ratio.size > 0 for trial in self._trials)
 
     def _bracket(self) -> tuple[float, float] | None:
         """Return the stiffest that died below all that grew, and the softest that grew."""
         grew = min(self._grew(), default=0.0)
         died = [k for k in self._died() if k < grew]
         return (max(died), grew) if died else None
-
-    def _is_narrow(self) -> bool:
-        between = self._bracket()
-        return between is not None and between[1] < _NARROW * between[0]
-
-    def _usable(self) -> list[Trial]:
-        """Return the trials with half-cycles to fit, or with a clear outcome."""
-        return [trial for trial in self._trials if trial.growth.log_ratio.size]
-
-    def _total_delay(self) -> float:
-        inserted = self._setting.delay_steps * self._device.period
-        guess = 0.5 * self._longest_age
-        age = float(np.mean(self._ages)) if self._ages else guess
-        return inserted + self._device.lag + age
-
-    # What to try next
-
-    def _around(self, found: Balance, near: bool) -> list[_Asked]:
-        half, repeats = (_FINE, self._options.repeats) if near else (_COARSE, 1)
-        return self._possible([found.stiffness * math.exp(half * x) for x in _AROUND], repeats)
-
-    def _bracketing(self) -> list[_Asked]:
-        """Return trials toward the missing side of the bracket, or inside it."""
-        highest = min(self._reach.top, self._cap)
-        grew, died = self._grew(), self._died()
-        if not self._trials:
-            first = self._reach.predicted if self._cap == math.inf else _BACK * self._cap
-            first = min(first, highest / _FIRST[-2])
-            return self._possible([first * factor for factor in _FIRST], 1)
-        if not grew:
-            if max(died) > 0.999 * highest:
-                return []
-            return self._possible([min(max(died) * x, highest) for x in _STIFFER], 1)
-        if not died:
-            return self._possible([min(grew) * factor for factor in _SOFTER], 1)
-        ends = sorted([min(grew), max([k for k in died if k < min(grew)], default=min(died))])
-        ratio = max(ends[1] / ends[0], 1.02)
-        return self._possible([ends[0] * ratio**share for share in _BETWEEN], 1)
-
-    def _possible(self, wanted: Sequence[float], repeats: int) -> list[_Asked]:
-        """Return the stiffnesses within reach, each once, or repeated."""
-        lowest = _SOFTEST * self._reach.predicted
-        highest = min(self._reach.top, self._cap)
-        return self._asked({k for k in wanted if lowest <= k <= highest}, repeats)
-
-    def _asked(self, stiffnesses: set[float], repeats: int) -> list[_Asked]:
-        """Return trials, softest first, on alternating sides, at slightly different places."""
-        asked = []
-        for _ in range(repeats):
-            for stiffness in sorted(stiffnesses):
-                self._repeat += 1
-                sign = 1.0 if self._repeat % 2 else -1.0
-                # The golden ratio spreads any number of places evenly.
-                dither = (self._repeat * 0.618034) % 1.0 - 0.5
-                step = max(self._device.position_step, 0.02 * self._kick)
-                asked.append(_Asked(stiffness, sign, self._kick + dither * step))
-        return asked
 
     def _enough(self, found: Balance, fine: int) -> bool:
         if fine == 0 or not found.low <= found.stiffness <= found.high:
@@ -272,27 +217,67 @@ class PointSearch:
         if not grew or not died:
             return None
         # Near the limit a decaying trial may be stiffer than a growing one.
-        guess = math.sqrt(_middle(sorted(died)[-3:]) * _middle(sorted(grew)[:3]))
+        guess = math.sqrt(float(np.median(sorted(died)[-3:]) * np.median(sorted(grew)[:3])))
         found = balance(self._trials, self._kick, guess)
         if found is None or found.uncertainty > _VAGUE * found.stiffness:
             return None  # as where torque fades with the speed, and growth ends early
         beside = found.low / _BESIDE <= found.stiffness <= _BESIDE * found.high
         return found if beside else None
 
+    # What to try next
+
+    def _around(self, found: Balance, near: bool) -> list[_Asked]:
+        half, repeats = (_FINE, self._options.repeats) if near else (_COARSE, 1)
+        return self._possible((found.stiffness * math.exp(half * x) for x in _AROUND), repeats)
+
+    def _bracketing(self) -> list[_Asked]:
+        """Return trials toward the missing side of the bracket, or inside it."""
+        highest = min(self._reach.top, self._cap)
+        grew, died = self._grew(), self._died()
+        if not self._trials:
+            first = self._reach.predicted if self._cap == math.inf else _BACK * self._cap
+            first = min(first, highest / _FIRST[-2])
+            return self._possible(first * factor for factor in _FIRST)
+        if not grew:
+            if max(died) > 0.999 * highest:
+                return []
+            return self._possible(min(max(died) * x, highest) for x in _STIFFER)
+        if not died:
+            return self._possible(min(grew) * factor for factor in _SOFTER)
+        ends = sorted([min(grew), max([k for k in died if k < min(grew)], default=min(died))])
+        ratio = max(ends[1] / ends[0], 1.02)
+        return self._possible(ends[0] * ratio**share for share in _BETWEEN)
+
+    def _possible(self, wanted: Iterable[float], repeats: int = 1) -> list[_Asked]:
+        """Return trials at the stiffnesses within reach, softest first, each once or repeated.
+
+        They are on alternating sides, at slightly different places.
+        """
+        lowest, highest = _SOFTEST * self._reach.predicted, min(self._reach.top, self._cap)
+        step = max(self._device.position_step, 0.02 * self._kick)
+        asked = []
+        for stiffness in sorted({k for k in wanted if lowest <= k <= highest}) * repeats:
+            self._repeat += 1
+            # The golden ratio spreads any number of places evenly.
+            dither = (self._repeat * 0.618034) % 1.0 - 0.5
+            sign = 1.0 if self._repeat % 2 else -1.0
+            asked.append(_Asked(stiffness, sign, self._kick + dither * step))
+        return asked
+
     # One batch
 
     def _play(self, batch: Sequence[_Asked]) -> bool:
         """Run a batch of trials; return whether to continue."""
-        setting, result = self._setting, self.result
+        setting, result, kick = self._setting, self.result, self._kick
         phases: list[Phase] = []
         for asked in batch:
             centre = asked.sign * (asked.aim + self._offset[asked.sign])
-            phases.append(self._hold.phase(centre, asked.sign, self._kick))
-            phases.append(
-                trial_phase(self._device, setting, self._delay, asked.stiffness, self._kick)
-            )
+            phases += [
+                self._hold.phase(centre, asked.sign, kick),
+                trial_phase(self._device, setting, result.delay_s, asked.stiffness, kick),
+            ]
         # Back to the start: the next batch begins where this one leaves the shaft.
-        phases.append(self._hold.phase(0.0, -batch[-1].sign, self._kick))
+        phases.append(self._hold.phase(0.0, -batch[-1].sign, kick))
         name = f"B{setting.virtual_damping:g}-n{setting.delay_steps}-{len(result.logs) + 1}"
         soft, stiff = batch[0].stiffness, max(asked.stiffness for asked in batch)
         self._tell(
@@ -324,17 +309,22 @@ class PointSearch:
                 if tripped is not None and tripped.passing:
                     self._again += batch[n:]
                 break
-            seen = watch(rows, phase, phases[phase], self._device, self._kick)
+            seen = watch(rows, phase, phases[phase], self._device, kick)
             if seen is not None:
                 missed[asked.sign].append(self._take(seen, asked))
             elif (released := rows["position"][rows["phase"] == phase]).size:
                 # Beyond its reach at once: noise shakes friction loose, which held it elsewhere.
                 start = asked.sign * float(released[0] - rows["position"][0])
                 missed[asked.sign].append(asked.aim - start)
-        self._correct(missed)
+        # Friction and gravity keep the shaft from the soft spring's centre: the next aim is
+        # another. What is held does not move, however far that is.
+        most = max(_MOST_OFFSET * kick, KICK)
+        for sign, ways in missed.items():
+            offset = self._offset[sign] + float(np.mean(ways or [0.0]))
+            self._offset[sign] = max(-most, min(most, offset))
         if tripped is not None:
             self._blame(tripped, batch[min(max(over, 0) // 2, len(batch) - 1)].stiffness)
-        self._delay = self._total_delay()
+        self._locate()
         return self._too_stiff < _TRIPS
 
     def _blame(self, tripped: ExperimentTrippedError, stiffness: float) -> None:
@@ -362,67 +352,34 @@ class PointSearch:
                 self._trials.append(seen.trial)
         return (_CORRECTED if start >= low * asked.aim else _STUCK) * (asked.aim - start)
 
-    def _correct(self, missed: Mapping[float, Sequence[float]]) -> None:
-        """Aim anew: friction and gravity keep the shaft from the soft spring's centre."""
-        most = max(_MOST_OFFSET * self._kick, KICK)  # what is held does not move, however far
-        for sign, ways in missed.items():
-            if ways:
-                offset = self._offset[sign] + float(np.mean(ways))
-                self._offset[sign] = max(-most, min(most, offset))
-
-    def _died(self) -> list[float]:
-        return [trial.stiffness for trial in self._trials if not trial.grew]
-
-    def _grew(self) -> list[float]:
-        return [trial.stiffness for trial in self._trials if trial.grew]
-
     # The end
 
-    def _conclude(self, found: Balance | None, damping: float) -> None:
+    def _conclude(self, found: Balance | None) -> None:
         result, device = self.result, self._device
+        damping, delay = result.virtual_damping, result.delay_s
         result.trials = len(self._trials)
-        result.delay_s = self._delay
-        result.exact = device.exact(damping, self._delay)
-        result.linear = device.linear(damping, self._delay)
-        if self._too_stiff >= _TRIPS:
-            result.reason = f"given up after {_TRIPS} trips: {'; '.join(result.trips)}"
-            return
         between = self._bracket()
         if between is not None:  # a stiffer motion that died makes it less certain
             between = (between[0], max(between[1], *self._died()))
-        if found is None and between is not None and between[1] < _WIDE * between[0]:
+        if self._too_stiff >= _TRIPS:
+            result.reason = f"given up after {_TRIPS} trips: {'; '.join(result.trips)}"
+        elif found is not None:
+            result.measured, result.uncertainty = found.stiffness, found.uncertainty
+            result.frequency_hz = found.frequency if math.isfinite(found.frequency) else None
+            result.kick_rad, result.larger_grows = found.amplitude, found.larger_grows
+            if result.exact > 0.0:
+                result.predicted_with_friction = device.sustained(damping, delay, found.amplitude)
+                result.onset_rad = device.onset(damping, delay, found.stiffness)
+            if not found.low <= found.stiffness <= found.high:
+                result.reason = "extrapolated: on one side of the limit there is no trial"
+            elif found.uncertainty > 2.0 * self._options.tolerance * found.stiffness:
+                result.reason = "the trials differ by more than the tolerance: see the uncertainty"
+            elif found.larger_grows is False:
+                result.reason = bounded_text(found.amplitude)
+        elif between is not None and between[1] < _WIDE * between[0]:
             result.measured = math.sqrt(between[0] * between[1])
             result.uncertainty = 0.5 * (between[1] - between[0])
-            result.kick_rad = self._kick
             result.reason = bracket_text(*between, mixed=between[1] not in self._grew())
-            return
-        if found is None:
-            result.reason = nothing_text(
-                self._reach, self._died(), self._grew(), self._cap, result.trips
-            )
-            if result.disturbed:
-                result.reason += f"; {disturbed_text(result.disturbed)}"
-            return
-        result.measured = found.stiffness
-        result.uncertainty = found.uncertainty
-        result.frequency_hz = found.frequency if math.isfinite(found.frequency) else None
-        result.kick_rad = found.amplitude
-        result.larger_grows = found.larger_grows
-        if result.exact > 0.0:
-            sustained = device.sustained(damping, self._delay, found.amplitude)
-            if sustained is None:
-                again = reach(device, self._setting, self._delay, found.amplitude)
-                sustained = again.predicted
-            result.predicted_with_friction = sustained if math.isfinite(sustained) else None
-            onset, _ = device.onset(found.stiffness, damping, self._delay)
-            result.onset_rad = onset if math.isfinite(onset) else None
-        if not found.low <= found.stiffness <= found.high:
-            result.reason = "extrapolated: on one side of the limit there is no trial"
-        elif found.uncertainty > 2.0 * self._options.tolerance * found.stiffness:
-            result.reason = "the trials differ by more than the tolerance: see the uncertainty"
-        elif found.larger_grows is False:
-            result.reason = bounded_text(found.amplitude)
-
-
-def _middle(values: Sequence[float]) -> float:
-    return float(np.median(values))
+        else:
+            grew, died = self._grew(), self._died()
+            result.reason = nothing_text(self._reach, died, grew, self._cap, result)

@@ -1,100 +1,41 @@
-"""The believed servo of a sweep: its limits, with load and filter, and the onset of motion."""
+"""The believed servo of a sweep: its limits, and the stiffness that sustains an oscillation."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from haptic_wall.controller.experiments.holding import torque_limit_of
+from haptic_wall.controller.experiments.linear_loop import LinearLoop
 from haptic_wall.controller.guard.belief import HEAVIEST, Belief
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory import linear_limit
-from haptic_wall.controller.theory.boundary import CriticalPoint, chain_boundary, chain_ceiling
-from haptic_wall.controller.theory.chain import one_mass, two_masses
-from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.harmonic import Lossy, kick_limit
-from haptic_wall.controller.theory.velocity_filter import VelocityFilter
-from haptic_wall.hw.truth import EncoderSide
 
-_DAMPINGS = np.concatenate([[0.0], np.geomspace(1e-4, 1e4, 500)])
-"""Tried equivalent dampings of friction, as multiples of the damping of the limit without friction
-"""
+_ONSETS = 1e-4, 3.0, 60
+"""Amplitudes that are tried for the onset: from, to [rad], number"""
 
 
-@dataclass(frozen=True, slots=True)
-class BelievedLoop:
-    """A servo without Coulomb friction, and the velocity of its wall, in commanded units.
+def believed_loop(config: Config, inertia: float, damping: float, gain: float) -> LinearLoop:
+    """Return the loop of a servo of a configuration's belief, in commanded units.
 
     A body of inertia m and damping b under torques g u (torque gain g) moves like one of m/g and
-    b/g under u.
+    b/g under u. A load that vibrates too fast to be sampled is counted as rigid.
+
+    Args:
+        config: Its belief has the load.
+        inertia: [kg·m²]
+        damping: [N·m·s/rad]
+        gain: Acting over commanded torque.
     """
-
-    inertia: float
-    """Of everything that turns [kg·m²]"""
-    damping: float
-    """[N·m·s/rad]"""
-    period: float
-    """T [s]"""
-    samples: int
-    """N of the velocity difference"""
-    velocity_filter: VelocityFilter | None = None
-    """Of the velocity that damps"""
-    load: tuple[float, float, float] | None = None
-    """Inertia, stiffness and damping of the part behind the transmission; None: rigid"""
-    encoder: EncoderSide = "output"
-
-    @classmethod
-    def of(cls, config: Config, inertia: float, damping: float, gain: float) -> BelievedLoop:
-        """Return the loop of a servo of a configuration's belief.
-
-        A load that vibrates too fast to be sampled is counted as rigid.
-
-        Args:
-            config: Its belief has the load.
-            inertia: [kg·m²]
-            damping: [N·m·s/rad]
-            gain: Acting over commanded torque.
-        """
-        belief, period = config.belief(), config.period_s
-        load = None
-        if belief.is_flexible and not belief.is_fast(period):
-            load = _load(belief, inertia, gain)
-        rest = (config.wall.velocity_samples, config.velocity_filter(), load, belief.encoder)
-        return cls(inertia / gain, damping / gain, period, *rest)
-
-    def critical(
-        self, virtual_damping: ArrayLike, delay: float, friction: ArrayLike = 0.0
-    ) -> CriticalPoint:
-        """Return the critical stiffness, with its frequency.
-
-        Args:
-            virtual_damping: B [N·m·s/rad].
-            delay: Total [s].
-            friction: More viscous friction, beside the believed one [N·m·s/rad].
-        """
-        damping = self.damping + np.asarray(friction, dtype=np.float64)
-        if self.load is None:
-            chain, shape = one_mass(self.inertia, damping)
-        else:
-            motor = self.inertia - self.load[0]
-            chain, shape = two_masses(motor, damping, *self.load, encoder=self.encoder)
-        loop = (self.period, delay, self.samples, self.velocity_filter)
-        return chain_boundary(chain, shape, virtual_damping, *loop)
-
-    def ceiling(self, delay: float) -> float:
-        """Return the virtual damping above which nothing is stable [N·m·s/rad]."""
-        loop = (self.period, delay, self.samples, self.velocity_filter)
-        chain, shape = one_mass(self.inertia, self.damping)
-        found = float(chain_ceiling(chain, shape, *loop))
-        if self.load is not None:
-            motor = self.inertia - self.load[0]
-            chain, shape = two_masses(motor, self.damping, *self.load, encoder=self.encoder)
-            found = min(found, float(chain_ceiling(chain, shape, *loop)))
-        return found
+    belief, period = config.belief(), config.period_s
+    load = None
+    if belief.is_flexible and not belief.is_fast(period):
+        load = _load(belief, inertia, gain)
+    rest = (config.wall.velocity_samples, config.velocity_filter(), load, belief.encoder)
+    return LinearLoop(inertia / gain, damping / gain, period, *rest)
 
 
 def _load(belief: Belief, inertia: float, gain: float) -> tuple[float, float, float]:
@@ -109,8 +50,8 @@ def _load(belief: Belief, inertia: float, gain: float) -> tuple[float, float, fl
 class Device:
     """The belief about the servo that a sweep needs; in commanded units."""
 
-    loop: BelievedLoop
-    worst: BelievedLoop
+    loop: LinearLoop
+    worst: LinearLoop
     """With the lowest inertia and damping"""
     coulomb: float
     torque_limit: float
@@ -136,8 +77,8 @@ class Device:
         gain = belief.torque_gain
         inertia, damping = belief.inertia, belief.damping
         return cls(
-            loop=BelievedLoop.of(config, inertia.value, damping.value, gain.value),
-            worst=BelievedLoop.of(config, inertia.low, damping.low, gain.high),
+            loop=believed_loop(config, inertia.value, damping.value, gain.value),
+            worst=believed_loop(config, inertia.low, damping.low, gain.high),
             coulomb=belief.coulomb.value / gain.value,
             torque_limit=torque_limit_of(config),
             max_speed=config.driven_speed,
@@ -149,24 +90,9 @@ class Device:
         )
 
     @property
-    def inertia(self) -> float:
-        """Return the inertia of everything that turns."""
-        return self.loop.inertia
-
-    @property
-    def damping(self) -> float:
-        """Return the viscous friction."""
-        return self.loop.damping
-
-    @property
     def period(self) -> float:
         """Return the sampling period T [s]."""
         return self.loop.period
-
-    @property
-    def velocity_samples(self) -> int:
-        """Return N of the velocity difference."""
-        return self.loop.samples
 
     def exact(self, virtual_damping: float, delay: float) -> float:
         """Return the critical stiffness without friction [N·m/rad]; 0: none."""
@@ -174,66 +100,32 @@ class Device:
 
     def linear(self, virtual_damping: float, delay: float) -> float:
         """Return the linear condition's limit [N·m/rad]."""
-        return float(linear_limit(self.damping, virtual_damping, self.period, delay))
-
-    def ceiling(self, delay: float) -> float:
-        """Return the virtual damping above which nothing is stable [N·m·s/rad]."""
-        return self.loop.ceiling(delay)
+        return float(linear_limit(self.loop.damping, virtual_damping, self.period, delay))
 
     def sustained(self, virtual_damping: float, delay: float, amplitude: float) -> float | None:
         """Return the stiffness that sustains an amplitude, with friction and backlash [N·m/rad].
 
-        None: there are a load or a filter of the velocity, which this theory does not know; inf: no
+        None: there are a load or a filter of the velocity, which this theory does not know, or no
         stiffness does.
         """
         if self.loop.load is not None or self.loop.velocity_filter is not None:
             return None
-        servo = Lossy(self.inertia, self.damping, self.coulomb, self.backlash)
-        loop = virtual_damping, self.period, delay, amplitude, self.velocity_samples
-        return kick_limit(servo, *loop)
+        if self.coulomb == 0.0 and self.backlash == 0.0:
+            return self.exact(virtual_damping, delay) or None
+        servo = Lossy(self.loop.inertia, self.loop.damping, self.coulomb, self.backlash)
+        loop = virtual_damping, self.period, delay, amplitude, self.loop.samples
+        found = kick_limit(servo, *loop)
+        return found if math.isfinite(found) else None
 
-    def onset(self, stiffness: float, virtual_damping: float, delay: float) -> tuple[float, float]:
-        """Return the amplitude above which motion grows [rad], and its frequency [Hz]."""
-        at, amplitude, frequency = self.onsets(virtual_damping, delay)
-        hertz = float(np.interp(stiffness, at, frequency)) * min(stiffness / at[0], 1.0) ** 0.5
-        if stiffness <= at[0]:
-            return math.inf, hertz
-        if amplitude[-1] == 0.0:  # without friction all grows
-            return 0.0, hertz
-        return float(1.0 / np.interp(stiffness, at, 1.0 / amplitude)), hertz
-
-    def onsets(
-        self, virtual_damping: float, delay: float
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return stiffness from the limit without friction upward, onset amplitude, frequency.
-
-        Friction at an amplitude is a damping, and each damping has its limit, so that no equation
-        must be solved.
-
-        Args:
-            virtual_damping: One at which some stiffness is stable [N·m·s/rad].
-            delay: Believed total [s].
-
-        Returns:
-            Three arrays of one shape [N·m/rad], [rad], [Hz]; the first amplitude is inf.
-
-        Source: describing function of Coulomb friction, 4 c/(pi A w).
-        """
-        return _onsets(self.loop, self.coulomb, virtual_damping, delay)
-
-
-@lru_cache(maxsize=16)
-def _onsets(
-    loop: BelievedLoop, coulomb: float, virtual_damping: float, delay: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Compute ``Device.onsets``: with a load that takes a tenth of a second."""
-    limit = float(loop.critical(virtual_damping, delay).stiffness)
-    extra = limit * (0.5 * loop.period + delay) * _DAMPINGS
-    found = loop.critical(virtual_damping, delay, extra)
-    frequency, stiffness = np.asarray(found.frequency), np.asarray(found.stiffness)
-    amplitude = np.full(extra.size, np.inf)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        amplitude[1:] = 2.0 * coulomb / (np.pi**2 * extra[1:] * frequency[1:])
-    # with a load the limit may fall again with much friction: motion that small dies
-    rises = np.concatenate([[True], np.diff(np.maximum.accumulate(stiffness)) > 0.0])
-    return stiffness[rises], amplitude[rises], frequency[rises]
+    def onset(self, virtual_damping: float, delay: float, stiffness: float) -> float | None:
+        """Return the amplitude that a stiffness sustains [rad], 0 if it needs none; None: none."""
+        if self.coulomb == 0.0:
+            return 0.0 if stiffness > self.exact(virtual_damping, delay) else None
+        tried = np.geomspace(*_ONSETS)
+        found = [self.sustained(virtual_damping, delay, each) or np.inf for each in tried.tolist()]
+        limits = np.minimum.accumulate(found)[::-1]
+        if not limits[0] <= stiffness <= limits[-1]:
+            return None
+        known = np.isfinite(limits)
+        at = np.interp(math.log(stiffness), np.log(limits[known]), np.log(tried[::-1][known]))
+        return math.exp(float(at))

@@ -6,18 +6,20 @@ worst corner, and no stiffness is tried at which torque or speed would exceed it
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.laws.program import Phase
-from haptic_wall.controller.theory.checks import FloatArray
 
 KICK = 0.1
 """Largest default kick [rad]"""
 _KICK_COUNTS = 8.0
 """Smallest default kick [encoder counts]"""
+_KICKS = 60
+"""Number of kicks from which the default is chosen"""
 _KICK_TORQUE = 0.5
 """Fraction of the torque limit that the spring may command at such a kick"""
 _QUICK = 0.15
@@ -78,6 +80,55 @@ class Reach:
     """Name of that limit"""
 
 
+@dataclass(frozen=True, slots=True)
+class Swing:
+    """The oscillation that is expected at a point, by the belief."""
+
+    device: Device
+    virtual_damping: float
+    """One at which some stiffness is stable [N·m·s/rad]"""
+    delay: float
+    """Believed total [s]"""
+    exact: float
+    """Critical stiffness without friction [N·m/rad]"""
+    rate: float
+    """Angular frequency there [rad/s]"""
+
+    @classmethod
+    def of(cls, device: Device, virtual_damping: float, delay: float) -> Swing:
+        """Return the oscillation at a point."""
+        at = device.loop.critical(virtual_damping, delay)
+        rate = 2.0 * np.pi * float(at.frequency)
+        return cls(device, virtual_damping, delay, float(at.stiffness), rate)
+
+    def rate_at(self, stiffness: float) -> float:
+        """Return the angular frequency at a stiffness, about that of a spring and a mass."""
+        return self.rate * math.sqrt(stiffness / self.exact)
+
+    def torque_at(self, stiffness: float) -> float:
+        """Return the torque of the wall at a stiffness, over the amplitude [N·m/rad]."""
+        return math.hypot(stiffness, self.virtual_damping * self.rate_at(stiffness))
+
+    def balanced(self, kick: float) -> float:
+        """Return the stiffness at which motion of this amplitude neither grows nor decays."""
+        return self.device.sustained(self.virtual_damping, self.delay, kick) or self.exact
+
+    def fits(self, kick: float) -> bool:
+        """Whether torque and speed leave room for a kick at its balance."""
+        stiffness = self.balanced(kick)
+        torque, speed = kick * self.torque_at(stiffness), kick * self.rate_at(stiffness)
+        most = self.device.torque_limit, self.device.max_speed
+        return torque <= _KICK_TORQUE * most[0] and speed <= 0.5 * most[1]
+
+    def tops(self, kick: float) -> tuple[float, float]:
+        """Return the stiffnesses at which torque and speed of a kick reach their limits."""
+        most = self.device.torque_limit / (kick * _ROOM)
+        fast = self.device.max_speed / (kick * _ROOM * self.rate)
+        # The damper's torque grows with the root of the stiffness.
+        damper = 0.5 * (self.virtual_damping * self.rate) ** 2 / self.exact
+        return math.hypot(damper, most) - damper, self.exact * fast * fast
+
+
 def reach(device: Device, setting: PlanePoint, delay: float, kick: float | None) -> Reach:
     """Return the range of stiffnesses at a point, and the kick.
 
@@ -87,47 +138,14 @@ def reach(device: Device, setting: PlanePoint, delay: float, kick: float | None)
         delay: Believed total [s].
         kick: Requested [rad]; None: the largest up to ``KICK`` that the torque limit allows.
     """
-    damping = setting.virtual_damping
-    stiffness, amplitude, frequency = device.onsets(damping, delay)
-    speed_share = 2.0 * np.pi * frequency
-    torque = np.hypot(stiffness, damping * speed_share)
+    swing = Swing.of(device, setting.virtual_damping, delay)
     if kick is None:
-        least = min(_KICK_COUNTS * device.position_step, KICK)
-        kicks = KICK * np.geomspace(1.0, max(least / KICK, 1e-4), 60)
-        at = np.array([_balanced(stiffness, amplitude, k) for k in kicks])
-        asked = kicks * np.interp(at, stiffness, torque)
-        room = np.flatnonzero(
-            (asked <= _KICK_TORQUE * device.torque_limit)
-            & (kicks * np.interp(at, stiffness, speed_share) <= 0.5 * device.max_speed)
-        )
-        kick = float(kicks[room[0]] if room.size else kicks[-1])
-    predicted = _balanced(stiffness, amplitude, kick)
-    below = np.geomspace(1e-3, 1.0, 200, endpoint=False)
-    softer = np.concatenate([stiffness[0] * below, stiffness])
-    # Below the limit a spring and a mass, about.
-    speed_share = np.concatenate([speed_share[0] * np.sqrt(below), speed_share])
-    torque = np.hypot(softer, damping * speed_share) * kick * _ROOM
-    by_torque = torque <= device.torque_limit
-    by_speed = speed_share * kick * _ROOM <= device.max_speed
-    possible = np.flatnonzero(by_torque & by_speed)
-    top = float(softer[possible[-1]]) if possible.size else 0.0
-    beyond = min(int(possible[-1]) + 1 if possible.size else 0, softer.size - 1)
-    bound_by = "safety.max_speed" if by_torque[beyond] else "servo.torque_limit"
-    return Reach(kick, predicted, top, bound_by)
-
-
-def _balanced(stiffness: FloatArray, amplitude: FloatArray, kick: float) -> float:
-    """Return the stiffness whose onset is the kick [N·m/rad]; without friction the exact limit."""
-    below = np.flatnonzero(amplitude <= kick)
-    if below.size == 0:
-        return float(stiffness[-1])
-    n = int(below[0])
-    if not np.isfinite(amplitude[n - 1]) or amplitude[n] == 0.0:
-        # The onset falls from infinity at the limit itself.
-        return float(stiffness[max(n - 1, 0)])
-    x = np.log(amplitude[n - 1 : n + 1])
-    share = (x[0] - np.log(kick)) / (x[0] - x[1])
-    return float(stiffness[n - 1] * (stiffness[n] / stiffness[n - 1]) ** share)
+        least = max(min(_KICK_COUNTS * device.position_step / KICK, 1.0), 1e-4)
+        kicks = (KICK * np.geomspace(1.0, least, _KICKS)).tolist()
+        kick = next(filter(swing.fits, kicks), kicks[-1])
+    by_torque, by_speed = swing.tops(kick)
+    bound_by = "servo.torque_limit" if by_torque <= by_speed else "safety.max_speed"
+    return Reach(kick, swing.balanced(kick), min(by_torque, by_speed), bound_by)
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,10 +207,11 @@ def trial_phase(
     device: Device, setting: PlanePoint, delay: float, stiffness: float, kick: float
 ) -> Phase:
     """Return the wall itself, about the program's start, until its motion is decided."""
-    frequency = device.onset(stiffness, setting.virtual_damping, delay)[1]
-    torque = float(np.hypot(stiffness, setting.virtual_damping * 2.0 * np.pi * frequency))
-    largest = max(min(_GROWN * kick, device.torque_limit / torque), _ROOM * kick)
-    cycle = 1.0 / frequency
+    swing = Swing.of(device, setting.virtual_damping, delay)
+    largest = max(
+        min(_GROWN * kick, device.torque_limit / swing.torque_at(stiffness)), _ROOM * kick
+    )
+    cycle = 2.0 * math.pi / swing.rate_at(stiffness)
     return Phase(
         seconds=min(max(0.5 * _HALF_CYCLES * cycle, _LEAST_S), _MOST_S),
         stiffness=stiffness,

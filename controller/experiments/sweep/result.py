@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from haptic_wall.controller.experiments.sweep.device import Device
+from haptic_wall.controller.experiments.linear_loop import LinearLoop
 from haptic_wall.controller.experiments.sweep.plan import Reach
 
 
@@ -29,7 +29,7 @@ class PointResult:
     frequency_hz: float | None = None
     predicted_with_friction: float | None = None
     """Stiffness that sustains the kick's amplitude, with the believed friction and backlash
-    [N·m/rad]"""
+    [N·m/rad]; None: with a load or a filter it is not known"""
     larger_grows: bool | None = None
     """At the measured stiffness larger motion grows (true), or dies down to a cycle of about the
     kick (false); None: the trials do not tell"""
@@ -44,26 +44,23 @@ class PointResult:
     logs: list[str] = field(default_factory=list)
 
 
-def unstable_text(device: Device, virtual_damping: float, delay: float) -> str:
+def unstable_text(loop: LinearLoop, virtual_damping: float, delay: float) -> str:
     """Explain why no trial is made where no stiffness is stable in theory."""
-    ceiling = device.ceiling(delay)
-    if virtual_damping >= ceiling:
-        return (
-            f"virtual damping {virtual_damping:g} is above the ceiling {ceiling:.4g} N·m·s/rad at"
-            " this delay: no stiffness is stable; nothing was tried"
-        )
-    return (
-        f"virtual damping {virtual_damping:g} cancels all of the servo's own"
-        f" {device.damping:g} N·m·s/rad: no stiffness is stable; nothing was tried"
+    ceiling = loop.ceiling(delay)
+    why = (
+        f"is above the ceiling {ceiling:.4g} N·m·s/rad at this delay"
+        if virtual_damping >= ceiling
+        else f"cancels all of the servo's own {loop.damping:g} N·m·s/rad"
     )
+    return f"virtual damping {virtual_damping:g} {why}: no stiffness is stable; nothing was tried"
 
 
 def out_of_reach_text(edge: Reach, seen: str) -> str:
     """Name the limit that prevents a measurement: torque or speed."""
-    room = f"only up to {edge.top:.4g} N·m/rad" if edge.top > 0.0 else "no stiffness"
     return (
-        f"{edge.bound_by} allows {room} for a kick of {edge.kick:.4g} rad, the limit is expected"
-        f" at {edge.predicted:.4g} N·m/rad; {seen}: use a smaller --kick or raise {edge.bound_by}"
+        f"{edge.bound_by} allows only up to {edge.top:.4g} N·m/rad for a kick of {edge.kick:.4g}"
+        f" rad, the limit is expected at {edge.predicted:.4g} N·m/rad; {seen}: use a smaller --kick"
+        f" or raise {edge.bound_by}"
     )
 
 
@@ -91,16 +88,8 @@ def bounded_text(amplitude: float) -> str:
     )
 
 
-def disturbed_text(trials: int) -> str:
-    """Explain how many trials bus or machine spoiled."""
-    return (
-        f"{trials} trials lost too many readings or periods, and were repeated: end other programs"
-        " on this machine, or see haptic-wall doctor"
-    )
-
-
 def nothing_text(
-    edge: Reach, died: Sequence[float], grew: Sequence[float], cap: float, trips: Sequence[str]
+    edge: Reach, died: Sequence[float], grew: Sequence[float], cap: float, found: PointResult
 ) -> str:
     """Explain why trials gave no figure.
 
@@ -109,17 +98,24 @@ def nothing_text(
         died: Stiffnesses at which motion decayed [N·m/rad].
         grew: Stiffnesses at which it grew.
         cap: Below the softest that tripped.
-        trips: The trips.
+        found: Has the trips, and the number of disturbed trials.
     """
-    if died and not grew:
-        if cap < edge.top:
-            return f"did not grow below the stiffness that tripped: {'; '.join(trips)}"
-        return out_of_reach_text(edge, f"motion still died at {max(died):.4g} N·m/rad")
-    if grew and not died:
-        return (
+    if died and not grew and cap < edge.top:
+        text = f"did not grow below the stiffness that tripped: {'; '.join(found.trips)}"
+    elif died and not grew:
+        text = out_of_reach_text(edge, f"motion still died at {max(died):.4g} N·m/rad")
+    elif grew and not died:
+        text = (
             f"motion grew at every stiffness down to {min(grew):.4g} N·m/rad: the belief (model.*)"
             " is far from this servo, or a load or a hand moves it"
         )
-    if not died:
-        return "no trial was recorded to its end"
-    return "too few undisturbed half-cycles to separate growth from decay"
+    elif not died:
+        text = "no trial was recorded to its end"
+    else:
+        text = "too few undisturbed half-cycles to separate growth from decay"
+    if found.disturbed:
+        text += (
+            f"; {found.disturbed} trials lost too many readings or periods, and were repeated: end"
+            " other programs on this machine, or see haptic-wall doctor"
+        )
+    return text

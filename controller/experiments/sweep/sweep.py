@@ -33,7 +33,6 @@ from haptic_wall.controller.experiments.sweep.plan import (
 from haptic_wall.controller.experiments.sweep.result import PointResult
 from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
-    ExperimentTrippedError,
     Testbed,
 )
 from haptic_wall.controller.laws.program import Phase
@@ -132,7 +131,7 @@ def sweep(
 
     Raises:
         ServoError: The servo could not be started.
-        ExperimentTrippedError: It was lost, or must be examined before it may move again.
+        ExperimentTrippedError: The servo or the bus must be examined before it may move again.
         UserError: The configuration is unsuitable, or results or a log could not be written.
     """
     left = [setting for setting in asked.settings if setting not in kept.done]
@@ -153,47 +152,11 @@ def sweep(
                     for setting, result in found:
                         add(setting, result)
             else:
-                _in_turn(bed, left, asked.options, tell, add)
+                for setting in left:
+                    add(setting, PointSearch(bed, setting, asked.options, tell).run())
     except (KeyboardInterrupt, ExperimentInterruptedError):
         return False
     return True
-
-
-def _in_turn(
-    bed: Testbed,
-    left: list[PlanePoint],
-    options: Options,
-    tell: Callable[[str], None],
-    add: Progress,
-) -> None:
-    """Measure points one after the other; those that bus or machine disturbed once more at the end.
-
-    Raises:
-        ExperimentTrippedError: Two points one after the other were ended, or one twice.
-    """
-    spoiled: dict[PlanePoint, str] = {}
-    ended = False
-    for setting in left:
-        try:
-            result = PointSearch(bed, setting, options, tell).run()
-        except ExperimentTrippedError as error:
-            if ended or not error.passing:
-                raise
-            ended, spoiled[setting] = True, f"{error.stop_reason} ended an earlier search"
-        else:
-            ended = False
-            if result.measured is not None or not result.disturbed:
-                add(setting, result)
-                continue
-            spoiled[setting] = f"an earlier search had {result.disturbed} disturbed trials"
-        tell(
-            f"B {setting.virtual_damping:g}, {setting.delay_steps} steps: {spoiled[setting]};"
-            " measured again at the end"
-        )
-    for setting, why in spoiled.items():
-        result = PointSearch(bed, setting, options, tell).run()
-        result.trips.insert(0, why)
-        add(setting, result)
 
 
 def measure(config: str, folder: Path, setting: PlanePoint, options: Options) -> PointResult:

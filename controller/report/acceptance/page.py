@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from haptic_wall.controller.experiments.acceptance.judged import FAILS, HOLDS
+from haptic_wall.controller.experiments.acceptance import FAILS, HOLDS
 from haptic_wall.controller.report.html import filled_in
 
 

@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from haptic_wall.controller.experiments.commission.outcome import Step
-from haptic_wall.controller.experiments.commission.steps import Plot
+from haptic_wall.controller.experiments.commission.steps import Plot, Step
 from haptic_wall.controller.experiments.commission.verdict import GuardQuestion
 from haptic_wall.controller.report import style
 from haptic_wall.controller.report.delay import plot_delay
 from haptic_wall.controller.report.identify import plot_identification
 from haptic_wall.controller.report.limit_curves import draw_limits
-from haptic_wall.controller.report.rendered import plot_rendering
 from haptic_wall.controller.report.sweep import plot_sweep
 
 if TYPE_CHECKING:
@@ -24,7 +22,6 @@ if TYPE_CHECKING:
 PLOTS: dict[Step, Plot] = {
     "identify": plot_identification,
     "delay": plot_delay,
-    "rendered": plot_rendering,
     "sweep": plot_sweep,
 }
 """The function that draws each step's picture"""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from haptic_wall.controller.experiments.commission.report import INCOMPLETE, NOT_MEASURED
+from haptic_wall.controller.experiments.commission.sequence import INCOMPLETE, NOT_MEASURED
 from haptic_wall.controller.experiments.identify.text import UNITS
 from haptic_wall.controller.guard.delay_parts import ms
 
@@ -20,8 +20,6 @@ _PARTS = {
 }
 _NAMES = {"coulomb": "Coulomb friction", "torque_gain": "torque gain"}
 _ENDS = {"failed": "tried and failed", "skipped": "left out"}
-_NEAR_ONE = 0.02
-"""Largest deviation of rendered over commanded stiffness from one without a warning"""
 
 
 def headline(report: Report) -> str:
@@ -110,13 +108,6 @@ def agrees(report: Report) -> Iterator[str]:
     found = report["agreement"]
     if found["delay"] is not None:
         yield from _delay(found["delay"])
-    if report["rendered"] is not None:
-        yield from _rendered(report["rendered"])
-        if report["identify"] is not None and report["identify"]["warnings"]:
-            yield (
-                "The rendered wall includes the servo's own weight, cogging and friction at rest:"
-                " see “What is not known”."
-            )
     if found["boundary"] is not None:
         yield from _boundary(found["boundary"], report["verdict"]["margin"])
     if all(value is None for value in found.values()):
@@ -141,18 +132,6 @@ def _delay(found: Mapping[str, Any]) -> Iterator[str]:
             f"An inserted delay of {ms(point['inserted'])} was measured as"
             f" {_pm_ms(point['recovered'])}, {end}."
         )
-
-
-def _rendered(found: Mapping[str, Any]) -> Iterator[str]:
-    for row in found["rows"]:
-        if row["name"] == "static stiffness" and row["rendered"] is not None:
-            ratio = row["ratio"]
-            off = ratio is not None and abs(ratio - 1.0) > _NEAR_ONE
-            yield (
-                f"Static stiffness: {_n(row['commanded'])} N·m/rad commanded,"
-                f" {_n(row['rendered'])}{_pm(row['stderr'])} rendered, {row['note']}"
-                + (f": {ratio:.3f} of the commanded stiffness." if off else ".")
-            )
 
 
 def _boundary(points: Sequence[Mapping[str, Any]], margin: float) -> Iterator[str]:
@@ -279,10 +258,6 @@ def model_rows(report: Report) -> Iterator[tuple[str, str, str, str]]:
 def _n(value: float) -> str:
     """Format three digits, without an exponent where that is short."""
     return f"{float(f'{value:.3g}'):g}"
-
-
-def _pm(stderr: float | None) -> str:
-    return "" if stderr is None else f" ± {stderr:.2g}"
 
 
 def _pm_ms(each: Mapping[str, float]) -> str:

@@ -9,7 +9,6 @@ from typing import TypeVar
 import numpy as np
 import pytest
 
-from haptic_wall.controller.experiments.maps.onset import simulated_critical_stiffness
 from haptic_wall.controller.experiments.maps.walls import Loop, wall_of
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
@@ -17,6 +16,7 @@ from haptic_wall.controller.theory.harmonic import Lossy, kick_limit
 from haptic_wall.hw.truth import TrueServo
 from tests.support.nonlinear_walls import Motion
 from tests.support.nonlinear_walls import Walls as AloneWalls
+from tests.support.simulated_limits import simulated_critical_stiffness
 
 T = TypeVar("T")
 FiveOf = tuple[T, T, T, T, T]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.cli.main import main
-from haptic_wall.controller.experiments.maps import loop, onset, search, walls
+from haptic_wall.controller.experiments.maps import loop, search, walls
 from haptic_wall.controller.experiments.maps.bounce import returned
 from haptic_wall.controller.experiments.maps.compiled import _fingerprint, compiled
 from haptic_wall.controller.experiments.maps.maps import MapQuestion, MapSettings, critical_map
@@ -36,8 +36,7 @@ STATED_RATIO = 2e-3
 
 @pytest.fixture
 def uncompiled(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (walls, onset):
-        monkeypatch.setattr(module, "compiled", lambda: None)
+    monkeypatch.setattr(walls, "compiled", lambda: None)
 
 
 def drawn(random: np.random.Generator, kinds: set[str]) -> TrueServo:

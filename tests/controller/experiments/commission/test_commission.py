@@ -16,8 +16,7 @@ import pytest
 
 from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.experiments.commission import plan, steps
-from haptic_wall.controller.experiments.commission.outcome import Step
-from haptic_wall.controller.experiments.commission.steps import StepContext, StepResult
+from haptic_wall.controller.experiments.commission.steps import Step, StepContext, StepResult
 from haptic_wall.controller.experiments.identify.bench import UnidentifiableError
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
 from haptic_wall.controller.experiments.sweep.sweep import sweep
@@ -137,7 +136,7 @@ def test_the_page_is_one_file_with_its_pictures_in_it(
     _, report = report_of(commissioned, capsys)
     page = (commissioned / "report.html").read_text()
     images = re.findall(r'<img src="data:image/png;base64,([^"]+)" alt="[^"]+', page)
-    assert len(images) == page.count("<img") == 5
+    assert len(images) == page.count("<img") == 4
     assert all(base64.b64decode(each).startswith(PNG[:6]) for each in images)
     assert not re.search(r"https?://|@import|url\(|href=", page)
     shown = " ".join(page.split())
@@ -187,16 +186,10 @@ def delay_data(_bench: object) -> dict[str, Any]:
     }
 
 
-def rendered_data(_bench: object) -> dict[str, Any]:
-    wall = {"stiffness": 8.0, "damping": 0.02}
-    return {"commanded": wall, "rows": [], "notes": []}
-
-
 DATA: dict[Step, Callable[[StepContext], dict[str, Any]]] = {
     "doctor": lambda _bench: {"checks": [], "fatal": [], "reached": True},
     "identify": identify_data,
     "delay": delay_data,
-    "rendered": rendered_data,
     "sweep": lambda _bench: {"points": []},
 }
 
@@ -260,7 +253,6 @@ def test_without_a_model_only_what_needs_none_goes_on(desk: Desk) -> None:
         "doctor": "skipped",
         "identify": "failed",
         "delay": "done",
-        "rendered": "skipped",
         "sweep": "skipped",
     }
     assert report["verdict"]["basis"] == "believed" and report["config"] is None
@@ -306,7 +298,7 @@ def test_what_is_interrupted_is_kept_and_resumed(desk: Desk, error: BaseExceptio
     assert (desk.folder / "report.html").exists()
     called = desk.take()
     assert desk.report()[0] == 0
-    assert called == ["delay", "rendered", "sweep"]
+    assert called == ["delay", "sweep"]
 
 
 @pytest.mark.parametrize(
@@ -335,7 +327,7 @@ def test_fresh_begins_anew(desk: Desk) -> None:
     called = desk.take()
     words = [*SIMULATED, "--set=wall.stiffness=3", "--fresh"]
     assert desk.report(*words)[0] == 0
-    assert called == ["identify", "delay", "rendered", "sweep"]
+    assert called == ["identify", "delay", "sweep"]
 
 
 def test_a_configuration_of_somebody_else_is_not_written_over(
@@ -366,7 +358,7 @@ def test_a_real_servo_does_not_move_without_a_yes(desk: Desk) -> None:
     assert call("commission", *REAL, "--out", desk.folder) == 2
     told = desk.capsys.readouterr().err
     assert "--yes" in told
-    for what in ("0.3 rad", "4.1 N·m", "about a minute", "110 s"):
+    for what in ("0.3 rad", "4.1 N·m", "about a minute"):
         assert what in told
     assert list(desk.folder.iterdir()) == []
 
@@ -402,7 +394,7 @@ def test_the_plan_moves_nothing(desk: Desk) -> None:
     nothing_moves(desk.patch)
     assert call("commission", *SIMULATED, "--plan", "--json") == 0
     plan = json.loads(desk.capsys.readouterr().out)
-    assert len(plan["steps"]) == 5 and plan["seconds"] > 60
+    assert len(plan["steps"]) == 4 and plan["seconds"] > 60
     assert list(desk.folder.iterdir()) == []
 
 

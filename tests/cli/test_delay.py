@@ -1,4 +1,4 @@
-"""``haptic-wall delay`` and ``rendered`` report, write their files, and end as they should."""
+"""``haptic-wall delay`` reports, writes its files, and ends as it should."""
 
 import json
 from pathlib import Path
@@ -7,10 +7,6 @@ from typing import Any, NoReturn
 import pytest
 from matplotlib.figure import Figure
 
-from haptic_wall.controller.experiments.rendered import (
-    contact_transient,
-    static_stiffness,
-)
 from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
     ExperimentTrippedError,
@@ -24,14 +20,6 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 
 PNG = b"\x89PNG\r\n\x1a\n"
 QUICK = ("--set", "loop.clock=simulated")
-
-
-@pytest.fixture
-def fewer(monkeypatch: pytest.MonkeyPatch, wholly: bool) -> None:
-    """Has each motion of ``rendered`` made fewer times, unless whole experiments are played."""
-    if not wholly:
-        monkeypatch.setattr(static_stiffness, "_CYCLES", 1)
-        monkeypatch.setattr(contact_transient, "_REPEATS", 1)
 
 
 @pytest.fixture
@@ -76,25 +64,8 @@ def test_delay_reports_value_and_error_and_leaves_its_files(
     assert lags.get_position().width > 0.5
 
 
-@pytest.mark.whole
-@pytest.mark.usefixtures("fewer")
-def test_rendered_reports_the_comparison(cli: Cli, tmp_path: Path, figures: list[Figure]) -> None:
-    status, said, err = cli("rendered", "simulated", *QUICK, "--out", tmp_path, "--json")
-    assert status == 0
-    report = json.loads(said)
-    rows = {row["name"]: row for row in report["rows"]}
-    assert rows["static stiffness"]["ratio"] == pytest.approx(1.0, abs=0.01)
-    assert report["commanded"]["stiffness"] == 8.0
-    assert (tmp_path / "rendered.png").read_bytes().startswith(PNG)
-    assert json.loads((tmp_path / "rendered.json").read_text()) == report
-    assert "the shaft will move within" in err
-    assert len(figures[0].axes) == 2
-    assert min(ax.get_position().width for ax in figures[0].axes) > 0.2
-
-
-@pytest.mark.parametrize("command", ["delay", "rendered"])
 def test_an_interrupt_ends_with_130_and_no_traceback(
-    command: str, cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupted(*_: object) -> NoReturn:
         raise ExperimentInterruptedError(
@@ -102,15 +73,14 @@ def test_an_interrupt_ends_with_130_and_no_traceback(
         )
 
     monkeypatch.setattr(Testbed, "play", interrupted)
-    status, said, err = cli(command, "simulated", *QUICK, "--out", tmp_path)
+    status, said, err = cli("delay", "simulated", *QUICK, "--out", tmp_path)
     assert (status, said) == (130, "")
     assert "interrupted; steps.hwlog holds the recorded rows" in err
 
 
-@pytest.mark.parametrize("command", ["delay", "rendered"])
-def test_a_trip_ends_with_3_and_its_explanation(command: str, cli: Cli, tmp_path: Path) -> None:
+def test_a_trip_ends_with_3_and_its_explanation(cli: Cli, tmp_path: Path) -> None:
     status, _, err = cli(
-        command, "simulated", *QUICK, "--out", tmp_path,
+        "delay", "simulated", *QUICK, "--out", tmp_path,
         "--set", "model.inertia=0.5", "--set", "safety.max_speed=4",
     )  # fmt: skip
     assert status == 3
@@ -121,7 +91,6 @@ def test_a_trip_ends_with_3_and_its_explanation(command: str, cli: Cli, tmp_path
     ("command", "more"),
     [
         ("delay", ()),
-        ("rendered", ()),
         ("sweep", ("--virtual-damping=0.02,0.04", "--delay-steps=0", "--workers=1")),
     ],
 )
@@ -139,12 +108,9 @@ def test_a_servo_that_is_lost_on_the_way_ends_with_4(
     assert "trip:servo_lost: the port is gone" in err
 
 
-@pytest.mark.parametrize("command", ["delay", "rendered"])
-def test_a_servo_that_does_not_move_is_no_fit_hardware(
-    command: str, cli: Cli, tmp_path: Path
-) -> None:
+def test_a_servo_that_does_not_move_is_no_fit_hardware(cli: Cli, tmp_path: Path) -> None:
     status, _, err = cli(
-        command, "simulated", *QUICK, "--out", tmp_path,
+        "delay", "simulated", *QUICK, "--out", tmp_path,
         "--set", "servo.coulomb=6", "--set", "model.coulomb=0.09",
     )  # fmt: skip
     assert status == 4

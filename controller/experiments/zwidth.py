@@ -1,4 +1,4 @@
-"""Computes the largest stiffness over the virtual damping, for several estimates of the velocity.
+"""The Z-width of a servo: its largest stiffness over the virtual damping, by velocity estimates.
 
 By exact theory for the servo in the middle of the belief, and by the guard, which uses the belief's
 least safe corner and its margin. The measured points are those of a sweep.
@@ -7,19 +7,22 @@ least safe corner and its margin. The measured points are those of a sweep.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from haptic_wall.controller.errors import ConfigError
-from haptic_wall.controller.experiments.commission.sweep_points import points_at
+from haptic_wall.controller.experiments.commission.plan import OPTIONS, points_at
 from haptic_wall.controller.experiments.commission.verdict import GuardQuestion
 from haptic_wall.controller.experiments.holding import sample_age, without_hand
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
 from haptic_wall.controller.experiments.sweep.result import PointResult
+from haptic_wall.controller.experiments.sweep.sweep import Sweep, sweep
+from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import loaded
 from haptic_wall.controller.theory.checks import FloatArray
@@ -81,14 +84,17 @@ class Width:
     """Total, believed"""
     points: list[PointResult] = field(default_factory=list)
     """Measured"""
-    _settings: tuple[PlanePoint, ...] = ()
-    """``settings``, when they have been asked for"""
 
-    def settings(self) -> tuple[PlanePoint, ...]:
-        """Return the points to measure: none, a third, and two thirds of the useful damping."""
-        assert self.config is not None
-        self._settings = self._settings or points_at(self.config, self.config.delay.steps)
-        return self._settings
+    def sweep(self, folder: Path) -> Sweep | None:
+        """Return what measures it: at no, a third, and two thirds of the useful damping.
+
+        Args:
+            folder: Has a folder for each estimate.
+        """
+        if self.config is None:
+            return None
+        points = points_at(self.config, self.config.delay.steps)
+        return Sweep(self.config, points, OPTIONS, folder / self.velocity.folder)
 
     def report(self) -> dict[str, Any]:
         """Return JSON-ready values."""
@@ -159,7 +165,7 @@ def width_of(config: Config, velocity: Velocity) -> Width:
         return Width(velocity, None, str(error.problem))
     device = Device.of(two_sided)
     delay = device.lag + two_sided.delay.steps * device.period + sample_age(two_sided)
-    ceiling = device.ceiling(delay)
+    ceiling = device.loop.ceiling(delay)
     # Denser at small dampings: the encoder allows most servos a small part of the ceiling.
     dampings = np.concatenate([[0.0], ceiling * np.geomspace(_LEAST, _MOST, _POINTS)])
     one_sided = np.full(dampings.size, np.nan)
@@ -200,3 +206,36 @@ def _guarded(config: Config, dampings: FloatArray) -> FloatArray:
 
 def _known(value: float) -> float | None:
     return value if math.isfinite(value) else None
+
+
+def measure_points(
+    widths: Sequence[Width], folder: Path, fresh: bool, tell: Callable[[str], None]
+) -> None:
+    """Measure the boundary at some dampings of each width, as ``sweep`` does.
+
+    Args:
+        widths: Those to measure; each gets its points.
+        folder: Each width keeps its points in a folder there; those of the same settings are kept.
+        fresh: Measure all of them anew.
+        tell: Called with messages.
+
+    Raises:
+        ExperimentInterruptedError: A person has ended it; finished points are kept.
+        ExperimentTrippedError: The servo must be examined before it may move again.
+        ServoError: The servo could not be started.
+        UserError: A folder holds points of other settings.
+    """
+    asked = [(width, each) for width in widths if (each := width.sweep(folder)) is not None]
+    kept_points = [each.kept(fresh) for _, each in asked]  # all are looked at before one moves
+    for (width, each), kept in zip(asked, kept_points, strict=True):
+
+        def progress(_at: PlanePoint, point: PointResult, width: Width = width) -> None:
+            value = f"{point.measured:.4g} N·m/rad" if point.measured else f"{point.reason}"
+            tell(f"{width.velocity.label}, B {point.virtual_damping:g}: {value}")
+
+        finished = sweep(each, kept, tell=tell, progress=progress)
+        width.points = each.points(kept)
+        if not finished:
+            raise ExperimentInterruptedError(
+                "interrupted", advice=f"the same command with --out {folder.parent} continues"
+            )

@@ -1,1 +1,0 @@
-"""The acceptance of a real servo: predictions first, then measurements, then one bundle."""

@@ -1,1 +1,0 @@
-"""Measures the wall that is rendered: stiffness, damping and drag."""
