@@ -25,7 +25,6 @@ from haptic_wall.controller.runtime.telemetry import (
     FLAG_RAISED,
     FLAG_SATURATED,
     FLAG_WARM_UP,
-    Row,
     Telemetry,
     Word,
 )
@@ -92,7 +91,8 @@ class Tick:
     """Added to the positions of laws [rad]"""
     _raises: int = 0
     _limit: float = 0.0
-    _row: Row = field(default_factory=Row)
+    _wall_torque: float = 0.0
+    """Of the law in the last tick, before the delay [N·m]"""
     _bus: Bus = field(default_factory=Bus)
     _words: memoryview[int] = field(init=False)
     _now: Callable[[], int] = field(init=False)
@@ -212,28 +212,30 @@ class Tick:
                 watch.raise_again()
             if self.gains.follow(age_ns, interval_ns, may_raise):
                 self._follow_gains()
-        row, derating = self._row, law.derating
-        row.deadline_ns = deadline_ns
-        row.lateness_ns = lateness_ns
-        row.work_ns = self._work_ns
-        row.bus_ns = self._bus_ns
-        row.sampled_ns = sampled_ns or 0
-        row.age_ns = age_ns
-        row.outcome = outcome
-        row.missed = missed
-        row.flags = flags
-        row.phase = law.phase
-        row.oscillation = watch.current
-        row.position = position
-        row.velocity = sampler.velocity
-        row.wall_torque = wall_torque
-        row.torque = sent
-        row.stiffness = law.stiffness * derating.scale
-        row.damping = (law.damping + law.injected) * derating.damping_scale
-        row.delay_s = self._delay_s
-        row.measured_torque = sampler.measured_torque
-        row.held_torque = law.held
-        self.telemetry.write(row)
+        derating = law.derating
+        self.telemetry.write(
+            deadline_ns,
+            lateness_ns,
+            self._work_ns,
+            self._bus_ns,
+            sampled_ns or 0,
+            age_ns,
+            outcome,
+            missed,
+            flags,
+            law.phase,
+            watch.current,
+            position,
+            sampler.velocity,
+            wall_torque,
+            sent,
+            law.stiffness * derating.scale,
+            (law.damping + law.injected) * derating.damping_scale,
+            self._delay_s,
+            sampler.measured_torque,
+            law.held,
+        )
+        self._wall_torque = wall_torque
         self.done = law.done
         if words[_OFFERED] != inbox.taken:
             inbox.take()
@@ -332,7 +334,7 @@ class Tick:
         before = law.position
         if change.steps != ring.steps:
             coming = law.torque(position, self.sampler.damped) if self._on else 0.0
-            ring = ring.resized(change.steps, self._row.wall_torque, coming)
+            ring = ring.resized(change.steps, self._wall_torque, coming)
         if change.law is not None:
             adopt(change.law, law)
             law = change.law
