@@ -30,11 +30,10 @@ from haptic_wall.controller.laws.program import Phase, Program
 from haptic_wall.controller.laws.velocity import Biquad, velocity_estimator
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.runtime.changeover import ChangeLimits, Changeover
+from haptic_wall.controller.runtime.checks import Safety, SafetyLimits, speed_limits
 from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.runtime.handover import Inbox
 from haptic_wall.controller.runtime.missed import MissedPeriods
-from haptic_wall.controller.runtime.overspeed import DrivenLimits, DrivenSpeed, speed_limits
-from haptic_wall.controller.runtime.safety import Safety, SafetyLimits
 from haptic_wall.controller.runtime.sampler import Sampler, is_pipelined
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.runtime.tick import Tick
@@ -172,21 +171,6 @@ def situation_of(config: Config, servo: OpenServo) -> Situation:
     )
 
 
-def _driven_limits(config: Config, servo: Servo, speed: float) -> DrivenLimits:
-    """Return the limits of a motion that the wall drives at ``speed`` [rad/s]."""
-    belief, kick = config.belief(), config.servo.kick
-    gain = belief.torque_gain.high
-    return DrivenLimits(
-        speed=speed,
-        position_step=servo.facts.position_step,
-        torque_limit=servo.facts.torque_limit,
-        inertia=belief.inertia.low / gain,
-        damping=belief.damping.low / gain,
-        coulomb=belief.coulomb.low / gain,
-        kicked=kick is not None and abs(kick) <= MEANT_KICK,
-    )
-
-
 def most_injected(
     config: Config, situation: Situation, all_decisions: list[Decision]
 ) -> list[float]:
@@ -258,7 +242,9 @@ def assembled(
     """
     period_ns = config.period_ns
     period = period_ns * 1e-9
-    wall, safety = config.wall, config.safety
+    wall, safety, kick = config.wall, config.safety, config.servo.kick
+    belief = config.belief()
+    gain = belief.torque_gain.high
     real = config.servo.kind == "hardware"
     fastest, driven = speed_limits(safety.max_speed, servo.facts, real)
     if not (law.guarded or real):
@@ -286,14 +272,19 @@ def assembled(
                 max_loss=safety.max_loss,
                 loss_window=max(1, round(safety.loss_window_s / period)),
                 max_silence_ns=round(safety.max_silence_s * 1e9),
-                travel=safety.travel,
+                travel=safety.travel or (-math.inf, math.inf),
                 travel_from_start=wall.reference == "start",
+                driven_speed=driven,
+                torque_limit=servo.facts.torque_limit,
+                inertia=belief.inertia.low / gain,
+                damping=belief.damping.low / gain,
+                coulomb=belief.coulomb.low / gain,
+                kicked=kick is not None and abs(kick) <= MEANT_KICK,
             )
         ),
         skipped=MissedPeriods(period_ns, safety.max_missed),
         trips_on_missed=config.realtime.profile == "strict",
         watch=Watch(watch_settings(config, servo.facts, law)),
-        driven=DrivenSpeed(_driven_limits(config, servo, driven)),
         passivity=(
             PassivityControl(period, SLOWEST)
             if law.guarded and config.wall.passivity_control

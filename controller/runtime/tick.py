@@ -12,11 +12,11 @@ from haptic_wall.controller.laws.engagement import Engagement
 from haptic_wall.controller.laws.passivity_control import PassivityControl
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.runtime.changeover import Changeover, Obstacle, Target, adopt
+from haptic_wall.controller.runtime.checks import Safety
 from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.runtime.handover import Change, Inbox
 from haptic_wall.controller.runtime.missed import MissedPeriods
-from haptic_wall.controller.runtime.overspeed import DrivenSpeed
-from haptic_wall.controller.runtime.safety import Safety, Trip
+from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.sampler import Sampler
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_CHANGED,
@@ -56,8 +56,6 @@ class Tick:
     trips_on_missed: bool
     """Too many missed periods end the run; else they only lower stiffness and damping"""
     watch: Watch
-    driven: DrivenSpeed
-    """Finds a motion that the torque drives beyond the servo's own speed"""
     passivity: PassivityControl | None
     """Injects damping where the wall generates energy; None: none"""
     telemetry: Telemetry
@@ -179,7 +177,7 @@ class Tick:
         elif sampled_ns is not None:
             watch.passed(1 + missed)
             if outcome is _OK:
-                self._follow_motion(position, sampled_ns, contact)
+                self._follow_motion(position, contact)
             wall_torque = law.torque(position, sampler.damped)
         if contact:
             flags |= FLAG_CONTACT
@@ -252,7 +250,7 @@ class Tick:
             self._offset = offset
         self._work_ns, self._bus_ns = work_ns, bus_ns
 
-    def _follow_motion(self, position: float, sampled_ns: int, contact: bool) -> None:
+    def _follow_motion(self, position: float, contact: bool) -> None:
         """Watch the motion for oscillation, overspeed, and energy that the wall generates.
 
         The answer is a derating, injected damping, or a trip.
@@ -260,7 +258,7 @@ class Tick:
         watch, law, passivity = self.watch, self.law, self.passivity
         held = law.held
         watch.sample(position, law, self.sampler.measured_torque)
-        if self.driven.too_fast(position, sampled_ns, watch.commanded, contact, law):
+        if self.safety.driven(watch.commanded, contact, law):
             self.trip = self.trip or Trip.OVERSPEED
         elif watch.failed:
             self.trip = self.trip or Trip.OSCILLATION
