@@ -155,8 +155,8 @@ def warnings_of(ended: Ended) -> list[str]:
     for setting in ended.realtime:
         if not setting["ok"]:
             warnings.append(
-                f"{setting['name']}: wanted {setting['wanted']}, {setting['got']}"
-                + (f"; to grant it: {setting['remedy']}" if setting["remedy"] else "")
+                f"{setting['name']}: wanted {setting['wanted']}, {setting['found']}"
+                + (f"; to grant it: {setting['fix']}" if setting["fix"] else "")
             )
     if ended.missed and (why := _why_missed(ended)):
         warnings.append(f"the loop missed {ended.missed} periods: {why}")

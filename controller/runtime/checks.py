@@ -124,7 +124,7 @@ class Safety:
         self._sampled_ns = self._elapsed_ns = 0
         self._low, self._high = limits.travel
         self._driving = False
-        """The torque follows the motion since the next two: a position [rad], and its instant [ns]"""
+        """The torque follows the motion, since a position [rad] and an instant [ns]:"""
         self._since = 0.0
         self._since_ns = 0
         self._holding = False

@@ -11,7 +11,7 @@ from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.engagement import Engagement
 from haptic_wall.controller.laws.passivity_control import PassivityControl
 from haptic_wall.controller.laws.wall import Law
-from haptic_wall.controller.runtime.changeover import Changeover, Obstacle, Target, adopt
+from haptic_wall.controller.runtime.changeover import Changeover, Obstacle, adopt
 from haptic_wall.controller.runtime.checks import Safety
 from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.runtime.handover import Change, Inbox
@@ -311,15 +311,15 @@ class Tick:
         obstacle = changeover.watched(self.watch, softer)
         if obstacle is not Obstacle.NONE or not self._on:
             return obstacle
-        target = Target(
-            law=change.law or self.law,
-            stiffness=allowed.stiffness,
-            damping=allowed.damping,
-            delay=max(allowed.delay, self._delay_s),
-            steps=change.steps,
-        )
+        law = self.law
         obstacle = changeover.obstacle(
-            self.law, self.ring, target, sampler.position, sampler.damped
+            law,
+            self.ring,
+            change.law or law,
+            allowed._replace(delay=max(allowed.delay, self._delay_s)),
+            change.steps,
+            sampler.position,
+            sampler.damped,
         )
         falls = allowed.stiffness < gains.stiffness
         if obstacle is not Obstacle.NONE and falls and not change.moved:

@@ -19,7 +19,7 @@ from haptic_wall.controller.laws.friction import Friction
 from haptic_wall.controller.laws.shaped import ShapedLaw
 from haptic_wall.controller.laws.velocity import BackwardDifference
 from haptic_wall.controller.laws.wall import Wall
-from haptic_wall.controller.runtime.changeover import ChangeLimits, Changeover
+from haptic_wall.controller.runtime.changeover import Changeover
 from haptic_wall.controller.runtime.checks import Safety, SafetyLimits
 from haptic_wall.controller.runtime.deadlines import next_deadline
 from haptic_wall.controller.runtime.gains import Gains
@@ -140,7 +140,7 @@ class Rig:
             telemetry=self.telemetry,
             wall_from_start=wall.get("from_start", False),
             inbox=Inbox(self.telemetry),
-            changeover=Changeover(ChangeLimits(0.1, math.inf, 1e-3)),
+            changeover=Changeover(0.1, math.inf, 1e-3),
             engagement=Engagement(
                 EngageLimits(0.1, 0.0, 3), start_room=wall.get("start_room", math.inf)
             ),
