@@ -96,17 +96,18 @@ def explained(
     ``index`` counts the bins interval by interval, one for each age.
     """
     at, age = divmod(index, len(ages_ns))
+    numbers = decide_bin(request, settings, situation, steps, ages_ns, intervals_ns, at, work)[age]
     there, (least, most) = _at(situation, steps, intervals_ns, at)
-    ages = _decided_ages(there, ages_ns, at, most)
-    return decide(
+    told = decide(
         request,
         settings_at(settings, at),
         there,
-        [most + ages[bisect_left(ages, ages_ns[age])] * 1e-9],
+        [numbers.delay - situation.belief.delay.high],
         most,
         least_inserted=least,
         work=work,
     )[0]
+    return replace(numbers, reasons=told.reasons)
 
 
 def settings_at(settings: GuardSettings, index: int) -> GuardSettings:

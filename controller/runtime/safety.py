@@ -152,42 +152,19 @@ EXPLANATIONS: Final[Mapping[Trip, Problem]] = {
 }
 
 
-EMULATOR_LATE: Final[Mapping[Trip, Problem]] = {
-    trip: Problem(
-        "unless faults were injected, the emulator got no processor time (the port is a "
-        f"pseudo-terminal): {what}",
-        advice="end programs that keep the cores busy, give both processes real-time rights"
-        " (`sudo scripts/setup-testbed`), run a preset emulated-* with `--set"
-        f" loop.clock=simulated`, which needs no real time, or raise {limit}",
-    )
-    for trip, what, limit in (
-        (
-            Trip.LOSSES_IN_ROW,
-            "all readings failed for longer than safety.max_silence_s allows",
-            "safety.max_silence_s",
-        ),
-        (
-            Trip.LOSS_RATE,
-            "a larger fraction of the readings failed than safety.max_loss allows",
-            "safety.max_loss",
-        ),
-    )
-} | {
-    Trip.SERVO_LOST: Problem(
-        "the emulated bus has ended, or its servo no longer answers",
-        advice="start the emulated bus again",
-    )
-}
-"""Explanations of these trips with an emulated bus, which has no cable"""
-
+EMULATOR_LATE: Final = Problem(
+    "unless faults were injected, the emulator got no processor time, or has ended",
+    advice="end programs that keep the cores busy, give both processes real-time rights (`sudo"
+    " scripts/setup-testbed`), run a preset emulated-* with `--set loop.clock=simulated`, or raise"
+    " safety.max_silence_s or safety.max_loss",
+)
+"""Explanation of these trips with an emulated bus, which has no cable"""
+OF_THE_BUS: Final = frozenset((Trip.LOSSES_IN_ROW, Trip.LOSS_RATE, Trip.SERVO_LOST))
 AFTER_STALL: Final = frozenset(
     (Trip.OVERSPEED, Trip.LOSSES_IN_ROW, Trip.LOSS_RATE, Trip.TORQUE_LOST, Trip.SERVO_LOST)
 )
 """Trips that a stall of the computer can cause"""
 STALL_ADVICE: Final = (
     "end programs that keep the cores busy, or give this program real-time rights (`sudo"
-    " scripts/setup-testbed`)"
-)
-NO_REAL_TIME: Final = (
-    "`--set loop.clock=simulated`, with a preset simulated or emulated-*, needs none"
+    " scripts/setup-testbed`); `--set loop.clock=simulated` needs none, without a real servo"
 )

@@ -113,7 +113,7 @@ def test_the_value_that_trips_and_its_limit_are_told() -> None:
     assert safety.found == "6.0% of the readings; at most 5.0% is allowed"
     safety = Safety(LIMITS)
     safety.good(reading(1.0, 1))
-    assert not safety.found
+    assert [safety.found] == [""]
     safety.good(reading(0.9, 5))
     assert safety.found == "25 rad/s between two readings; at most 10 is allowed"
     safety.good(reading(1.0, 5))
