@@ -161,7 +161,7 @@ def _compared(seen: Mapping[str, _Seen]) -> list[Measurement]:
 
 
 def _granted(settings: Sequence[Mapping[str, Any]]) -> str:
-    got = ", ".join(f"{setting['name']}: {setting['got']}" for setting in settings)
+    got = ", ".join(f"{setting['name']}: {setting['found']}" for setting in settings)
     return f"{_PROGRAM} and its wait requested real-time settings and got: {got}"
 
 

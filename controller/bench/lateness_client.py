@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass
 from typing import Final, NamedTuple
 
 from haptic_wall.controller.runtime import realtime
-from haptic_wall.controller.runtime.deadlines import ClockWaiter, Waiter, next_deadline, waiter_for
+from haptic_wall.controller.runtime.deadlines import Wait, next_deadline, sleeping, waiter_for
 from haptic_wall.controller.system.orders import read_orders
 from haptic_wall.hw.clock import MonotonicClock
 
@@ -47,20 +47,20 @@ class Woken(NamedTuple):
     """Total processor time"""
 
 
-def on_grid(waiter: Waiter, ticks: int, now_ns: Callable[[], int] = time.monotonic_ns) -> Woken:
+def on_grid(wait: Wait, ticks: int, now_ns: Callable[[], int] = time.monotonic_ns) -> Woken:
     """Wake up on a fixed grid, as the program's loop does.
 
     Args:
-        waiter: Waits for each deadline.
+        wait: Waits for each deadline.
         ticks: Number of wake-ups, >= 1.
-        now_ns: The waiter's clock.
+        now_ns: Its clock.
     """
     late = []
     began = time.thread_time_ns()
     deadline = now_ns() + PERIOD_NS
     first = woke = 0
     for _ in range(ticks):
-        woke = waiter.wait(deadline)
+        woke = wait(deadline)
         first = first or woke
         late.append(woke - deadline)
         deadline, _ = next_deadline(deadline, now_ns(), PERIOD_NS)
@@ -74,7 +74,7 @@ def with_settings(orders: Orders) -> Woken:
 
 def to_the_deadline(orders: Orders) -> Woken:
     """Sleep until the next point of a fixed grid."""
-    return on_grid(ClockWaiter(MonotonicClock()), orders.ticks)
+    return on_grid(sleeping(MonotonicClock()), orders.ticks)
 
 
 def relative(orders: Orders) -> Woken:

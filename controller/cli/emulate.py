@@ -36,6 +36,7 @@ from haptic_wall.hw.emulated.values import whole
 from haptic_wall.hw.emulated.witness import Witness
 from haptic_wall.hw.errors import Problem, SpecError
 from haptic_wall.hw.hand import SharedHand
+from haptic_wall.hw.servo import Check
 from haptic_wall.hw.truth import TrueServo
 
 DEFAULT_BAUD = 4_000_000
@@ -316,10 +317,10 @@ def _warn_of_shared_ids(ids: Sequence[int]) -> None:
         )
 
 
-def _report(settings: Iterable[realtime.Setting]) -> None:
+def _report(settings: Iterable[Check]) -> None:
     for setting in settings:
         if setting.name == "scheduler" and not setting.ok:
             say(
-                f"replies may be late on a busy machine: {setting.wanted} was {setting.got}; "
-                f"{setting.remedy}"
+                f"replies may be late on a busy machine: {setting.wanted} was {setting.found}; "
+                f"{setting.fix}"
             )

@@ -23,7 +23,7 @@ from haptic_wall.controller.doctor.report import Consent, Report, Tell, not_appl
 from haptic_wall.controller.doctor.search import FoundServo, opened
 from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments
 from haptic_wall.controller.runtime.machine_setup import machine_setup
-from haptic_wall.controller.runtime.realtime import Setting, pick_cores
+from haptic_wall.controller.runtime.realtime import pick_cores
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.register_access import Table
@@ -233,14 +233,14 @@ class _Checkup:
             self.report.leave_out("schedule")
         elif measured["replies"] is not None:
             self._timing(Replies(**measured["replies"]), stalls=not lateness.ok)
-        settings = [Setting(**setting) for setting in measured["realtime"]]
+        settings = [Check(**setting) for setting in measured["realtime"]]
         self._add(lateness)
         self._add(*machine.judge_rights(settings, config.realtime.profile))
         self._core()
 
     def _core(self) -> None:
         core, _ = pick_cores(self._config.realtime.core)
-        self._add(*machine.judge_setup(machine_setup(core)))
+        self._add(*machine_setup(core))
 
     def _timing(self, replies: Replies, stalls: bool) -> None:
         config = self._config

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from haptic_wall.controller.doctor.replies import percentile
 from haptic_wall.controller.doctor.report import not_applicable
-from haptic_wall.controller.runtime.machine_setup import SettingState
-from haptic_wall.controller.runtime.realtime import Profile, Setting, missing_for_strict
+from haptic_wall.controller.runtime.realtime import Profile, missing_for_strict
 from haptic_wall.hw.servo import Check
 
 _LATE_SHARE = 4
 """A wake-up later than a period over this leaves too little time for the bus"""
 
 
-def judge_rights(settings: Sequence[Setting], profile: Profile) -> list[Check]:
+def judge_rights(settings: Sequence[Check], profile: Profile) -> list[Check]:
     """Judge the granted real-time rights; only ``strict`` counts a missing one as a fault.
 
     Args:
@@ -23,16 +23,9 @@ def judge_rights(settings: Sequence[Setting], profile: Profile) -> list[Check]:
     """
     if profile == "off":
         return [not_applicable("real-time rights", "realtime.profile is off")]
-    required = missing_for_strict(list(settings)) if profile == "strict" else []
+    required = missing_for_strict(settings) if profile == "strict" else []
     return [
-        Check(
-            f"real time: {setting.name}",
-            setting not in required,
-            setting.got,
-            setting.wanted,
-            setting.remedy,
-        )
-        for setting in settings
+        replace(each, name=f"real time: {each.name}", ok=each not in required) for each in settings
     ]
 
 
@@ -54,12 +47,3 @@ def judge_lateness(lateness_ns: list[int], period_ns: int) -> Check:
         f"99 % below {limit_ns / 1000:.0f} µs",
         "" if ok else "end other programs on this machine, grant real-time rights, isolate a core",
     )
-
-
-def judge_setup(setup: Sequence[SettingState]) -> list[Check]:
-    """Describe how kernel, core and processor are set up; the findings are advice, never faults.
-
-    Args:
-        setup: Settings of the machine from ``machine_setup``.
-    """
-    return [Check(row.name, True, row.found, row.better, row.remedy) for row in setup]

@@ -17,7 +17,7 @@ from typing import Any, Final
 from haptic_wall.controller.doctor.replies import time_replies
 from haptic_wall.controller.processes.children import Child, first_line
 from haptic_wall.controller.runtime import realtime
-from haptic_wall.controller.runtime.deadlines import Waiter, waiter_for
+from haptic_wall.controller.runtime.deadlines import Wait, waiter_for
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.orders import read_orders
 from haptic_wall.hw.clock import MonotonicClock
@@ -42,7 +42,7 @@ class Orders:
     period_ns: int
     profile: realtime.Profile
     priority: int
-    spin_ns: int | None
+    spin_us: float | None
     core: int
     parent: int
 
@@ -68,7 +68,7 @@ def measure(config: Config, port: int | None) -> dict[str, Any]:
         period_ns=config.period_ns,
         profile=config.realtime.profile,
         priority=config.realtime.priority,
-        spin_ns=None if spin_us is None else round(spin_us * 1000),
+        spin_us=spin_us,
         core=realtime.pick_cores(config.realtime.core)[0],
         parent=os.getpid(),
     )
@@ -92,10 +92,10 @@ def main() -> None:
     realtime.freeze_garbage()
     settings = realtime.apply(orders.profile, orders.priority, {orders.core})
     clock = MonotonicClock()
-    waiter = waiter_for(clock, orders.spin_ns, orders.period_ns)
+    wait = waiter_for(clock, orders.spin_us, orders.period_ns)
     answer: dict[str, Any] = {
         "realtime": [asdict(setting) for setting in settings],
-        "lateness_ns": _wakes(waiter, orders.period_ns),
+        "lateness_ns": _wakes(wait, orders.period_ns),
         "replies": None,
         "failed": None,
     }
@@ -108,13 +108,13 @@ def main() -> None:
     sys.stdout.write(json.dumps(answer) + "\n")
 
 
-def _wakes(waiter: Waiter, period_ns: int) -> list[int]:
+def _wakes(wait: Wait, period_ns: int) -> list[int]:
     """Return the lateness of wake-ups on the grid without a bus [ns], in order of size."""
     lateness = []
     deadline_ns = time.monotonic_ns()
     for _ in range(WAKES):
         deadline_ns = max(deadline_ns + period_ns, time.monotonic_ns())
-        lateness.append(waiter.wait(deadline_ns) - deadline_ns)
+        lateness.append(wait(deadline_ns) - deadline_ns)
     return sorted(lateness)
 
 

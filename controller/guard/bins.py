@@ -86,34 +86,28 @@ def explained(
     settings: GuardSettings,
     situation: Situation,
     steps: int,
-    before_device: float,
+    ages_ns: Sequence[int],
     intervals_ns: Sequence[int],
-    interval: float,
+    index: int,
     work: Work | None = None,
 ) -> Decision:
-    """Decide for one bin, with reasons.
+    """Decide for one bin, with reasons; other arguments as of ``decide_bins``.
 
-    Args:
-        request: The requested wall.
-        settings: The guard's settings at the nominal period.
-        situation: The belief and the limits, with the nominal period.
-        steps: Inserted delay [periods].
-        before_device: Delay that was decided for, without the device's own lag [s].
-        intervals_ns: Upper ends of the bins of the interval, rising, the period first [ns].
-        interval: Upper end of the bin of the interval [s].
-        work: What was evaluated before for the same asker.
+    ``index`` counts the bins interval by interval, one for each age.
     """
-    index = min(range(len(intervals_ns)), key=lambda k: abs(intervals_ns[k] * 1e-9 - interval))
-    there, (least, most) = _at(situation, steps, intervals_ns, index)
-    return decide(
+    at, age = divmod(index, len(ages_ns))
+    numbers = decide_bin(request, settings, situation, steps, ages_ns, intervals_ns, at, work)[age]
+    there, (least, most) = _at(situation, steps, intervals_ns, at)
+    told = decide(
         request,
-        settings_at(settings, index),
+        settings_at(settings, at),
         there,
-        [before_device],
+        [numbers.delay - situation.belief.delay.high],
         most,
         least_inserted=least,
         work=work,
     )[0]
+    return replace(numbers, reasons=told.reasons)
 
 
 def settings_at(settings: GuardSettings, index: int) -> GuardSettings:

@@ -200,8 +200,7 @@ class ChangeDesk:
         new_values = dict(difference(self._config, asked.new))
         self._config = changes.config = asked.new
         self._asked = None
-        decision = changes.decided.decisions[settled.bin]
-        told = decision_in_force(asked.new, changes.servo, decision)
+        told = decision_in_force(asked.new, changes.servo, changes.decided, settled.bin)
         guard = decision_report(told)
         made_ns = self._made_ns(settled.row)
         answer = {

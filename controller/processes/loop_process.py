@@ -28,7 +28,7 @@ from haptic_wall.hw.elastic import PLACE, WORDS, ElasticClock
 from haptic_wall.hw.errors import Problem, ServoError
 from haptic_wall.hw.hand import SharedHand
 from haptic_wall.hw.open import open_servo
-from haptic_wall.hw.servo import Servo
+from haptic_wall.hw.servo import Check, Servo
 from haptic_wall.hw.settings import ServoSettings
 
 LAST_S = 5
@@ -148,8 +148,8 @@ def _prepare(config: Config, core: int) -> None:
         raise PlatformError(_strict(missing))
 
 
-def _strict(missing: list[realtime.Setting]) -> Problem:
-    wishes = "; ".join(f"{s.name}: wanted {s.wanted}, {s.got}; {s.remedy}" for s in missing)
+def _strict(missing: list[Check]) -> Problem:
+    wishes = "; ".join(f"{s.name}: wanted {s.wanted}, {s.found}; {s.fix}" for s in missing)
     return Problem(
         field="realtime.profile",
         given=f"is strict, but the system did not grant all settings ({wishes})",

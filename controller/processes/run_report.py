@@ -10,7 +10,7 @@ from haptic_wall.controller.runtime.safety import (
     AFTER_STALL,
     EMULATOR_LATE,
     EXPLANATIONS,
-    NO_REAL_TIME,
+    OF_THE_BUS,
     STALL_ADVICE,
     End,
     StopReason,
@@ -94,17 +94,12 @@ def explained(ended: Ended, servo: Servo) -> Problem | None:
     if trip is None:
         return None
     means = EXPLANATIONS[trip]
-    if trip in EMULATOR_LATE and servo.is_emulated:
-        means = EMULATOR_LATE[trip]
     stalled = (ended.result or {}).get("stalled")
     if stalled and trip in AFTER_STALL and not ended.cause:
-        no_hand = servo.kind != "hardware" or servo.is_emulated
-        advice = f"{STALL_ADVICE}; {NO_REAL_TIME}" if no_hand else STALL_ADVICE
-        if means.advice and trip not in EMULATOR_LATE:
-            advice += f"; without a stall {means.advice}"
-        means = replace(
-            EXPLANATIONS[trip], what=f"{stalled}: {EXPLANATIONS[trip].what}", advice=advice
-        )
+        advice = f"{STALL_ADVICE}; without a stall {means.advice}" if means.advice else STALL_ADVICE
+        means = replace(means, what=f"{stalled}: {means.what}", advice=advice)
+    elif trip in OF_THE_BUS and servo.is_emulated:
+        means = EMULATOR_LATE
     if ended.cause:
         return replace(means, what="; ".join(filter(None, (ended.cause, means.what))))
     message = (ended.result or {}).get("message", "")
@@ -155,8 +150,8 @@ def warnings_of(ended: Ended) -> list[str]:
     for setting in ended.realtime:
         if not setting["ok"]:
             warnings.append(
-                f"{setting['name']}: wanted {setting['wanted']}, {setting['got']}"
-                + (f"; to grant it: {setting['remedy']}" if setting["remedy"] else "")
+                f"{setting['name']}: wanted {setting['wanted']}, {setting['found']}"
+                + (f"; to grant it: {setting['fix']}" if setting["fix"] else "")
             )
     if ended.missed and (why := _why_missed(ended)):
         warnings.append(f"the loop missed {ended.missed} periods: {why}")

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Protocol
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,12 +28,11 @@ from haptic_wall.controller.laws.passivity_control import PassivityControl
 from haptic_wall.controller.laws.program import Phase, Program
 from haptic_wall.controller.laws.velocity import Biquad, velocity_estimator
 from haptic_wall.controller.laws.wall import Law
-from haptic_wall.controller.runtime.changeover import ChangeLimits, Changeover
+from haptic_wall.controller.runtime.changeover import Changeover
+from haptic_wall.controller.runtime.checks import Safety, SafetyLimits, speed_limits
 from haptic_wall.controller.runtime.gains import Gains
-from haptic_wall.controller.runtime.handover import Inbox
+from haptic_wall.controller.runtime.handover import Inbox, KnownServo
 from haptic_wall.controller.runtime.missed import MissedPeriods
-from haptic_wall.controller.runtime.overspeed import DrivenLimits, DrivenSpeed, speed_limits
-from haptic_wall.controller.runtime.safety import Safety, SafetyLimits
 from haptic_wall.controller.runtime.sampler import Sampler, is_pipelined
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.runtime.tick import Tick
@@ -42,7 +40,7 @@ from haptic_wall.controller.runtime.watch_settings import watch_settings
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory import critical_stiffness, peak
 from haptic_wall.hw.clock import Clock
-from haptic_wall.hw.servo import Bus, Facts, Servo
+from haptic_wall.hw.servo import Servo
 
 RAMP_S = 0.05
 """Duration of a ramp to a lower stiffness [s]; a step would be felt as a knock."""
@@ -54,16 +52,8 @@ SLOWEST = 0.05
 """Least speed in passivity control's division by the speed [rad/s]"""
 
 
-class OpenServo(Protocol):
-    """The part of a servo that the guard's decisions need."""
-
-    @property
-    def facts(self) -> Facts:
-        """Return its facts."""
-
-    @property
-    def bus(self) -> Bus | None:
-        """Return its bus."""
+OpenServo = Servo | KnownServo
+"""A servo that the guard decides for"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,10 +64,8 @@ class Decided:
     """Upper ends of the bins of the sample age [ns]"""
     intervals_ns: list[int]
     """Upper ends of the bins of the interval [ns]"""
-    decisions: list[Decision]
-    """Interval by interval, one for each age"""
     table: GainTable
-    """Their numbers"""
+    """The numbers of each: interval by interval, one for each age"""
 
 
 def guard_decisions(
@@ -120,7 +108,7 @@ def guard_decisions(
         Allowed(each.stiffness, each.damping, each.delay, each.damping_ceiling, most)
         for each, most in zip(decisions, most_injected(config, situation, decisions), strict=True)
     )
-    return Decided(ages_ns, intervals_ns, decisions, table)
+    return Decided(ages_ns, intervals_ns, table)
 
 
 def gain_schedule(config: Config, decided: Decided) -> GainSchedule:
@@ -137,28 +125,28 @@ def gain_schedule(config: Config, decided: Decided) -> GainSchedule:
 
 
 def decision_in_force(
-    config: Config, servo: OpenServo, decision: Decision, work: Work | None = None
+    config: Config, servo: OpenServo, decided: Decided, index: int, work: Work | None = None
 ) -> Decision:
-    """Return a decision of the gain schedule, with the reasons that the schedule omits.
+    """Return a decision of the gain schedule, with its reasons.
 
     Args:
         config: The effective configuration.
         servo: The servo that renders the wall.
-        decision: Decision in force now.
+        decided: The bins.
+        index: Of the decision in the table.
         work: What was evaluated before for the same run; None: nothing.
     """
     situation = situation_of(config, servo)
-    again = explained(
+    return explained(
         config.request(situation.position_step),
         config.guard_settings(),
         situation,
         config.delay.steps,
-        decision.delay - situation.belief.delay.high,
-        interval_bins_ns(config.period_ns, situation.belief.is_flexible),
-        decision.period,
-        work=work,
+        decided.ages_ns,
+        decided.intervals_ns,
+        index,
+        work,
     )
-    return replace(decision, reasons=again.reasons)
 
 
 def situation_of(config: Config, servo: OpenServo) -> Situation:
@@ -169,21 +157,6 @@ def situation_of(config: Config, servo: OpenServo) -> Situation:
         torque_limit=servo.facts.torque_limit,
         position_step=servo.facts.position_step,
         slow_replies=_reply_s(servo) > 0.0,
-    )
-
-
-def _driven_limits(config: Config, servo: Servo, speed: float) -> DrivenLimits:
-    """Return the limits of a motion that the wall drives at ``speed`` [rad/s]."""
-    belief, kick = config.belief(), config.servo.kick
-    gain = belief.torque_gain.high
-    return DrivenLimits(
-        speed=speed,
-        position_step=servo.facts.position_step,
-        torque_limit=servo.facts.torque_limit,
-        inertia=belief.inertia.low / gain,
-        damping=belief.damping.low / gain,
-        coulomb=belief.coulomb.low / gain,
-        kicked=kick is not None and abs(kick) <= MEANT_KICK,
     )
 
 
@@ -258,7 +231,9 @@ def assembled(
     """
     period_ns = config.period_ns
     period = period_ns * 1e-9
-    wall, safety = config.wall, config.safety
+    wall, safety, kick = config.wall, config.safety, config.servo.kick
+    belief = config.belief()
+    gain = belief.torque_gain.high
     real = config.servo.kind == "hardware"
     fastest, driven = speed_limits(safety.max_speed, servo.facts, real)
     if not (law.guarded or real):
@@ -286,14 +261,19 @@ def assembled(
                 max_loss=safety.max_loss,
                 loss_window=max(1, round(safety.loss_window_s / period)),
                 max_silence_ns=round(safety.max_silence_s * 1e9),
-                travel=safety.travel,
+                travel=safety.travel or (-math.inf, math.inf),
                 travel_from_start=wall.reference == "start",
+                driven_speed=driven,
+                torque_limit=servo.facts.torque_limit,
+                inertia=belief.inertia.low / gain,
+                damping=belief.damping.low / gain,
+                coulomb=belief.coulomb.low / gain,
+                kicked=kick is not None and abs(kick) <= MEANT_KICK,
             )
         ),
         skipped=MissedPeriods(period_ns, safety.max_missed),
         trips_on_missed=config.realtime.profile == "strict",
         watch=Watch(watch_settings(config, servo.facts, law)),
-        driven=DrivenSpeed(_driven_limits(config, servo, driven)),
         passivity=(
             PassivityControl(period, SLOWEST)
             if law.guarded and config.wall.passivity_control
@@ -311,5 +291,5 @@ def assembled(
             start_room=config.start_room if law.guarded else math.inf,
         ),
         inbox=Inbox(telemetry),
-        changeover=Changeover(ChangeLimits(rest_torque, servo.facts.torque_limit, period)),
+        changeover=Changeover(rest_torque, servo.facts.torque_limit, period),
     )

@@ -12,12 +12,12 @@ oscillation again: only the stiffness may go down.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
 from haptic_wall.controller.detector.backstop import Phase
 from haptic_wall.controller.detector.watch import Watch
+from haptic_wall.controller.guard.schedule import Allowed
 from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.wall import Law
 
@@ -53,48 +53,22 @@ class Obstacle(IntEnum):
     """A hand that moves the shaft meanwhile would be given this by a longer delay [J]."""
 
 
-@dataclass(frozen=True, slots=True)
-class ChangeLimits:
-    """Limits of a change."""
-
-    torque: float
-    """Jump of the torque [N·m]: ``safety.engage_torque``"""
-    torque_limit: float
-    """Torque limit of the servo [N·m]"""
-    period: float
-    """T [s]"""
-
-
-@dataclass(frozen=True, slots=True)
-class Target:
-    """The commanded values after a change."""
-
-    law: Law
-    """In force now, or another one, which has rested so far"""
-    stiffness: float
-    """[N·m/rad]"""
-    damping: float
-    """[N·m·s/rad]"""
-    delay: float
-    """Total, from a sample to the action of its torque [s]"""
-    steps: int
-    """Inserted [periods]"""
-
-
 class Changeover:
     """Finds the tick for a change.
 
     Args:
-        limits: Limits of each change.
+        torque: Largest jump of the torque [N·m]: ``safety.engage_torque``.
+        torque_limit: Torque limit of the servo [N·m].
+        period: T [s].
 
     Attributes:
         size: Size of the obstacle found last, in its unit.
     """
 
-    __slots__ = ("_limits", "_positions", "size")
+    __slots__ = ("_period", "_positions", "_torque", "_torque_limit", "size")
 
-    def __init__(self, limits: ChangeLimits) -> None:
-        self._limits = limits
+    def __init__(self, torque: float, torque_limit: float, period: float) -> None:
+        self._torque, self._torque_limit, self._period = torque, torque_limit, period
         self.restart()
 
     def restart(self) -> None:
@@ -114,7 +88,14 @@ class Changeover:
         return found
 
     def obstacle(
-        self, old: Law, ring: DelayRing, target: Target, position: float, velocity: float
+        self,
+        old: Law,
+        ring: DelayRing,
+        new: Law,
+        allowed: Allowed,
+        steps: int,
+        position: float,
+        velocity: float,
     ) -> Obstacle:
         """Return the obstacle to making the change in this tick; call it in each tick that is on.
 
@@ -123,17 +104,18 @@ class Changeover:
         Args:
             old: The law in force.
             ring: The inserted delay in force.
-            target: The commanded values after the change.
+            new: The law after the change; the same one, or another, which has rested so far.
+            allowed: What is commanded after the change; its delay is the longer of both.
+            steps: Inserted delay after the change [periods].
             position: Position of the shaft [rad].
             velocity: Velocity as the law gets it [rad/s].
         """
-        limits, new = self._limits, target.law
-        most = max(ring.steps, target.steps)
+        period, most = self._period, max(ring.steps, steps)
         if not self._known(position, most):
             return Obstacle.READING
         fastest = self._fastest(most)
-        reach = fastest * limits.period * (most + 1)
-        places = [position, position + self._speed() * target.delay]
+        reach = fastest * period * (most + 1)
+        places = [position, position + self._speed() * allowed.delay]
         if most >= SPEED_TICKS:  # so long that the shaft may turn before the torque acts
             places += position - reach, position + reach
         held = [self._held(old, place, least=True) for place in places]
@@ -142,7 +124,7 @@ class Changeover:
         if new is not old:
             adopt(new, old)
             new.settle(position)
-        new.stiffness, new.damping = target.stiffness, target.damping
+        new.stiffness, new.damping = allowed.stiffness, allowed.damping
         torque_then = new.torque(position, velocity)
         more = max(
             self._held(new, place, least=False) - less
@@ -153,26 +135,26 @@ class Changeover:
         if not more <= MOST_J:
             self.size = more
             return Obstacle.ENERGY
-        added = target.steps - ring.steps
+        added = steps - ring.steps
         jump = abs(torque_then - torque)
         if added:
-            resized = ring.resized(target.steps, torque, torque)
+            resized = ring.resized(steps, torque, torque)
             jump = max(jump, abs(resized.coming(torque_then) - ring.coming(torque)))
-        if not jump <= limits.torque:
+        if not jump <= self._torque:
             self.size = jump
             return Obstacle.TORQUE
         if added:
             # Until the new delay is whole the torque is neither that of the old law nor that of the
             # new one. It differs from them by what the shaft does in that time.
-            stiffness = max(before[0], target.stiffness) * abs(added) / (most + 1)
-            damping = max(before[1], target.damping)
+            stiffness = max(before[0], allowed.stiffness) * abs(added) / (most + 1)
+            damping = max(before[1], allowed.damping)
             late = (jump + stiffness * reach + 2.0 * damping * fastest) * reach
             if not late <= 0.5 * MOST_J:
                 self.size = fastest
                 return Obstacle.DELAY
-            span = limits.period * (most + 1)
+            span = period * (most + 1)
             way = 0.5 * HAND * span * span
-            given = (stiffness * way + damping * HAND * added * limits.period) * way
+            given = (stiffness * way + damping * HAND * added * period) * way
             if added > 0 and not given <= MOST_WITH_HAND_J:
                 self.size = given
                 return Obstacle.GAINS
@@ -197,14 +179,14 @@ class Changeover:
     def _speed(self) -> float:
         """Return the mean speed over the last ticks [rad/s]."""
         positions = self._positions
-        return (positions[-1] - positions[-1 - SPEED_TICKS]) / (SPEED_TICKS * self._limits.period)
+        return (positions[-1] - positions[-1 - SPEED_TICKS]) / (SPEED_TICKS * self._period)
 
     def _fastest(self, most: int) -> float:
         """Return the speed of the last ticks, or that of a delay if it was higher [rad/s].
 
         Of the last ticks the faster half counts: near a turning point the mean is zero.
         """
-        positions, period, half = self._positions, self._limits.period, SPEED_TICKS // 2
+        positions, period, half = self._positions, self._period, SPEED_TICKS // 2
         last, middle, first = positions[-1], positions[-1 - half], positions[-1 - SPEED_TICKS]
         way = max(abs(last - middle), abs(middle - first))
         window = positions[-most - 2 :]
@@ -219,7 +201,7 @@ class Changeover:
         """
         if not law.in_contact(position):
             return 0.0
-        limit = min(law.clip, self._limits.torque_limit)
+        limit = min(law.clip, self._torque_limit)
         if not law.linear and least and law.stiffness * law.elongation(position) > limit:
             return 0.5 * limit * limit / law.stiffness
         return law.stored(position, limit)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import Protocol
+from collections.abc import Callable
 
 from haptic_wall.controller.settings.shares import SPIN_SHARE
 from haptic_wall.hw.clock import Clock, SimulatedClock
@@ -11,8 +11,6 @@ from haptic_wall.hw.elastic import ElasticClock
 
 SPIN_MIN_NS = 50_000
 SPIN_MAX_NS = 300_000
-
-
 PLACE_SHARE = 0.6
 """Phase of the deadlines in a millisecond of the monotonic clock, or in a shorter period"""
 
@@ -22,8 +20,7 @@ def first_deadline(clock: Clock, period_ns: int) -> int:
 
     Linux serves its timers at whole multiples of 1, 4 or 10 ms of the monotonic clock, on every
     core, and runs the waiting tasks just after. A loop of 1 kHz keeps its phase to them for its
-    whole
-    life: at the same phase every tick, or every fourth, would be interrupted.
+    whole life: at the same phase every tick, or every fourth, would be interrupted.
 
     Args:
         clock: Simulated or monotonic clock; on the simulated clock there are no interruptions.
@@ -52,66 +49,48 @@ def next_deadline(deadline_ns: int, now_ns: int, period_ns: int) -> tuple[int, i
     return deadline_ns + (missed + 1) * period_ns, missed
 
 
-class Waiter(Protocol):
-    """Waits for a deadline and returns the time of waking."""
-
-    def wait(self, deadline_ns: int) -> int:
-        """Wait for ``deadline_ns`` [ns]; return the present time [ns] at once after it."""
-        ...
+Wait = Callable[[int], int]
+"""Waits for a deadline [ns] and returns the present time [ns], at once after it"""
 
 
-class ClockWaiter:
-    """Waits on the given clock: on a simulated one it arrives exactly.
+def sleeping(clock: Clock) -> Wait:
+    """Return what waits on a clock: on a simulated one it arrives exactly."""
+    wait_until, now_ns = clock.wait_until, clock.now_ns
 
-    Args:
-        clock: The clock.
-    """
+    def wait(deadline_ns: int) -> int:
+        wait_until(deadline_ns)
+        return now_ns()
 
-    __slots__ = ("_clock",)
-
-    def __init__(self, clock: Clock) -> None:
-        self._clock = clock
-
-    def wait(self, deadline_ns: int) -> int:
-        """Wait; see ``Waiter``."""
-        self._clock.wait_until(deadline_ns)
-        return self._clock.now_ns()
+    return wait
 
 
-class SpinWaiter:
-    """Sleeps until a margin before the deadline, then spins: wake-up latency is spent early.
+def spinning(margin_ns: int, clock: Clock) -> Wait:
+    """Return what sleeps until a margin before the deadline, then spins: latency is spent early.
 
     It never spins for a whole period: a thread that does so under SCHED_FIFO is throttled by
     the kernel for 50 ms of every second.
 
     Args:
-        spin_ns: How long before the deadline to stop sleeping [ns].
+        margin_ns: How long before the deadline to stop sleeping [ns].
         clock: An elastic clock; any other counts as monotonic.
-
-    Attributes:
-        margin_ns: As ``spin_ns``.
     """
+    elastic = clock if isinstance(clock, ElasticClock) else None
+    read = time.monotonic_ns if elastic is None else elastic.now_ns
+    sleep = time.sleep
 
-    __slots__ = ("_elastic", "margin_ns")
-
-    def __init__(self, spin_ns: int, clock: Clock | None = None) -> None:
-        self._elastic = clock if isinstance(clock, ElasticClock) else None
-        self.margin_ns = spin_ns
-
-    def wait(self, deadline_ns: int) -> int:
-        """Wait; see ``Waiter``."""
-        read = time.monotonic_ns
-        if self._elastic is not None:
-            self._elastic.promise(deadline_ns)
-            read = self._elastic.now_ns
+    def wait(deadline_ns: int) -> int:
+        if elastic is not None:
+            elastic.promise(deadline_ns)
         now = read()
-        remaining = deadline_ns - self.margin_ns - now
+        remaining = deadline_ns - margin_ns - now
         if remaining > 0:
-            time.sleep(remaining * 1e-9)  # absolute inside: CLOCK_MONOTONIC, TIMER_ABSTIME
+            sleep(remaining * 1e-9)  # absolute inside: CLOCK_MONOTONIC, TIMER_ABSTIME
             now = read()
         while now < deadline_ns:
             now = read()
         return now
+
+    return wait
 
 
 def measured_spin_margin_ns(naps: int = 200, nap_ns: int = 300_000) -> int:
@@ -130,16 +109,20 @@ def measured_spin_margin_ns(naps: int = 200, nap_ns: int = 300_000) -> int:
     return min(max(overshoots[int(0.95 * naps)] + 10_000, SPIN_MIN_NS), SPIN_MAX_NS)
 
 
-def waiter_for(clock: Clock, spin_ns: int | None, period_ns: int) -> Waiter:
-    """Return the waiter for a clock.
+def spin_margin_ns(spin_us: float | None, period_ns: int) -> int:
+    """Return the spin margin [ns].
 
     Args:
-        clock: Simulated or monotonic.
-        spin_ns: Spin margin [ns]; None: measured now.
+        spin_us: As configured [µs]; None: measured now.
         period_ns: Between deadlines [ns]; a measured margin leaves a part of it for sleeping.
     """
+    if spin_us is not None:
+        return round(spin_us * 1000.0)
+    return min(measured_spin_margin_ns(), int(SPIN_SHARE * period_ns))
+
+
+def waiter_for(clock: Clock, spin_us: float | None, period_ns: int) -> Wait:
+    """Return what waits on a clock, simulated or monotonic; see ``spin_margin_ns``."""
     if isinstance(clock, SimulatedClock):
-        return ClockWaiter(clock)
-    if spin_ns is None:
-        spin_ns = min(measured_spin_margin_ns(), int(SPIN_SHARE * period_ns))
-    return SpinWaiter(spin_ns, clock)
+        return sleeping(clock)
+    return spinning(spin_margin_ns(spin_us, period_ns), clock)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from haptic_wall.controller.runtime.deadlines import Waiter, first_deadline, next_deadline
+from haptic_wall.controller.runtime.deadlines import Wait, first_deadline, next_deadline
 from haptic_wall.controller.runtime.safety import End, StopReason
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.runtime.tick import Tick
@@ -24,7 +24,7 @@ class Loop:
 
     Args:
         tick: Executed at each deadline.
-        waiter: Waits for the deadlines.
+        wait: Waits for the deadlines.
         clock: The loop's clock.
         telemetry: Holds the control words: stop request, cut, counters.
         period_ns: Period from one deadline to the next [ns].
@@ -36,7 +36,7 @@ class Loop:
     def __init__(
         self,
         tick: Tick,
-        waiter: Waiter,
+        wait: Wait,
         clock: Clock,
         telemetry: Telemetry,
         period_ns: int,
@@ -45,7 +45,7 @@ class Loop:
     ) -> None:
         self.tick = tick
         self.period_ns = period_ns
-        self._waiter = waiter
+        self._wait = wait
         self._clock = clock
         self._words = telemetry.words
         self._on_block = on_block
@@ -88,7 +88,7 @@ class Loop:
         """
         end = math.inf if duration_s is None else self._deadline + round(duration_s * 1e9)
         tick, words, period_ns = self.tick, self._words, self.period_ns
-        wait, run, now = self._waiter.wait, tick.run, self._clock.now_ns
+        wait, run, now = self._wait, tick.run, self._clock.now_ns
         deadline, missed = self._deadline, self._missed
         stop, cut = int(Word.STOP), int(Word.CUT)  # plain numbers: read in every tick
         read_key, key_ns = self._read_key, self._key_ns

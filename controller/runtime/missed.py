@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 WINDOW_S = 0.5
 """Time over which missed periods are counted [s]"""
-_BUCKETS = 10
+_LEAST = 10
+"""Periods in the window at low rates"""
 
 
 class MissedPeriods:
-    """Counts missed periods over the last half second, in ten buckets of the grid's time.
+    """Counts missed periods over the last half second of the grid's time.
 
     It takes no time in a tick without missed periods before it.
 
@@ -21,15 +24,14 @@ class MissedPeriods:
         worst: The largest fraction in any window [1].
     """
 
-    __slots__ = ("_bucket_ns", "_counts", "_last", "_periods", "max_missed", "worst")
+    __slots__ = ("_gaps", "_missed", "_periods", "_window_ns", "max_missed", "worst")
 
     def __init__(self, period_ns: int, max_missed: float) -> None:
-        window_ns = max(round(WINDOW_S * 1e9), _BUCKETS * period_ns)
-        self._bucket_ns = window_ns // _BUCKETS
-        self._periods = window_ns / period_ns
+        self._window_ns = max(round(WINDOW_S * 1e9), _LEAST * period_ns)
+        self._periods = self._window_ns / period_ns
+        self._gaps: deque[tuple[int, int]] = deque()
+        self._missed = 0
         self.max_missed = max_missed
-        self._counts = [0] * _BUCKETS
-        self._last = 0
         self.worst = 0.0
 
     @property
@@ -44,12 +46,11 @@ class MissedPeriods:
             deadline_ns: The deadline that was served after them [ns].
             missed: Number of missed periods.
         """
-        counts = self._counts
-        bucket = deadline_ns // self._bucket_ns
-        for old in range(max(self._last + 1, bucket - _BUCKETS + 1), bucket + 1):
-            counts[old % _BUCKETS] = 0
-        self._last = bucket
-        counts[bucket % _BUCKETS] += missed
-        fraction = min(sum(counts) / self._periods, 1.0)
+        gaps = self._gaps
+        gaps.append((deadline_ns, missed))
+        self._missed += missed
+        while gaps[0][0] <= deadline_ns - self._window_ns:
+            self._missed -= gaps.popleft()[1]
+        fraction = min(self._missed / self._periods, 1.0)
         self.worst = max(self.worst, fraction)
         return fraction > self.max_missed

@@ -6,12 +6,12 @@ import ctypes
 import gc
 import os
 import resource
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Literal
 
 from haptic_wall.controller.errors import UserError
+from haptic_wall.hw.servo import Check
 
 Profile = Literal["off", "best-effort", "strict"]
 
@@ -22,18 +22,6 @@ _MCL_CURRENT_AND_FUTURE = 3
 _CAP_SYS_NICE = 23
 _LIBC = ctypes.CDLL(None, use_errno=True)
 _DMA_LATENCY = Path("/dev/cpu_dma_latency")
-
-
-@dataclass(frozen=True, slots=True)
-class Setting:
-    """One requested setting and its result."""
-
-    name: str
-    wanted: str
-    got: str
-    ok: bool
-    remedy: str
-    """The command that grants it; empty where it was granted."""
 
 
 def die_with_parent(parent: int, signal_number: int) -> None:
@@ -95,7 +83,7 @@ def _memory() -> str:
 
 def _core(cores: set[int]) -> str:
     os.sched_setaffinity(0, cores)
-    return "core " + ", ".join(map(str, sorted(cores)))
+    return _names(cores)
 
 
 def _timer_slack() -> str:
@@ -120,12 +108,12 @@ def _cpu_latency() -> str:
 
 def _attempt(
     name: str, wanted: str, action: Callable[[], str], remedy: str | Callable[[], str]
-) -> Setting:
+) -> Check:
     try:
-        return Setting(name, wanted, action(), True, "")
+        return Check(name, True, action(), wanted)
     except OSError as error:
         told = remedy if isinstance(remedy, str) else remedy()
-        return Setting(name, wanted, f"refused: {error.strerror}", False, told)
+        return Check(name, False, f"refused: {error.strerror}", wanted, told)
 
 
 def scheduler_remedy(priority: int, root: Path = Path("/")) -> str:
@@ -138,10 +126,10 @@ def scheduler_remedy(priority: int, root: Path = Path("/")) -> str:
         priority: The refused one.
         root: Root of the file system with the kernel's files.
     """
-    if _text(root / "proc/sys/kernel/sched_rt_runtime_us") == "0":
+    if text_of(root / "proc/sys/kernel/sched_rt_runtime_us") == "0":
         return "`sudo sysctl kernel.sched_rt_runtime_us=950000`"
     most, _ = resource.getrlimit(resource.RLIMIT_RTPRIO)
-    lines = _text(root / "proc/self/status").splitlines()
+    lines = text_of(root / "proc/self/status").splitlines()
     held = next((line.split()[1] for line in lines if line.startswith("CapEff:")), "0")
     if int(held, 16) >> _CAP_SYS_NICE & 1 or most == resource.RLIM_INFINITY or most >= priority:
         return (
@@ -156,14 +144,15 @@ def scheduler_remedy(priority: int, root: Path = Path("/")) -> str:
     )
 
 
-def _text(path: Path) -> str:
+def text_of(path: Path) -> str:
+    """Return the content of a file of the kernel; empty: there is none."""
     try:
         return path.read_text(encoding="utf-8", errors="replace").strip()
     except OSError:
         return ""
 
 
-def apply(profile: Profile, priority: int, cores: set[int]) -> list[Setting]:
+def apply(profile: Profile, priority: int, cores: set[int]) -> list[Check]:
     """Apply the settings of a profile to this process, as far as they are granted.
 
     Args:
@@ -175,40 +164,35 @@ def apply(profile: Profile, priority: int, cores: set[int]) -> list[Setting]:
         Wanted against granted, one each. With ``strict`` the caller refuses to go on unless all
         required ones (scheduler, memory) are ok.
     """
-    settings = [_attempt("core", _names(cores), lambda: _core(cores), "")]
+    core = _attempt("core", _names(cores), lambda: _core(cores), "")
     if profile == "off":
-        return settings
-    settings.append(
+        return [core]
+    setup = "`sudo scripts/setup-testbed` and log in again, or"
+    return [
+        core,
         _attempt(
             "scheduler",
             f"SCHED_FIFO {priority}",
             lambda: _scheduler(priority),
             lambda: scheduler_remedy(priority),
-        )
-    )
-    settings.append(
+        ),
         _attempt(
             "memory",
             "all memory locked",
             _memory,
-            "`sudo scripts/setup-testbed` and log in again, or once:"
-            " `sudo prlimit --memlock=unlimited --pid $$`",
-        )
-    )
-    settings.append(_attempt("timer slack", "1 ns", _timer_slack, ""))
-    settings.append(
+            f"{setup} once: `sudo prlimit --memlock=unlimited --pid $$`",
+        ),
+        _attempt("timer slack", "1 ns", _timer_slack, ""),
         _attempt(
             "cpu latency",
             "0 µs",
             _cpu_latency,
-            "`sudo scripts/setup-testbed` and log in again, or until the next boot:"
-            " `sudo chmod o+w /dev/cpu_dma_latency`",
-        )
-    )
-    return settings
+            f"{setup} until the next boot: `sudo chmod o+w /dev/cpu_dma_latency`",
+        ),
+    ]
 
 
-def missing_for_strict(settings: list[Setting]) -> list[Setting]:
+def missing_for_strict(settings: Sequence[Check]) -> list[Check]:
     """Return the settings that a strict profile requires and did not get."""
     return [s for s in settings if s.name in ("scheduler", "memory") and not s.ok]
 

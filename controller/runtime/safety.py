@@ -1,15 +1,12 @@
-"""Checks each reading against the safety limits; names and explains the trips, which end a run."""
+"""Names and explains the trips, which end a run for safety, and its other ends."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
 from haptic_wall.hw.errors import Problem
-from haptic_wall.hw.servo import Reading
 
 
 class Trip(StrEnum):
@@ -155,154 +152,19 @@ EXPLANATIONS: Final[Mapping[Trip, Problem]] = {
 }
 
 
-EMULATOR_LATE: Final[Mapping[Trip, Problem]] = {
-    trip: Problem(
-        "unless faults were injected, the emulator got no processor time (the port is a "
-        f"pseudo-terminal): {what}",
-        advice="end programs that keep the cores busy, give both processes real-time rights"
-        " (`sudo scripts/setup-testbed`), run a preset emulated-* with `--set"
-        f" loop.clock=simulated`, which needs no real time, or raise {limit}",
-    )
-    for trip, what, limit in (
-        (
-            Trip.LOSSES_IN_ROW,
-            "all readings failed for longer than safety.max_silence_s allows",
-            "safety.max_silence_s",
-        ),
-        (
-            Trip.LOSS_RATE,
-            "a larger fraction of the readings failed than safety.max_loss allows",
-            "safety.max_loss",
-        ),
-    )
-} | {
-    Trip.SERVO_LOST: Problem(
-        "the emulated bus has ended, or its servo no longer answers",
-        advice="start the emulated bus again",
-    )
-}
-"""Explanations of these trips with an emulated bus, which has no cable"""
-
+EMULATOR_LATE: Final = Problem(
+    "unless faults were injected, the emulator got no processor time, or has ended",
+    advice="end programs that keep the cores busy, give both processes real-time rights (`sudo"
+    " scripts/setup-testbed`), run a preset emulated-* with `--set loop.clock=simulated`, or raise"
+    " safety.max_silence_s or safety.max_loss",
+)
+"""Explanation of these trips with an emulated bus, which has no cable"""
+OF_THE_BUS: Final = frozenset((Trip.LOSSES_IN_ROW, Trip.LOSS_RATE, Trip.SERVO_LOST))
 AFTER_STALL: Final = frozenset(
     (Trip.OVERSPEED, Trip.LOSSES_IN_ROW, Trip.LOSS_RATE, Trip.TORQUE_LOST, Trip.SERVO_LOST)
 )
 """Trips that a stall of the computer can cause"""
 STALL_ADVICE: Final = (
     "end programs that keep the cores busy, or give this program real-time rights (`sudo"
-    " scripts/setup-testbed`)"
+    " scripts/setup-testbed`); `--set loop.clock=simulated` needs none, without a real servo"
 )
-NO_REAL_TIME: Final = (
-    "`--set loop.clock=simulated`, with a preset simulated or emulated-*, needs none"
-)
-
-LEAST_FAILED = 3
-"""Consecutive failed readings that a silence needs to trip: at low rates the allowed time is over
-after one or two, and a stall of the loop itself is no fault of the bus [1]"""
-
-
-@dataclass(frozen=True, slots=True)
-class SafetyLimits:
-    """The limits whose violation trips."""
-
-    max_speed: float
-    """[rad/s]"""
-    position_step: float
-    """Encoder step, the tolerance of a reading [rad]"""
-    max_loss: float
-    """Fraction of failed readings in the window [1]"""
-    loss_window: int
-    """Readings in the window"""
-    max_silence_ns: int
-    """Time without a good reading [ns]; fewer than ``LEAST_FAILED`` failed ones never trip"""
-    travel: tuple[float, float] | None = None
-    """Lowest and highest position [rad]; None: no limit"""
-    travel_from_start: bool = False
-    """``travel`` counts from the first reading"""
-
-
-class Safety:
-    """Checks readings and torques against the limits; O(1) a tick.
-
-    Args:
-        limits: The limits.
-
-    Attributes:
-        found: The value that tripped, and its limit, in the unit of the limit; empty: none.
-    """
-
-    __slots__ = (
-        "_at",
-        "_failed",
-        "_heard_ns",
-        "_high",
-        "_in_row",
-        "_limits",
-        "_low",
-        "_position",
-        "_sampled_ns",
-        "_window",
-        "found",
-    )
-
-    def __init__(self, limits: SafetyLimits) -> None:
-        self.found: tuple[float, ...] = ()
-        self._limits = limits
-        self._window = bytearray(limits.loss_window)
-        self._at = 0
-        self._failed = 0
-        self._in_row = 0
-        self._heard_ns: int | None = None
-        self._position = math.nan
-        self._sampled_ns = 0
-        self._low, self._high = limits.travel or (-math.inf, math.inf)
-
-    def good(self, reading: Reading) -> Trip | None:
-        """Judge a good reading: its position, and its distance from the last one."""
-        if self._failed:  # else the window holds no failure that could leave it
-            self._count(0)
-        self._in_row = 0
-        _, position, _, sampled_ns, _, alert = reading
-        if not math.isfinite(position):
-            return Trip.NOT_A_NUMBER
-        if alert:
-            return Trip.HARDWARE_ERROR
-        limits = self._limits
-        if limits.travel_from_start and math.isnan(self._position):
-            self._low += position
-            self._high += position
-        elapsed = (sampled_ns - self._sampled_ns) * 1e-9
-        moved = abs(position - self._position)  # NaN the first time: compares false
-        self._position = position
-        self._sampled_ns = self._heard_ns = sampled_ns
-        if moved > limits.max_speed * elapsed + 2.0 * limits.position_step:
-            self.found = moved / elapsed if elapsed else math.inf, limits.max_speed
-            return Trip.OVERSPEED
-        if position < self._low or position > self._high:
-            self.found = position, self._low, self._high
-            return Trip.TRAVEL
-        return None
-
-    def failed(self, now_ns: int) -> Trip | None:
-        """Count a failed reading, and judge the time since the last good sample.
-
-        Args:
-            now_ns: When it failed [ns], on the clock of the readings.
-        """
-        self._count(1)
-        self._in_row += 1
-        if self._heard_ns is None:  # no good reading so far: the time counts from here
-            self._heard_ns = now_ns
-        limits, silence_ns = self._limits, now_ns - self._heard_ns
-        if self._in_row >= LEAST_FAILED and silence_ns > limits.max_silence_ns:
-            self.found = silence_ns * 1e-9, limits.max_silence_ns * 1e-9
-            return Trip.LOSSES_IN_ROW
-        if self._failed > limits.max_loss * limits.loss_window:
-            self.found = self._failed / limits.loss_window, limits.max_loss
-            return Trip.LOSS_RATE
-        return None
-
-    def _count(self, failed: int) -> None:
-        window = self._window
-        self._failed += failed - window[self._at]
-        window[self._at] = failed
-        self._at = (self._at + 1) % len(window)

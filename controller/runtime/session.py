@@ -23,7 +23,6 @@ from haptic_wall.controller.runtime.deadlines import waiter_for
 from haptic_wall.controller.runtime.defect import defect_text
 from haptic_wall.controller.runtime.handover import KnownServo
 from haptic_wall.controller.runtime.loop import Loop
-from haptic_wall.controller.runtime.machine_setup import SettingState
 from haptic_wall.controller.runtime.realtime import freeze_garbage, reserve_memory
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip
 from haptic_wall.controller.runtime.sampler import is_pipelined
@@ -75,7 +74,7 @@ class Result:
     bus: dict[str, Any] | None
     torque_off: bool
     checks: list[Check] = field(default_factory=list)
-    setup: list[SettingState] = field(default_factory=list)
+    setup: list[Check] = field(default_factory=list)
     """The machine's settings, where the loop has a process of its own"""
     facts: dict[str, float | None] = field(default_factory=dict)
     """The servo's values that the oscillation watch uses; None: not known"""
@@ -177,7 +176,7 @@ class _Session:
         if not self._simulated:
             reserve_memory()
         self._around.take_real_time()
-        self._waiter = waiter_for(self._clock, _spin_ns(self._config), self._config.period_ns)
+        self._wait = waiter_for(self._clock, self._config.realtime.spin_us, self._config.period_ns)
 
     def _decide(self) -> None:
         """Compute the guard's decisions from the servo's known values."""
@@ -222,12 +221,12 @@ class _Session:
             gain_schedule(config, self._decided),
             rendered(config, servo, self._program),
         )
-        self._known = KnownServo(servo.facts, servo.bus and replace(servo.bus), self._simulated)
-        self._tick.inbox.tell(self._known)
+        known = KnownServo(servo.facts, servo.bus and replace(servo.bus), self._simulated)
+        self._tick.inbox.tell(known)
         self._health = servo if isinstance(servo, HasHealth) else None
         self._loop = Loop(
             self._tick,
-            self._waiter,
+            self._wait,
             self._clock,
             telemetry,
             config.period_ns,
@@ -297,13 +296,9 @@ class _Session:
         """Add the report's computed parts to a result."""
         servo, tick = self.servo, self._tick
         watch, schedule, made = tick.watch, tick.gains.schedule, tick.inbox.made
-        config, decided = self._config, self._decided
-        if made is not None:
-            config = Config.model_validate_json(made.config)
-            decided = guard_decisions(config, self._known, self._simulated, work=self._work)
+        config = self._config if made is None else Config.model_validate_json(made.config)
         self._around.on_block()
-        decision = decided.decisions[schedule.index]
-        decision = decision_in_force(config, servo, decision, self._work)
+        decision = decision_in_force(config, servo, self._decided, schedule.index, self._work)
         return replace(
             result,
             guard=guard_report(
@@ -357,11 +352,6 @@ def _with_defect(result: Result, error: Exception) -> Result:
         stop_reason=result.stop_reason if tripped else Trip.INTERNAL_ERROR,
         message="; ".join(filter(None, (result.message, f"after the run: {defect_text(error)}"))),
     )
-
-
-def _spin_ns(config: Config) -> int | None:
-    spin_us = config.realtime.spin_us
-    return None if spin_us is None else round(spin_us * 1000.0)
 
 
 def _run(

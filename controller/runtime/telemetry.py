@@ -11,7 +11,6 @@ from __future__ import annotations
 import mmap
 import os
 import struct
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import Self
 
@@ -47,11 +46,16 @@ FLOAT_FIELDS = (
 )
 ROW = np.dtype([(name, "<i8") for name in INT_FIELDS] + [(name, "<f8") for name in FLOAT_FIELDS])
 """One tick: times [ns]; position [rad], velocity [rad/s], torques [N·m], commanded stiffness
-[N·m/rad] and damping [N·m·s/rad], the total delay that the guard uses [s], the torque that the
-servo measured (NaN: it gives none), and the part of the law's torque that holds a load while the
-wall is softer [N·m]. ``work_ns`` and ``bus_ns`` are those of the tick before, so that they include
-the writing of its row. ``phase`` is that of a program (-1 before it begins; 0 without one),
-``oscillation`` the detector's state."""
+[N·m/rad] and damping with the injected one [N·m·s/rad], the total delay that the guard uses [s].
+
+``lateness_ns`` is from the deadline to the wake-up, ``sampled_ns`` 0 while no position is known,
+``age_ns`` the age of the sample when its torque was sent. ``work_ns`` and ``bus_ns`` are those of
+the tick before, so that they include the writing of its row. ``outcome`` is an
+``haptic_wall.hw.servo.Outcome``, ``missed`` the periods skipped before this tick, ``flags`` the sum
+of ``FLAG_...``, ``phase`` that of a program (-1 before it begins; 0 without one), ``oscillation``
+the detector's state. ``wall_torque`` is the law's before the delay, ``torque`` the one sent,
+``measured_torque`` the servo's (NaN: it gives none), ``held_torque`` the part of the law's that
+holds a load while the wall is softer."""
 
 FLAG_SATURATED = 1
 """The wall's torque was limited."""
@@ -65,52 +69,6 @@ FLAG_RAISED = 16
 """The return to the full wall was requested."""
 FLAG_CHANGED = 32
 """From this tick on a change of the running wall is in force."""
-
-
-@dataclass(slots=True)
-class Row:
-    """One tick, as the loop writes it; the memory assigns ``seq``. Reused from tick to tick."""
-
-    deadline_ns: int = 0
-    """The deadline served [ns]"""
-    lateness_ns: int = 0
-    """From the deadline to the loop's wake-up [ns]"""
-    work_ns: int = 0
-    """Work of the tick before, the writing of its row included [ns]"""
-    bus_ns: int = 0
-    """Bus wait of the tick before [ns]"""
-    sampled_ns: int = 0
-    """When the position was sampled [ns]; 0: none is known yet"""
-    age_ns: int = 0
-    """Age of the sample when its torque was sent [ns]"""
-    outcome: int = 0
-    """An ``haptic_wall.hw.servo.Outcome``"""
-    missed: int = 0
-    """Whole periods skipped before this tick [1]"""
-    flags: int = 0
-    """``FLAG_...``, added"""
-    phase: int = 0
-    """Phase of a program; 0 without one"""
-    oscillation: int = 0
-    """State of the detector"""
-    position: float = 0.0
-    """[rad]"""
-    velocity: float = 0.0
-    """Estimated [rad/s]"""
-    wall_torque: float = 0.0
-    """Wall torque of the law, before the delay [N·m]"""
-    torque: float = 0.0
-    """Sent [N·m]"""
-    stiffness: float = 0.0
-    """Commanded [N·m/rad]"""
-    damping: float = 0.0
-    """Commanded, the injected included [N·m·s/rad]"""
-    delay_s: float = 0.0
-    """The total delay that the guard uses [s]"""
-    measured_torque: float = 0.0
-    """[N·m]; NaN: the servo measures none"""
-    held_torque: float = 0.0
-    """Part of ``wall_torque`` that holds a load while the wall is softer [N·m]"""
 
 
 _ROW_STRUCT = struct.Struct(f"<{len(INT_FIELDS)}q{len(FLOAT_FIELDS)}d")
@@ -244,34 +202,14 @@ class Telemetry:
         self.words[Word.HELD_NS] = NO_DEAD_MAN
         return self
 
-    def write(self, row: Row) -> None:
-        """Append one row; only the loop does."""
+    def write(self, *values: float) -> None:
+        """Append one row; only the loop does.
+
+        Args:
+            values: The fields of ``ROW`` after ``seq``, in order.
+        """
         head = self._head
-        _PACK(
-            self._map,
-            _PAGE + head % self._capacity * _ROW_BYTES,
-            head,
-            row.deadline_ns,
-            row.lateness_ns,
-            row.work_ns,
-            row.bus_ns,
-            row.sampled_ns,
-            row.age_ns,
-            row.outcome,
-            row.missed,
-            row.flags,
-            row.phase,
-            row.oscillation,
-            row.position,
-            row.velocity,
-            row.wall_torque,
-            row.torque,
-            row.stiffness,
-            row.damping,
-            row.delay_s,
-            row.measured_torque,
-            row.held_torque,
-        )
+        _PACK(self._map, _PAGE + head % self._capacity * _ROW_BYTES, head, *values)
         self._head = self.words[_HEAD] = head + 1
 
     def read(self, tail: int, most: int = CAPACITY) -> tuple[NDArray[np.void], int]:

@@ -11,12 +11,12 @@ from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.engagement import Engagement
 from haptic_wall.controller.laws.passivity_control import PassivityControl
 from haptic_wall.controller.laws.wall import Law
-from haptic_wall.controller.runtime.changeover import Changeover, Obstacle, Target, adopt
+from haptic_wall.controller.runtime.changeover import Changeover, Obstacle, adopt
+from haptic_wall.controller.runtime.checks import Safety
 from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.runtime.handover import Change, Inbox
 from haptic_wall.controller.runtime.missed import MissedPeriods
-from haptic_wall.controller.runtime.overspeed import DrivenSpeed
-from haptic_wall.controller.runtime.safety import Safety, Trip
+from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.sampler import Sampler
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_CHANGED,
@@ -25,7 +25,6 @@ from haptic_wall.controller.runtime.telemetry import (
     FLAG_RAISED,
     FLAG_SATURATED,
     FLAG_WARM_UP,
-    Row,
     Telemetry,
     Word,
 )
@@ -57,8 +56,6 @@ class Tick:
     trips_on_missed: bool
     """Too many missed periods end the run; else they only lower stiffness and damping"""
     watch: Watch
-    driven: DrivenSpeed
-    """Finds a motion that the torque drives beyond the servo's own speed"""
     passivity: PassivityControl | None
     """Injects damping where the wall generates energy; None: none"""
     telemetry: Telemetry
@@ -92,7 +89,8 @@ class Tick:
     """Added to the positions of laws [rad]"""
     _raises: int = 0
     _limit: float = 0.0
-    _row: Row = field(default_factory=Row)
+    _wall_torque: float = 0.0
+    """Of the law in the last tick, before the delay [N·m]"""
     _bus: Bus = field(default_factory=Bus)
     _words: memoryview[int] = field(init=False)
     _now: Callable[[], int] = field(init=False)
@@ -179,7 +177,7 @@ class Tick:
         elif sampled_ns is not None:
             watch.passed(1 + missed)
             if outcome is _OK:
-                self._follow_motion(position, sampled_ns, contact)
+                self._follow_motion(position, contact)
             wall_torque = law.torque(position, sampler.damped)
         if contact:
             flags |= FLAG_CONTACT
@@ -212,28 +210,30 @@ class Tick:
                 watch.raise_again()
             if self.gains.follow(age_ns, interval_ns, may_raise):
                 self._follow_gains()
-        row, derating = self._row, law.derating
-        row.deadline_ns = deadline_ns
-        row.lateness_ns = lateness_ns
-        row.work_ns = self._work_ns
-        row.bus_ns = self._bus_ns
-        row.sampled_ns = sampled_ns or 0
-        row.age_ns = age_ns
-        row.outcome = outcome
-        row.missed = missed
-        row.flags = flags
-        row.phase = law.phase
-        row.oscillation = watch.current
-        row.position = position
-        row.velocity = sampler.velocity
-        row.wall_torque = wall_torque
-        row.torque = sent
-        row.stiffness = law.stiffness * derating.scale
-        row.damping = (law.damping + law.injected) * derating.damping_scale
-        row.delay_s = self._delay_s
-        row.measured_torque = sampler.measured_torque
-        row.held_torque = law.held
-        self.telemetry.write(row)
+        derating = law.derating
+        self.telemetry.write(
+            deadline_ns,
+            lateness_ns,
+            self._work_ns,
+            self._bus_ns,
+            sampled_ns or 0,
+            age_ns,
+            outcome,
+            missed,
+            flags,
+            law.phase,
+            watch.current,
+            position,
+            sampler.velocity,
+            wall_torque,
+            sent,
+            law.stiffness * derating.scale,
+            (law.damping + law.injected) * derating.damping_scale,
+            self._delay_s,
+            sampler.measured_torque,
+            law.held,
+        )
+        self._wall_torque = wall_torque
         self.done = law.done
         if words[_OFFERED] != inbox.taken:
             inbox.take()
@@ -250,7 +250,7 @@ class Tick:
             self._offset = offset
         self._work_ns, self._bus_ns = work_ns, bus_ns
 
-    def _follow_motion(self, position: float, sampled_ns: int, contact: bool) -> None:
+    def _follow_motion(self, position: float, contact: bool) -> None:
         """Watch the motion for oscillation, overspeed, and energy that the wall generates.
 
         The answer is a derating, injected damping, or a trip.
@@ -258,7 +258,7 @@ class Tick:
         watch, law, passivity = self.watch, self.law, self.passivity
         held = law.held
         watch.sample(position, law, self.sampler.measured_torque)
-        if self.driven.too_fast(position, sampled_ns, watch.commanded, contact, law):
+        if self.safety.driven(watch.commanded, contact, law):
             self.trip = self.trip or Trip.OVERSPEED
         elif watch.failed:
             self.trip = self.trip or Trip.OSCILLATION
@@ -311,15 +311,15 @@ class Tick:
         obstacle = changeover.watched(self.watch, softer)
         if obstacle is not Obstacle.NONE or not self._on:
             return obstacle
-        target = Target(
-            law=change.law or self.law,
-            stiffness=allowed.stiffness,
-            damping=allowed.damping,
-            delay=max(allowed.delay, self._delay_s),
-            steps=change.steps,
-        )
+        law = self.law
         obstacle = changeover.obstacle(
-            self.law, self.ring, target, sampler.position, sampler.damped
+            law,
+            self.ring,
+            change.law or law,
+            allowed._replace(delay=max(allowed.delay, self._delay_s)),
+            change.steps,
+            sampler.position,
+            sampler.damped,
         )
         falls = allowed.stiffness < gains.stiffness
         if obstacle is not Obstacle.NONE and falls and not change.moved:
@@ -332,7 +332,7 @@ class Tick:
         before = law.position
         if change.steps != ring.steps:
             coming = law.torque(position, self.sampler.damped) if self._on else 0.0
-            ring = ring.resized(change.steps, self._row.wall_torque, coming)
+            ring = ring.resized(change.steps, self._wall_torque, coming)
         if change.law is not None:
             adopt(change.law, law)
             law = change.law

@@ -2,31 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 from haptic_wall.controller.detector.settings import WatchSettings
 from haptic_wall.controller.laws.engagement import engage_torque
 from haptic_wall.controller.laws.wall import SIGNS, Law
 from haptic_wall.controller.settings.config import Config
+from haptic_wall.hw.servo import Facts
 
 
-class WatchFacts(Protocol):
-    """Facts of a servo that the oscillation watch needs."""
-
-    @property
-    def torque_limit(self) -> float:
-        """Return the largest torque it accepts [N·m]."""
-
-    @property
-    def stall_torque(self) -> float:
-        """Return the largest torque it can make [N·m]; infinite: not known."""
-
-    @property
-    def position_step(self) -> float:
-        """Return one count of the encoder [rad]; 0: the position is not quantised."""
-
-
-def watch_settings(config: Config, facts: WatchFacts, law: Law) -> WatchSettings:
+def watch_settings(config: Config, facts: Facts, law: Law) -> WatchSettings:
     """Return the settings of the watch.
 
     A program is only watched, without a reaction; without a guard an alarm trips.

@@ -56,8 +56,8 @@ REPORT = {
     "torque_off": True,
     "servo_checks": [],
     "realtime": [
-        {"name": "scheduler", "wanted": "FIFO", "got": "refused", "ok": False, "remedy": "x"},
-        {"name": "memory", "wanted": "locked", "got": "locked", "ok": True, "remedy": ""},
+        {"name": "scheduler", "wanted": "FIFO", "found": "refused", "ok": False, "fix": "x"},
+        {"name": "memory", "wanted": "locked", "found": "locked", "ok": True, "fix": ""},
     ],
     "warnings": ["scheduler: wanted FIFO, refused; to grant it: x"],
     "log": "runs/a long way/run.hwlog",

@@ -16,6 +16,7 @@ from haptic_wall.controller.guard.types import Decision
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.runtime.assembly import (
     assembled,
+    decision_in_force,
     gain_schedule,
     guard_decisions,
     most_injected,
@@ -250,4 +251,6 @@ def _decision(sets: tuple[str, ...], torque_limit: float, counts_per_rev: int) -
     """Return any decision with this belief; its delay, reasons and limits are not used."""
     facts = Truth(inertia=1.0, torque_limit=torque_limit, counts_per_rev=counts_per_rev)
     servo = TrialServo(facts, SimulatedClock())
-    return guard_decisions(trial_config(sets), servo, simulated=True).decisions[0]
+    config = trial_config(sets)
+    decided = guard_decisions(config, servo, simulated=True)
+    return decision_in_force(config, servo, decided, 0)

@@ -14,8 +14,8 @@ from haptic_wall.controller.runtime.realtime import pick_cores
 from tests.typed import not_none
 
 SETTINGS = [
-    {"name": "scheduler", "wanted": "SCHED_FIFO 80", "got": "refused: no", "ok": False,
-     "remedy": "sudo"},
+    {"name": "scheduler", "wanted": "SCHED_FIFO 80", "found": "refused: no", "ok": False,
+     "fix": "sudo"},
 ]  # fmt: skip
 
 
@@ -34,7 +34,7 @@ class LateWaiter:
 def test_lateness_counts_from_the_grid_and_a_stall_skips_whole_periods() -> None:
     late = [100, 0, 2 * PERIOD_NS + 300, 7]
     waiter = LateWaiter(late)
-    woken = on_grid(waiter, len(late), now_ns=lambda: waiter.now)
+    woken = on_grid(waiter.wait, len(late), now_ns=lambda: waiter.now)
     # The third wakes 300 ns into the period two later, whose point the fourth serves at once.
     assert woken.lateness_ns == [100, 0, 2 * PERIOD_NS + 300, 300 + 7]
     assert woken.elapsed_ns == (5 * PERIOD_NS + 307) - (PERIOD_NS + 100)

@@ -15,7 +15,7 @@ from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.processes.inline import run_inline
 from haptic_wall.controller.processes.plan import Ended, Plan
 from haptic_wall.controller.processes.run_report import exit_status
-from haptic_wall.controller.runtime.telemetry import Row, Telemetry, Word
+from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, peak
 from haptic_wall.controller.theory.checks import FloatArray
@@ -104,8 +104,8 @@ def test_the_full_wall_comes_back_only_on_request(
     class Asking(Telemetry):
         """Asks once, when the wall has been reduced for a while."""
 
-        def write(self, row: Row) -> None:
-            super().write(row)
+        def write(self, *values: float) -> None:
+            super().write(*values)
             if self.words[Word.HEAD] == 6000:
                 self.words[Word.RAISE] = 1
 

@@ -6,11 +6,10 @@ from typing import Any
 
 import pytest
 
-from haptic_wall.controller.doctor.machine import judge_lateness, judge_rights, judge_setup
+from haptic_wall.controller.doctor.machine import judge_lateness, judge_rights
 from haptic_wall.controller.doctor.replies import Replies
 from haptic_wall.controller.doctor.timing import Wanted, judge_timing, suits, sustainable_hz
 from haptic_wall.controller.runtime.machine_setup import machine_setup
-from haptic_wall.controller.runtime.realtime import Setting
 from haptic_wall.hw.servo import Check
 from haptic_wall.hw.settings import Schedule
 
@@ -146,13 +145,13 @@ def test_where_no_schedule_holds_a_lower_rate_is_named() -> None:
 
 def test_strict_insists_on_scheduler_and_memory_and_the_rest_is_advice() -> None:
     refused = [
-        Setting(name, "wanted", "refused", False, f"remedy of {name}")
+        Check(name, False, "refused", "wanted", f"remedy of {name}")
         for name in ("scheduler", "memory", "cpu latency")
     ]
     assert [f.ok for f in judge_rights(refused, "strict")] == [False, False, True]
     advised = judge_rights(refused, "best-effort")
     assert all(f.ok for f in advised)
-    assert [f.fix for f in advised] == [s.remedy for s in refused]
+    assert [f.fix for f in advised] == [s.fix for s in refused]
     (off,) = judge_rights([], "off")
     assert not off.applies
 
@@ -177,6 +176,6 @@ def test_kernel_and_core_are_advice(
     put("sys/kernel/realtime", realtime)
     put("sys/devices/system/cpu/isolated", isolated)
     put("sys/devices/system/cpu/cpu5/cpufreq/scaling_governor", governor)
-    found = judge_setup(machine_setup(5, tmp_path))
+    found = machine_setup(5, tmp_path)
     assert all(finding.ok for finding in found)
     assert sum(bool(finding.fix) for finding in found) == hints

@@ -33,10 +33,11 @@ from haptic_wall.controller.live.run_socket import listening
 from haptic_wall.controller.live.server import LiveServer
 from haptic_wall.controller.live.source import RunningSource
 from haptic_wall.controller.live.view import View
-from haptic_wall.controller.runtime.telemetry import CAPACITY, Row, Telemetry, Word
+from haptic_wall.controller.runtime.telemetry import CAPACITY, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.hand import SharedHand
 from tests.controller.live import strangers
+from tests.support.rows import row
 
 PAGE = Path(str(room.__file__)).parent / "page"
 TOKEN = "the-right-token"
@@ -76,10 +77,9 @@ class Served:
         self._count = 0
 
     def write(self, count: int) -> None:
-        row = Row(stiffness=8.0)
         for k in range(self._count, self._count + count):
-            row.deadline_ns, row.position = BEGAN_NS + 1_000_000 * k, 0.001 * k
-            self.telemetry.write(row)
+            at = BEGAN_NS + 1_000_000 * k
+            self.telemetry.write(*row(stiffness=8.0, deadline_ns=at, position=0.001 * k))
         self._count += count
 
     def connect(self, query: str = "", **options: Any) -> ClientConnection:

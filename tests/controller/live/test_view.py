@@ -17,9 +17,10 @@ from haptic_wall.controller.live.client import Client
 from haptic_wall.controller.live.relay import OFFERED, sets_of
 from haptic_wall.controller.live.source import LoggedSource, RunningSource
 from haptic_wall.controller.live.view import MOST_LAWS, View
-from haptic_wall.controller.runtime.telemetry import FLAG_OFF, ROW, Row, Telemetry, Word
+from haptic_wall.controller.runtime.telemetry import FLAG_OFF, ROW, Telemetry, Word
 from haptic_wall.controller.settings.changes import changed
 from haptic_wall.controller.settings.load import load_config
+from tests.support.rows import row
 
 PAGE = Path(str(room.__file__)).parent / "page"
 CONFIG = load_config("simulated", ()).config
@@ -55,7 +56,7 @@ def running() -> tuple[View, Telemetry]:
 
 def move(view: View, telemetry: Telemetry, *positions: float, stiffness: float = 8.0) -> None:
     for position in positions:
-        telemetry.write(Row(deadline_ns=1, position=position, stiffness=stiffness))
+        telemetry.write(*row(deadline_ns=1, position=position, stiffness=stiffness))
     view.look(1000)
     view.draw_law()
 

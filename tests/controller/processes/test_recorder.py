@@ -13,14 +13,15 @@ from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.writer import identity
 from haptic_wall.controller.processes.children import Child
 from haptic_wall.controller.processes.recorder_monitor import RecorderMonitor
-from haptic_wall.controller.runtime.telemetry import Row, Telemetry, Word
+from haptic_wall.controller.runtime.telemetry import Telemetry, Word
+from tests.support.rows import row
 
 TICKS = itertools.count()
 
 
-def row() -> Row:
+def next_row() -> list[float]:
     """A row of the next period."""
-    return Row(deadline_ns=next(TICKS) * 1_000_000)
+    return row(deadline_ns=next(TICKS) * 1_000_000)
 
 
 pytestmark = pytest.mark.realtime
@@ -59,7 +60,7 @@ class Recording:
         while not condition():
             assert time.monotonic() < end, self.told
             for _ in range(rows):
-                self.telemetry.write(row())
+                self.telemetry.write(*next_row())
             self.monitor.look(time.monotonic())
             time.sleep(0.01)
 
@@ -72,7 +73,7 @@ def test_a_recorder_whose_supervisor_is_dead_writes_what_comes_and_ends(tmp_path
     (recorder,) = recording.recorders
     recording.until(lambda: recording.recorded() > 0)
     for _ in range(100):
-        recording.telemetry.write(row())
+        recording.telemetry.write(*next_row())
     recorder.send(signal.SIGUSR1)  # as the kernel does
     assert recorder.wait(10.0)
     assert recorder.well()

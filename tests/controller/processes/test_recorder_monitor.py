@@ -17,14 +17,15 @@ from haptic_wall.controller.logs.writer import LogWriter
 from haptic_wall.controller.processes import children, recorder_monitor
 from haptic_wall.controller.processes.recorder import Recorder
 from haptic_wall.controller.processes.recorder_monitor import STUCK_S, RecorderMonitor
-from haptic_wall.controller.runtime.telemetry import CAPACITY, Row, Telemetry, Word
+from haptic_wall.controller.runtime.telemetry import CAPACITY, Telemetry, Word
+from tests.support.rows import row
 
 TICKS = itertools.count()
 
 
-def row() -> Row:
+def next_row() -> list[float]:
     """A row of the next period."""
-    return Row(deadline_ns=next(TICKS) * 1_000_000)
+    return row(deadline_ns=next(TICKS) * 1_000_000)
 
 
 class Child:
@@ -107,7 +108,7 @@ class Run:
         for _ in range(round(seconds / step)):
             self.now += step
             for _ in range(round(rows_per_s * step)):
-                self.telemetry.write(row())
+                self.telemetry.write(*next_row())
             self.recorders[-1].turn()
             self.monitor.look(self.now)
 
@@ -203,7 +204,7 @@ def test_nobody_writes_beside_a_recorder_that_does_not_die(run: Run) -> None:
 def test_a_recorder_killed_before_it_could_tell_of_its_last_block_loses_nothing(run: Run) -> None:
     run.go(2.0)
     told = run.words[Word.TAIL]
-    run.telemetry.write(row())
+    run.telemetry.write(*next_row())
     run.recorders[-1].turn()
     run.words[Word.TAIL] = told  # the block is in the log, but nobody knows
     run.recorders[-1].end(-9)
@@ -263,7 +264,7 @@ def test_the_last_rows_are_written_by_another_recorder(run: Run, how: str) -> No
         run.recorders[-1].end(-9)
     else:
         run.recorders[-1].writes = False
-    run.telemetry.write(row())
+    run.telemetry.write(*next_row())
     notes, rows = run.end()
     assert len(run.recorders) == 2
     assert "no row is missing" in notes[0]
@@ -273,7 +274,7 @@ def test_the_last_rows_are_written_by_another_recorder(run: Run, how: str) -> No
 def test_where_no_recorder_can_write_the_end_it_is_said_how_much_is_missing(run: Run) -> None:
     run.go(2.0)
     run.recorders[-1].end(-9)
-    run.telemetry.write(row())
+    run.telemetry.write(*next_row())
     run.refused = OSError(errno.EAGAIN, "Resource temporarily unavailable")
     notes, rows = run.end()
     assert any("lacks 1 of 2001 rows" in note for note in notes)

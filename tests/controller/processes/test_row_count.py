@@ -10,8 +10,9 @@ import pytest
 from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.processes.plan import Plan
 from haptic_wall.controller.processes.row_count import BATCH, RowCount
-from haptic_wall.controller.runtime.telemetry import Row, Telemetry
+from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.settings.load import load_config
+from tests.support.rows import row
 
 
 class Run:
@@ -23,7 +24,7 @@ class Run:
 
     def write(self, rows: int, **values: Any) -> None:
         for _ in range(rows):
-            self.telemetry.write(Row(**values))
+            self.telemetry.write(*row(**values))
 
 
 @pytest.fixture

@@ -10,13 +10,12 @@ import pytest
 
 from haptic_wall.controller.detector.backstop import Phase
 from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.guard.schedule import Allowed
 from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.wall import Wall
 from haptic_wall.controller.runtime.changeover import (
-    ChangeLimits,
     Changeover,
     Obstacle,
-    Target,
 )
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.session import Result
@@ -317,14 +316,14 @@ def test_a_longer_ring_does_not_hold_what_one_encoder_count_made(
 
 def test_the_speed_is_not_taken_over_a_probe() -> None:
     """A stiffness would rise before a shaft that comes, if it was further away before the probe."""
-    changeover = Changeover(ChangeLimits(0.1, math.inf, 1e-3))
+    changeover = Changeover(0.1, math.inf, 1e-3)
     law, ring = Wall(8.0, 0.0, 0.0, "above"), DelayRing(0)
-    target = Target(law, 16.0, 0.0, delay=5e-3, steps=0)
+    target = law, Allowed(16.0, 0.0, delay=5e-3), 0
     for _ in range(20):
-        assert changeover.obstacle(law, ring, target, 0.1, 0.0) is not Obstacle.NONE
+        assert changeover.obstacle(law, ring, *target, 0.1, 0.0) is not Obstacle.NONE
     backstop = SimpleNamespace(reduced=(1.0, 1.0), phase=Phase.PROBING)
     assert changeover.watched(SimpleNamespace(backstop=backstop), False) is Obstacle.PROBED  # type: ignore[arg-type]
-    found = [changeover.obstacle(law, ring, target, -0.04 + 0.004 * k, 0.0) for k in range(10)]
+    found = [changeover.obstacle(law, ring, *target, -0.04 + 0.004 * k, 0.0) for k in range(10)]
     assert found == [Obstacle.READING] * 8 + [Obstacle.ENERGY] * 2
 
 

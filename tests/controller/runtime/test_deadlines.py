@@ -10,11 +10,11 @@ from haptic_wall.controller.runtime.deadlines import (
     PLACE_SHARE,
     SPIN_MAX_NS,
     SPIN_MIN_NS,
-    ClockWaiter,
-    SpinWaiter,
     first_deadline,
     measured_spin_margin_ns,
     next_deadline,
+    spin_margin_ns,
+    spinning,
     waiter_for,
 )
 from haptic_wall.hw.clock import MonotonicClock, SimulatedClock
@@ -55,32 +55,21 @@ def test_grid_properties(deadline: int, late: int, period: int) -> None:
 
 
 def test_a_simulated_clock_arrives_exactly() -> None:
-    clock = SimulatedClock(7)
-    assert ClockWaiter(clock).wait(10**9) == 10**9
-    assert ClockWaiter(clock).wait(5) == 10**9, "time does not go back"
+    wait = waiter_for(SimulatedClock(7), None, 1_000_000)
+    assert wait(10**9) == 10**9
+    assert wait(5) == 10**9, "time does not go back"
 
 
-def test_the_spinning_waiter_is_never_early() -> None:
-    waiter = SpinWaiter(200_000)
+def test_a_wait_is_never_early() -> None:
+    wait = spinning(200_000, MonotonicClock())
     for _ in range(20):
         deadline = time.monotonic_ns() + 1_000_000
-        assert waiter.wait(deadline) >= deadline
+        assert wait(deadline) >= deadline
     past = time.monotonic_ns() - 1
-    assert waiter.wait(past) > past
+    assert wait(past) > past
 
 
-def test_the_margin_is_measured_within_its_bounds() -> None:
+def test_the_margin_is_as_set_or_measured_and_leaves_most_of_a_short_period_to_sleep() -> None:
     assert SPIN_MIN_NS <= measured_spin_margin_ns(naps=20) <= SPIN_MAX_NS
-
-
-def test_the_waiter_suits_the_clock() -> None:
-    assert isinstance(waiter_for(SimulatedClock(), None, 1_000_000), ClockWaiter)
-    waiter = waiter_for(MonotonicClock(), 70_000, 1_000_000)
-    assert isinstance(waiter, SpinWaiter)
-    assert waiter.margin_ns == 70_000
-
-
-def test_a_measured_margin_leaves_most_of_a_short_period_to_sleep() -> None:
-    waiter = waiter_for(MonotonicClock(), None, 50_000)
-    assert isinstance(waiter, SpinWaiter)
-    assert waiter.margin_ns == 30_000
+    assert spin_margin_ns(70.0, 1_000_000) == 70_000
+    assert spin_margin_ns(None, 50_000) == 30_000

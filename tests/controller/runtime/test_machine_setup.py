@@ -4,18 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from haptic_wall.controller.runtime.machine_setup import (
-    SettingState,
-    machine_setup,
-    start_table,
-)
-from haptic_wall.controller.runtime.realtime import Setting
+from haptic_wall.controller.runtime.machine_setup import machine_setup, start_table
+from haptic_wall.hw.servo import Check
 
-CORE = Setting("core", "core 1", "core 1", True, "")
-FIFO = Setting("scheduler", "SCHED_FIFO 80", "SCHED_FIFO 80, reset on fork", True, "")
-REFUSED = Setting("memory", "all memory locked", "refused: no rights", False, "sudo prlimit")
-SHARED = SettingState("core isolation", "core 1 is shared", "a core of its own", "isolcpus=1")
-WELL = SettingState("kernel", "PREEMPT_RT", "PREEMPT_RT", "")
+CORE = Check("core", True, "core 1", "core 1")
+FIFO = Check("scheduler", True, "SCHED_FIFO 80, reset on fork", "SCHED_FIFO 80")
+REFUSED = Check("memory", False, "refused: no rights", "all memory locked", "sudo prlimit")
+SHARED = Check("core isolation", True, "core 1 is shared", "a core of its own", "isolcpus=1")
+WELL = Check("kernel", True, "PREEMPT_RT", "PREEMPT_RT")
 
 
 def put(root: Path, **files: str) -> None:
@@ -25,7 +21,7 @@ def put(root: Path, **files: str) -> None:
         place.write_text(text)
 
 
-def by_name(root: Path, core: int = 1) -> dict[str, SettingState]:
+def by_name(root: Path, core: int = 1) -> dict[str, Check]:
     return {row.name: row for row in machine_setup(core, root)}
 
 
@@ -58,4 +54,4 @@ def test_throttling_matters_where_it_leaves_little(
     put(tmp_path, **{f"{kernel}_runtime_us": runtime, f"{kernel}_period_us": "1000000"})
     row = by_name(tmp_path)["throttling"]
     assert found in row.found
-    assert (row.remedy == "") is well
+    assert (row.fix == "") is well

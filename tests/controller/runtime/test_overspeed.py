@@ -2,22 +2,34 @@
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import pytest
 
 from haptic_wall.controller.laws.wall import Wall
-from haptic_wall.controller.runtime.overspeed import DrivenLimits, DrivenSpeed, speed_limits
-from haptic_wall.hw.servo import Facts
+from haptic_wall.controller.runtime.checks import Safety, SafetyLimits, speed_limits
+from haptic_wall.hw.servo import Facts, Outcome, Reading
 from tests.typed import not_none
 
 COUNT = math.tau / 4096
 LIMIT = 3.85
 """0.8 of an XM430-W350's no-load speed [rad/s]"""
-SERVO = DrivenLimits(LIMIT, COUNT, torque_limit=4.1, inertia=0.006, damping=0.004, coulomb=0.03)
+SERVO = SafetyLimits(
+    max_speed=30.0,
+    position_step=COUNT,
+    max_loss=0.5,
+    loss_window=100,
+    max_silence_ns=10**9,
+    driven_speed=LIMIT,
+    torque_limit=4.1,
+    inertia=0.006,
+    damping=0.004,
+    coulomb=0.03,
+)
 
 
 def fed(
-    driven: DrivenSpeed,
+    safety: Safety,
     speeds: Sequence[float],
     torque: Callable[[float, float], float],
     wall: Wall,
@@ -26,13 +38,17 @@ def fed(
 ) -> float | None:
     """Instant of the trip [s], from mean speeds over each period; None: it does not."""
     x, t = start, 0.0
-    driven.too_fast(x, 0, 0.0, wall.in_contact(x), wall)
+
+    def found(position: float, torque: float) -> bool:
+        at_ns = 10**9 + round(t * 1e9)
+        safety.good(Reading(Outcome.OK, position, 0, at_ns, math.nan, False))
+        return safety.driven(torque, wall.in_contact(position), wall)
+
+    found(x, 0.0)
     for speed in speeds:
         x, t = x + speed * period, t + period
         counted = round(x / COUNT) * COUNT
-        if driven.too_fast(
-            counted, round(t * 1e9), torque(x, speed), wall.in_contact(counted), wall
-        ):
+        if found(counted, torque(x, speed)):
             return t
     return None
 
@@ -46,19 +62,19 @@ def two_sided(stiffness: float = 0.0, clip: float = math.inf) -> Wall:
 def test_a_wall_that_drives_the_shaft_trips_once_that_has_lasted(sign: int, period: float) -> None:
     """No spring holds this energy."""
     speeds = [sign * 4.4] * round(0.2 / period)
-    tripped = fed(DrivenSpeed(SERVO), speeds, lambda _x, _v: sign * 2.0, two_sided(), period=period)
+    tripped = fed(Safety(SERVO), speeds, lambda _x, _v: sign * 2.0, two_sided(), period=period)
     assert tripped == pytest.approx(max(0.01, period), abs=0.002)
 
 
 def test_the_slack_is_two_counts_over_the_whole_window() -> None:
     for speed, trips in ((LIMIT, False), (LIMIT + 0.2, False), (LIMIT + 0.5, True)):
-        tripped = fed(DrivenSpeed(SERVO), [speed] * 200, lambda _x, _v: 2.0, two_sided())
+        tripped = fed(Safety(SERVO), [speed] * 200, lambda _x, _v: 2.0, two_sided())
         assert (tripped is not None) is trips
 
 
 @pytest.mark.parametrize("torque", [0.0, -2.0])
 def test_a_hand_may_be_faster_where_the_torque_does_not_help_it(torque: float) -> None:
-    assert fed(DrivenSpeed(SERVO), [9.0] * 300, lambda _x, _v: torque, two_sided()) is None
+    assert fed(Safety(SERVO), [9.0] * 300, lambda _x, _v: torque, two_sided()) is None
 
 
 def test_what_a_hand_did_before_is_not_part_of_the_window() -> None:
@@ -66,8 +82,8 @@ def test_what_a_hand_did_before_is_not_part_of_the_window() -> None:
     wall = two_sided()
     wall.guarded = False  # an experiment's program: no spring is counted
     speeds = [0.5] * 20 + [9.0] * 300 + [0.5] * 200
-    assert fed(DrivenSpeed(SERVO), speeds, lambda _x, v: 2.0 if v < 1.0 else 0.0, wall) is None
-    assert fed(DrivenSpeed(SERVO), speeds, lambda _x, _v: 2.0, wall) is not None
+    assert fed(Safety(SERVO), speeds, lambda _x, v: 2.0 if v < 1.0 else 0.0, wall) is None
+    assert fed(Safety(SERVO), speeds, lambda _x, _v: 2.0, wall) is not None
 
 
 def test_a_spring_may_give_back_what_it_has_taken() -> None:
@@ -75,7 +91,7 @@ def test_a_spring_may_give_back_what_it_has_taken() -> None:
     wall = Wall(8.0, 0.0, 0.0, "above")
     way_in = [0.5] * 600
     way_out = [-min(0.04 * k, 6.0) for k in range(300)]
-    driven = DrivenSpeed(SERVO)
+    driven = Safety(SERVO)
     assert fed(driven, way_in + way_out, lambda x, _v: -8.0 * max(x, 0.0), wall) is None
 
 
@@ -84,8 +100,8 @@ def test_a_spring_that_comes_on_around_the_shaft_gives_what_it_has_not_taken() -
     speeds = [-min(0.2 * k, 6.0) for k in range(120)]
     wall = two_sided(8.0)
     for kicked in (False, True):
-        limits = DrivenLimits(LIMIT, COUNT, 4.1, 0.006, kicked=kicked)
-        tripped = fed(DrivenSpeed(limits), speeds, lambda x, _v: -8.0 * x, wall, start=0.5)
+        limits = replace(SERVO, damping=0.0, coulomb=0.0, kicked=kicked)
+        tripped = fed(Safety(limits), speeds, lambda x, _v: -8.0 * x, wall, start=0.5)
         assert (tripped is None) is kicked
 
 
@@ -95,8 +111,16 @@ def test_a_saturated_spring_holds_the_energy_under_its_torque(start: float, own:
 
     The shaft is driven by 2 N·m. It trips once it was given more than the spring held by ``own``.
     """
-    limits = DrivenLimits(LIMIT, 0.0, torque_limit=2.0, inertia=4 * own / LIMIT**2, kicked=True)
-    driven, wall = DrivenSpeed(limits), two_sided(8.0)
+    limits = replace(
+        SERVO,
+        position_step=0.0,
+        torque_limit=2.0,
+        inertia=4 * own / LIMIT**2,
+        damping=0.0,
+        coulomb=0.0,
+        kicked=True,
+    )
+    driven, wall = Safety(limits), two_sided(8.0)
     held = 0.5 * 8.0 * 0.25**2 + 2.0 * (start - 0.25)
     tripped = not_none(fed(driven, [-LIMIT - 0.01] * 800, lambda _x, _v: -2.0, wall, start=start))
     assert tripped * LIMIT * 2.0 == pytest.approx(held + own, rel=0.03)
@@ -105,7 +129,7 @@ def test_a_saturated_spring_holds_the_energy_under_its_torque(start: float, own:
 def test_a_clip_lowers_what_a_spring_can_have_taken() -> None:
     speeds = [1.0] * 500 + [-min(0.4 * k, 6.0) for k in range(100)]
     for clip, trips in ((math.inf, False), (0.3, True)):
-        tripped = fed(DrivenSpeed(SERVO), speeds, lambda x, _v: -8.0 * x, two_sided(8.0, clip))
+        tripped = fed(Safety(SERVO), speeds, lambda x, _v: -8.0 * x, two_sided(8.0, clip))
         assert (tripped is not None) is trips
 
 

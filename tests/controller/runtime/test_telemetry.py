@@ -2,7 +2,6 @@
 
 import os
 from contextlib import closing
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -13,23 +12,16 @@ from haptic_wall.controller.runtime.telemetry import (
     FLOAT_FIELDS,
     INT_FIELDS,
     ROW,
-    Row,
     Telemetry,
     Word,
 )
-from tests.typed import not_none
 
 VALUES = [*range(1, len(INT_FIELDS)), *(0.5 + k for k in range(len(FLOAT_FIELDS)))]
 
 
-def test_a_row_has_the_fields_of_the_memory_in_order() -> None:
-    """Rows are packed by place."""
-    assert tuple(field.name for field in fields(Row)) == not_none(ROW.names)[1:]
-
-
 def test_what_is_written_is_read() -> None:
     telemetry = Telemetry.create()
-    telemetry.write(Row(*VALUES))
+    telemetry.write(*VALUES)
     rows, tail = telemetry.read(0)
     assert tail == 1
     assert list(rows[0].tolist()) == [0, *VALUES]
@@ -41,7 +33,7 @@ def test_what_is_written_is_read() -> None:
 def test_another_process_side_sees_the_same_memory() -> None:
     ours = Telemetry.create()
     theirs = Telemetry(ours.descriptor)
-    ours.write(Row(*VALUES))
+    ours.write(*VALUES)
     ours.words[Word.STOP] = 1
     assert theirs.read(0)[0].size == 1
     assert theirs.words[Word.STOP] == 1
@@ -51,7 +43,7 @@ def test_an_overtaken_reader_gets_the_newest_rows_and_sees_the_gap() -> None:
     telemetry = Telemetry.create()
     total = CAPACITY + 500
     for k in range(total):
-        telemetry.write(Row(k, *VALUES[1:]))
+        telemetry.write(k, *VALUES[1:])
     rows, tail = telemetry.read(0)
     assert tail == total
     assert rows.dtype == ROW
@@ -64,7 +56,7 @@ def test_rows_that_are_overwritten_while_they_are_read_are_left_out(
 ) -> None:
     telemetry = Telemetry.create()
     for k in range(CAPACITY):
-        telemetry.write(Row(k, *VALUES[1:]))
+        telemetry.write(k, *VALUES[1:])
     plain = telemetry._rows
 
     class Overtaken:
@@ -75,7 +67,7 @@ def test_rows_that_are_overwritten_while_they_are_read_are_left_out(
             rows = copy.reshape(-1).view(ROW)
             rows[:10]["position"] = -1.0  # torn: the sequence number is still the old one
             for k in range(10 if rows.size else 0):
-                telemetry.write(Row(k, *VALUES[1:]))
+                telemetry.write(k, *VALUES[1:])
             return copy
 
     monkeypatch.setattr(telemetry, "_rows", Overtaken())
@@ -88,7 +80,7 @@ def test_rows_that_are_overwritten_while_they_are_read_are_left_out(
 
 def test_the_descriptor_is_let_go_and_what_was_written_stays_readable() -> None:
     with closing(Telemetry.create()) as telemetry:
-        telemetry.write(Row(*VALUES))
+        telemetry.write(*VALUES)
     with pytest.raises(OSError, match="Bad file descriptor"):
         os.fstat(telemetry.descriptor)
     assert telemetry.read(0)[0].size == 1

@@ -19,13 +19,13 @@ from haptic_wall.controller.laws.friction import Friction
 from haptic_wall.controller.laws.shaped import ShapedLaw
 from haptic_wall.controller.laws.velocity import BackwardDifference
 from haptic_wall.controller.laws.wall import Wall
-from haptic_wall.controller.runtime.changeover import ChangeLimits, Changeover
+from haptic_wall.controller.runtime.changeover import Changeover
+from haptic_wall.controller.runtime.checks import Safety, SafetyLimits
 from haptic_wall.controller.runtime.deadlines import next_deadline
 from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.runtime.handover import Inbox
 from haptic_wall.controller.runtime.missed import MissedPeriods
-from haptic_wall.controller.runtime.overspeed import DrivenLimits, DrivenSpeed
-from haptic_wall.controller.runtime.safety import Safety, SafetyLimits, Trip
+from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.sampler import COLLECT_SHARE, LONGER_SHARE, Sampler
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_CONTACT,
@@ -127,16 +127,20 @@ class Rig:
             ),
             gains=gains,
             ring=DelayRing(steps),
-            safety=Safety(SafetyLimits(1000.0, 0.0, 0.5, 10, 3 * PERIOD_NS)),
+            safety=Safety(
+                SafetyLimits(
+                    *(1000.0, 0.0, 0.5, 10, 3 * PERIOD_NS),
+                    driven_speed=wall.get("driven", math.inf),
+                )
+            ),
             skipped=MissedPeriods(PERIOD_NS, 0.2),
             trips_on_missed=wall.get("strict", False),
             watch=self.watch,
-            driven=DrivenSpeed(DrivenLimits(wall.get("driven", math.inf))),
             passivity=None,
             telemetry=self.telemetry,
             wall_from_start=wall.get("from_start", False),
             inbox=Inbox(self.telemetry),
-            changeover=Changeover(ChangeLimits(0.1, math.inf, 1e-3)),
+            changeover=Changeover(0.1, math.inf, 1e-3),
             engagement=Engagement(
                 EngageLimits(0.1, 0.0, 3), start_room=wall.get("start_room", math.inf)
             ),

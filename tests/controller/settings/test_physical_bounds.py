@@ -91,4 +91,5 @@ def test_each_accepted_belief_about_a_rigid_servo_has_limits(seed: int) -> None:
         return
     servo = open_servo(config.servo_settings(), SimulatedClock(), None)
     decided = guard_decisions(config, servo, simulated=False)
-    assert all(0.0 <= each.stiffness < math.inf for each in decided.decisions)
+    bins = range(len(decided.ages_ns) * len(decided.intervals_ns))
+    assert all(0.0 <= decided.table.at(k).stiffness < math.inf for k in bins)
