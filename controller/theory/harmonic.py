@@ -175,8 +175,6 @@ class Lossy:
     """Speed at which it has fallen to a third, > 0 [rad/s]"""
     gear: float = 0.0
     """Fraction of the torque that adds to the friction"""
-    gear_rest: float = 0.0
-    """Further fraction at rest, which fades with the speed as the excess does"""
     drag: float = 0.0
     """Friction with the square of the speed [N·m·s²/rad²]"""
     dead_band: float = 0.0
@@ -259,8 +257,7 @@ def _balance(
     speed = shaft * w[:, None] * cosine
     faded = np.exp(-np.abs(speed) / servo.fading)
     friction = servo.coulomb + servo.excess * faded
-    gear = servo.gear + servo.gear_rest * faded
-    coupled = bool(np.any(gear)) or servo.dead_band > 0.0
+    coupled = servo.gear > 0.0 or servo.dead_band > 0.0
     turned = gain * shaft * np.exp(-1j * rates * (delay / period + 0.5))
     stiffness = servo.inertia * w**2
     answer: ComplexArray = ones.astype(np.complex128)
@@ -275,7 +272,7 @@ def _balance(
             passed = 1.0 - 2.0 / np.pi * (np.arcsin(share) + share * np.sqrt(1.0 - share**2))
             passed = np.maximum(passed, _LEAST)
             torque = torque - np.clip(torque, -servo.dead_band, servo.dead_band)
-        against = (friction + gear * np.abs(torque)) * np.sign(cosine)
+        against = (friction + servo.gear * np.abs(torque)) * np.sign(cosine)
         against = against + servo.drag * speed * np.abs(speed)
         lossy = servo.damping + 2.0 * np.mean(against * cosine, axis=1) / (shaft * w)
         heavy = servo.inertia - 2.0 * np.mean(against * sine, axis=1) / (shaft * w**2)

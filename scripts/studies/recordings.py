@@ -16,7 +16,7 @@ import numpy as np
 from haptic_wall.controller.experiments.identify.motion import taken
 from haptic_wall.controller.experiments.recorded.choice import error_of, predicted, start_with
 from haptic_wall.controller.experiments.recorded.estimate import identify_record
-from haptic_wall.controller.experiments.recorded.friction import FREE, MEANING, MODELS
+from haptic_wall.controller.experiments.recorded.friction import MEANING, MODELS
 from haptic_wall.controller.experiments.recorded.record import pieces_of, record_of
 from haptic_wall.controller.experiments.recorded.shooting import (
     Shot,
@@ -32,7 +32,7 @@ EXTRA = {
     "M1 + drag": ({"drag": 0.02}, "M1 and a drag with the square of the speed"),
 }
 """Models besides bam's, with what they add"""
-PREDICTING = ("M1", "M3", "M4", "M6")
+PREDICTING = ("M1", "M3")
 """Models that are tried where the motor is on"""
 STRIBECK_DRAWS = 5
 """Each such draw also swings with friction that fades"""
@@ -104,7 +104,7 @@ def dropped(case: tuple[str, tuple[str, ...]]) -> Drop:
 
 def _cases(_given: object) -> list[tuple[str, tuple[str, ...]]]:
     groups = [each for count in (1, 2) for each in combinations(DROPS, count)]
-    return [(model, group) for model in (*FREE, *EXTRA) for group in groups]
+    return [(model, group) for model in (*MODELS, *EXTRA) for group in groups]
 
 
 def _named(names: tuple[str, ...]) -> str:
@@ -196,9 +196,7 @@ def out_of(name: str) -> dict[str, Left]:
     for model in PREDICTING:
         shots = []
         usual = start_with(model, {**terms, "coulomb": begun["coulomb"]})
-        known = {
-            n: v for n, v in start_with(model, terms).items() if n.replace("_motor", "") in terms
-        }
+        known = {n: v for n, v in start_with(model, terms).items() if n in terms}
         # With the usual new terms, with next to none (as the model before), and from the
         # regression: the best fit of a simpler model may lie in another valley.
         little = {name: _LITTLE * value for name, value in usual.items()} | known

@@ -237,13 +237,6 @@ class Bench:
             fit = fit_loaded(motion, step, start, self._priors, hints)
             return plain if fit.residual > _BETTER * plain.residual and plain.backlash else fit
         fit = fit_loaded(motion, step, start, self._priors)
-        unexplained = smooth_part(fit, self._bounds) > _LOADED * rounding_of(self._bounds)
-        if unexplained and "gear_rest" in start.effects.fitted:
-            # gear_rest may stand for what the model lacks, and end far from any minimum.
-            with suppress(NoFitError):
-                start = fit_one_way(motion, step, self._priors, gear_fades=False)
-                other = fit_loaded(motion, step, start, self._priors)
-                return min(fit, other, key=lambda each: each.residual)
         return fit
 
     def corrected(self, fit: Fit) -> Guess:

@@ -67,7 +67,7 @@ def cruise_of(fit: Fit, bounds: Bounds, amplitude: float) -> Cruise:
     bias = fit.coulomb + max(fit.damping, 0.0) * speed + effects.drag * speed**2
     if effects.fading > 0.0:
         bias += effects.excess * math.exp(-speed / effects.fading)
-    bias = bias / (1.0 - min(max(effects.gear_at(speed), 0.0), 0.5)) + max(effects.dead_band, 0.0)
+    bias = bias / (1.0 - min(max(effects.gear, 0.0), 0.5)) + max(effects.dead_band, 0.0)
     seconds = min(2.0 * amplitude / speed, LONGEST_S)
     half = min(amplitude, 0.5 * speed * seconds)
     return Cruise(speed, half, seconds, bias, fit.inertia, SHARE * bounds.torque)

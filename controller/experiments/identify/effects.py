@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 FADING = ("excess", "fading")
-GEAR_FADING = ("gear_rest", "fading")
 WEIGHT = ("sine", "cosine")
 COGGING = ("cogging_sine", "cogging_cosine", "periods")
 ALWAYS: tuple[tuple[str, ...], ...] = (("gear",), ("uneven",), ("drag",), ("dead_band",), WEIGHT)
@@ -29,8 +28,6 @@ class Effects:
     """Friction at rest [N·m]; less than in slow motion: as there"""
     gear: float = 0.0
     """Fraction of the gear's load that adds to the friction"""
-    gear_rest: float = 0.0
-    """Further fraction at rest, which fades with the speed as the excess does"""
     uneven: float = 0.0
     """Half the difference of the damping forwards and backwards [N·m·s/rad]"""
     drag: float = 0.0
@@ -53,11 +50,6 @@ class Effects:
     """Names of the values that were fitted"""
     errors: Mapping[str, float] = field(default_factory=dict)
     """Standard error of each of them"""
-
-    def gear_at(self, speed: float) -> float:
-        """Return the fraction of the gear's load that adds to the friction at a speed [rad/s]."""
-        slow = self.gear_rest * math.exp(-speed / self.fading) if self.gear_rest else 0.0
-        return self.gear + slow
 
     @property
     def gravity(self) -> float:

@@ -101,9 +101,8 @@ class Identified:
         scale = self.torque_gain.value
         sizes = {name: scale * getattr(effects, name) for name in ("excess", "drag", "dead_band")}
         sizes = {name: max(size, 0.0) for name, size in sizes.items()}
-        fading = effects.fading or 1.0  # of no importance without an excess or gear_rest
-        gears = {name: max(getattr(effects, name), 0.0) for name in ("gear", "gear_rest")}
-        return {**sizes, **gears, "fading": fading}
+        fading = effects.fading or 1.0  # of no importance without an excess
+        return {**sizes, "gear": max(effects.gear, 0.0), "fading": fading}
 
 
 def bounds_of(config: Config, reach: float) -> Bounds:

@@ -16,7 +16,6 @@ from haptic_wall.controller.experiments.identify.effects import (
     ALWAYS,
     COGGING,
     FADING,
-    GEAR_FADING,
 )
 from haptic_wall.controller.experiments.identify.fitting import (
     NAMES,
@@ -95,7 +94,7 @@ def fit_loaded(
 
 
 def _without_doubtful_fading(fit: Fit, priors: Mapping[str, Prior] | None) -> Fit:
-    """Return the fit without an excess that the motion does not need; the gear's part stays.
+    """Return the fit without an excess that the motion does not need.
 
     Such friction hides viscous friction, whose upper bound contains it still; the lower one is that
     without, because friction does not grow at low speeds.
@@ -107,8 +106,7 @@ def _without_doubtful_fading(fit: Fit, priors: Mapping[str, Prior] | None) -> Fi
         return replace(fit, least=_least(fit))
     if effects.excess > _DOUBTFUL[1] * effects.error("excess"):
         return fit
-    gone = {"excess"} if "gear_rest" in effects.fitted else set(FADING)
-    kept = tuple(name for name in effects.fitted if name not in gone)
+    kept = tuple(name for name in effects.fitted if name not in FADING)
     without = fitted(_only(fit, kept), priors, thorough=False)
     if without.residual > _NEEDED * fit.residual:
         return fit
@@ -159,18 +157,16 @@ def _only(fit: Fit, names: tuple[str, ...]) -> Fit:
 def _needed(fit: Fit, least: float) -> tuple[str, ...]:
     """Return the names of the effects that the motion needs.
 
-    Friction that fades and the drag beside it are always kept, and so are the gear's two shares of
-    the load where one of them fades, with the drag. They cancel each other over the speed, so that
-    neither seems to be needed where both are.
+    Friction that fades and the drag beside it are always kept: they cancel each other over the
+    speed, so that neither seems to be needed where both are.
     """
     effects = fit.effects
     kept: list[str] = []
-    for group in (*ALWAYS, COGGING, FADING, GEAR_FADING):
+    for group in (*ALWAYS, COGGING, FADING):
         sized = [name for name in group if name not in ("periods", "fading")]
         if group[0] not in effects.fitted:
             continue
         fades = "excess" in effects.fitted and group in (FADING, ("drag",))
-        fades |= "gear_rest" in effects.fitted and group in (GEAR_FADING, ("gear",), ("drag",))
         size = math.hypot(*(getattr(effects, name) for name in sized))
         if fades or size > least * effects.error(*sized):
             kept += group

@@ -65,12 +65,8 @@ def _frictions(fit: Fit) -> Iterator[str]:
             "torque is lost with the square of the speed, as by a drive that does not cancel its"
             f" back-EMF: {effects.drag:.2g} N·m at 1 rad/s"
         )
-    if max(abs(effects.gear), abs(effects.gear_rest)) > _SHARE:
-        more = f", {100.0 * effects.gear_rest:.2g} % more in slow motion"
-        yield (
-            f"the gear adds {100.0 * effects.gear:.2g} % of its load to the friction"
-            f"{more if abs(effects.gear_rest) > _SHARE else ''}"
-        )
+    if abs(effects.gear) > _SHARE:
+        yield f"the gear adds {100.0 * effects.gear:.2g} % of its load to the friction"
     if abs(effects.uneven) > 0.5 * _UNEVEN * fit.damping:
         ways = [fit.damping + sign * effects.uneven for sign in (1.0, -1.0)]
         yield (

@@ -104,8 +104,7 @@ def cruises_of(
         torque = np.diff(impulse) / (period / _FINE)
         dead = max(effects.dead_band, 0.0)
         torque = torque - np.clip(torque, -dead, dead)
-        speed = abs(float(position[-1] - position[0])) / float(sampled[-1] - sampled[0])
-        torques.append(torque - way * max(effects.gear_at(speed), 0.0) * np.abs(torque))
+        torques.append(torque - way * max(effects.gear, 0.0) * np.abs(torque))
         ways.append(way)
     longest = max((len(each) for each in positions), default=0)
 

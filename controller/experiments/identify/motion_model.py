@@ -24,16 +24,10 @@ from haptic_wall.controller.theory.response import held_response
 
 _NO_SPEED = 1e-6
 """[rad/s]"""
-_RESTS = ("gear_rest", "gear_motor_rest", "square", "square_motor")
-"""Effects that fade with the speed, beside the excess"""
 
 
 Values = Mapping[str, FloatArray]
 """Values of v variants by name, as in ``Fit`` and ``Effects``: arrays (v, 1); a missing one is 0"""
-
-
-Under = tuple[FloatArray, FloatArray]
-"""Friction by the gear's load: in motion, and the further part in slow motion and at rest [N·m]"""
 
 
 class _Friction(NamedTuple):
@@ -45,51 +39,17 @@ class _Friction(NamedTuple):
     """In slow motion [N·m]"""
     static: FloatArray
     """At rest [N·m]"""
-    gear: FloatArray
-    """Fraction of the gear's load that adds to all three"""
-    gear_rest: FloatArray
-    """Further fraction in slow motion and at rest"""
-    motor: tuple[FloatArray, FloatArray] | None
-    """The same two of the motor's torque, where those above are of the load's; None: equal"""
-    square: tuple[FloatArray, FloatArray] | None
-    """Friction at rest by the square of the load's torque, and of the motor's, where the other one
-    drives [1/(N·m)]; None: there is none"""
     fading: FloatArray | None
     """Speed over which that of slow motion fades [rad/s]; None: there is none"""
     exponent: float
     """Of that fading"""
 
-    def under(self, motor: FloatArray, external: FloatArray) -> Under:
-        """Return the friction by the gear's load, from the torques of motor and load [N·m].
-
-        Source: bam, ``Model.compute_frictions`` (arXiv:2410.08650).
-        """
-        if self.motor is None:
-            load = np.abs(motor - external)
-            fast, rest = self.gear * load, self.gear_rest * load
-        else:
-            fast = np.abs(external * self.gear - motor * self.motor[0])
-            rest = np.abs(external * self.gear_rest - motor * self.motor[1])
-        if self.square is not None:
-            leads = np.abs(motor) > np.abs(external)
-            more = np.where(leads, self.square[0] * external**2, self.square[1] * motor**2)
-            rest = rest + more * (np.sign(external) != np.sign(motor))
-        return fast, rest
-
-    def moving(self, speed: FloatArray, under: Under | None) -> FloatArray:
+    def moving(self, speed: FloatArray) -> FloatArray:
         """Return the friction at a speed [N·m]."""
-        found = self.coulomb
-        faded = None
-        if self.fading is not None:
-            faded = np.exp(-((np.abs(speed) / self.fading) ** self.exponent))
-            found = found + (self.slow - found) * faded
-        if under is None:
-            return found
-        return found + (under[0] if faded is None else under[0] + under[1] * faded)
-
-    def loaded(self, friction: FloatArray, under: Under | None) -> FloatArray:
-        """Return a friction of slow motion or rest under the gear's load [N·m]."""
-        return friction if under is None else friction + (under[0] + under[1])
+        if self.fading is None:
+            return self.coulomb
+        faded = np.exp(-((np.abs(speed) / self.fading) ** self.exponent))
+        return self.coulomb + (self.slow - self.coulomb) * faded
 
 
 def _friction(used: Values, values: Values, shape: tuple[int, ...]) -> _Friction:
@@ -99,16 +59,11 @@ def _friction(used: Values, values: Values, shape: tuple[int, ...]) -> _Friction
         return np.broadcast_to(used.get(name, none), shape)
 
     slow = size("coulomb") + used.get("excess", none)
-    fades = not {"excess", *_RESTS}.isdisjoint(used)
     return _Friction(
         coulomb=size("coulomb"),
         slow=slow,
         static=np.maximum(size("static"), slow),
-        gear=size("gear"),
-        gear_rest=size("gear_rest"),
-        motor=(size("gear_motor"), size("gear_motor_rest")) if "gear_motor" in values else None,
-        square=(size("square"), size("square_motor")) if "square" in values else None,
-        fading=np.maximum(size("fading"), _NO_SPEED) if fades else None,
+        fading=np.maximum(size("fading"), _NO_SPEED) if "excess" in used else None,
         exponent=float(np.max(values.get("exponent", 1.0))),
     )
 
@@ -145,7 +100,6 @@ def simulated(  # noqa: PLR0915 - in one piece for speed
     )
     outside, weight = (np.moveaxis(each, (2, 3), (0, 1)) for each in (outside, weight))
     held = motor - outside
-    geared = not {"gear", "gear_motor", "square", "square_motor", *_RESTS}.isdisjoint(used)
     decay, inertia = (np.broadcast_to(each, speeds.shape) for each in (decay, values["inertia"]))
     half = np.broadcast_to(0.5 * used.get("backlash", none), speeds.shape)
     loose = "backlash" in used
@@ -153,7 +107,7 @@ def simulated(  # noqa: PLR0915 - in one piece for speed
     shown = x - np.sign(v) * half
     out = np.empty((pieces.sampled.shape[1], *speeds.shape))
     out[0] = shown
-    last, pull, under = np.zeros(speeds.shape), none, None
+    last, pull, load = np.zeros(speeds.shape), none, none
     for k in range(held.shape[0]):
         for j in range(held.shape[1]):
             u, by_speed, pace = held[k, j], phi[k, j], v
@@ -162,14 +116,14 @@ def simulated(  # noqa: PLR0915 - in one piece for speed
                 pull = _wave(used, "sine", "cosine", x + ahead * v)
                 u, pace = u - pull, v + ahead * last
                 pace = np.where(pace * v > 0.0, pace, 0.0)
-            if geared:
-                under = friction.under(motor[k, j], -(pull if swings else weight[k, 0]))
+            if "gear" in used:  # bam's friction by the gear's load (arXiv:2410.08650)
+                load = used["gear"] * np.abs(motor[k, j] + (pull if swings else weight[k, 0]))
             sign = np.sign(v)
             moving = bool(sign.all())
             if not moving:
-                free = np.abs(u) > friction.loaded(friction.static, under)
+                free = np.abs(u) > friction.static + load
                 sign = np.where(sign == 0.0, np.where(free, np.sign(u), 0.0), sign)
-            push = u - sign * friction.moving(pace, under)
+            push = u - sign * (friction.moving(pace) + load)
             if "uneven" in used:
                 push -= used["uneven"] * np.abs(pace)
             if "drag" in used:
@@ -184,10 +138,7 @@ def simulated(  # noqa: PLR0915 - in one piece for speed
                 np.divide(end - v, lengths[k, j], out=last, where=lengths[k, j] > 0.0)
             if turned[0].size:
                 last[turned] = 0.0
-                slow, static = (
-                    friction.loaded(each, under)[turned]
-                    for each in (friction.slow, friction.static)
-                )
+                slow, static = ((each + load)[turned] for each in (friction.slow, friction.static))
                 rest, moved[turned], end[turned] = _through_rest(
                     v[turned],
                     push[turned],

@@ -21,7 +21,6 @@ from haptic_wall.controller.experiments.identify.effects import (
     ALWAYS,
     COGGING,
     FADING,
-    GEAR_FADING,
     NONE,
 )
 from haptic_wall.controller.experiments.identify.fitting import (
@@ -51,8 +50,8 @@ _ROUGH = ("gear", "dead_band", "sine", "cosine")
 """Effects without which an inertia can be far off"""
 _ROUNDED = 1.05
 """Squares without noise that rounding explains, over those of rounding alone"""
-_FADINGS, _GEAR_FADINGS = (0.1, 0.5, 2.0), (0.7, 2.0)
-"""Tried speeds over which friction fades [rad/s]; and over which that of the gear's load does"""
+_FADINGS = (0.1, 0.5, 2.0)
+"""Tried speeds over which friction fades [rad/s]"""
 _MOST_PERIODS = 200
 """Largest number of cogging periods in a turn"""
 _SURE = 30.0
@@ -73,7 +72,6 @@ def fit_one_way(
     priors: Mapping[str, Prior] | None = None,
     *,
     rough: bool = False,
-    gear_fades: bool = True,
 ) -> Fit:
     """Fit a servo with the effects that the motion shows; standard errors are not computed.
 
@@ -82,7 +80,6 @@ def fit_one_way(
         step: One count of the encoder [rad]; 0: not quantised.
         priors: Prior knowledge of values, by name.
         rough: Do not search for the values that separate Coulomb from viscous friction.
-        gear_fades: Whether friction by the gear's load may fade with the speed.
 
     Raises:
         NoFitError: The motion is not sufficient.
@@ -100,15 +97,11 @@ def fit_one_way(
     if plain.cost - best.cost <= sure * best.cost and rounded:
         return regression.fit(plain)
     searches = [(FADING, _fadings), (COGGING, regression.coggings)]
-    if gear_fades:
-        searches.insert(1, (GEAR_FADING, _gear_fadings))
     for group, tried in searches:
         found: list[_Solved] = []
         for each in tried(best):
             with suppress(NoFitError):  # of so many starts one may diverge
                 solved = regression.solved(each, [*best.names, *group[:-1]])
-                if group == GEAR_FADING:
-                    solved = regression.with_no_negative_excess(each, solved)
                 found.append(solved)
         if not found:
             continue
@@ -116,12 +109,8 @@ def fit_one_way(
         needed = group == FADING and best.values["damping"] < abs(best.values["uneven"])
         if needed or best.cost - better.cost > sure * better.cost:
             best = better
-    if "cogging_sine" in best.names:
-        # Fitted before the cogging was, they may have stood for it.
-        if "gear_rest" in best.names:
-            best = regression.without("gear_rest", best, sure)
-        if "excess" in best.names and "gear_rest" not in best.names:
-            best = regression.without("excess", best, sure)
+    if {"cogging_sine", "excess"} <= {*best.names}:  # the excess may have stood for the cogging
+        best = regression.without("excess", best, sure)
     return regression.fit(best if plain.cost - best.cost > sure * best.cost else plain)
 
 
@@ -145,10 +134,6 @@ class _Solved:
 
 def _fadings(best: _Solved) -> Iterator[dict[str, float]]:
     return ({**best.values, "fading": fading} for fading in _FADINGS)
-
-
-def _gear_fadings(best: _Solved) -> Iterator[dict[str, float]]:
-    return ({**best.values, "fading": fading} for fading in _GEAR_FADINGS)
 
 
 class _Regression:
@@ -232,8 +217,6 @@ class _Regression:
         }
         if "excess" in names:
             forces["excess"] = -sign * np.exp(-fast / values["fading"])
-        if "gear_rest" in names:
-            forces["gear_rest"] = forces["gear"] * np.exp(-fast / values["fading"])
         if "cogging_sine" in names:
             turned = values["periods"] * (angle - self._middle)
             forces["cogging_sine"] = -np.sin(turned)
@@ -265,20 +248,6 @@ class _Regression:
             return found
         brakes = fewer.values["damping"] > abs(fewer.values["uneven"])
         return fewer if brakes and fewer.cost - found.cost <= sure * found.cost else found
-
-    def with_no_negative_excess(self, start: Mapping[str, float], found: _Solved) -> _Solved:
-        """Return values with an excess of at least 0 among the fitted names.
-
-        Where the gear's part fades, friction may too, even if these stretches do not show it.
-        """
-        if "excess" in found.names:
-            if found.values["excess"] >= 0.0:
-                return found
-            names = [name for name in found.names if name != "excess"]
-            found = self.solved({**start, "excess": 0.0}, names)
-        found.values["excess"] = 0.0
-        found.names.append("excess")
-        return found
 
     def _descended(self, start: Mapping[str, float], names: Sequence[str]) -> _Solved:
         values = {**dict.fromkeys(names, 0.0), **start}
@@ -372,7 +341,7 @@ class _Regression:
         """Return the values as a fit of the stretches."""
         values = found.values
         names = [*found.names]
-        groups = (FADING, GEAR_FADING, COGGING)
+        groups = (FADING, COGGING)
         names += dict.fromkeys(group[-1] for group in groups if group[0] in names)
         sizes: dict[str, Any] = {name: values[name] for name in names}
         effects = replace(NONE, center=self._middle, fitted=tuple(names), **sizes)

@@ -29,7 +29,6 @@ _PER_INERTIA = 1e-4
 """Step of a torque's value for its derivative, over the inertia: small compared with the values,
 large compared with rounding"""
 _STEPS = {"delay": 1e-7, "backlash": 1e-5, "fading": 1e-3, "gear": 1e-4, "periods": 1e-3}
-_STEPS["gear_rest"] = _STEPS["gear"]
 _LOW = {
     "damping": 0.0,
     "coulomb": 0.0,

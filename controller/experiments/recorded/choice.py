@@ -49,7 +49,6 @@ def judged(
     stretches: tuple[Motion, ...],
     first: Shot,
     names: tuple[str, ...],
-    richer: tuple[str, ...] = (),
 ) -> tuple[tuple[Judged, ...], dict[str, float]]:
     """Fit each model to pieces of a record, predict those left out, and choose.
 
@@ -59,7 +58,6 @@ def judged(
         stretches: Stretches of the record.
         first: The fit with Coulomb and viscous friction.
         names: Names of the models, the simplest first.
-        richer: Further models, tried where another than the first of ``names`` is best.
 
     Returns:
         The models, one of them chosen, and the parameters of that one.
@@ -72,9 +70,7 @@ def judged(
     begun = first_terms(stretches, weight="sine" in first.terms)
     found: list[tuple[Judged, dict[str, float]]] = []
     best = 0
-    for name in (*names, *richer):
-        if name in richer and best == 0:
-            break
+    for name in names:
         # The best fit of a simpler model may lie in another valley than that of a richer one.
         starts = [{**first.terms, **found[-1][1]}, begun] if found else [first.terms]
         if len(found) > 1:
@@ -106,8 +102,7 @@ def start_with(name: str, terms: Mapping[str, float]) -> dict[str, float]:
     start = {key: value for key, value in terms.items() if key not in others}
     for term in MODELS[name]:
         begin = term.start * terms["coulomb"] if term.unit == "N·m" else term.start
-        both = term.name.replace("_motor", "")  # one share of both sides, in a simpler model
-        start[term.name] = terms.get(term.name, terms.get(both, begin))
+        start[term.name] = terms.get(term.name, begin)
     return start
 
 

@@ -13,8 +13,6 @@ from haptic_wall.controller.experiments.identify.motion import Motion
 from haptic_wall.controller.experiments.identify.standard_errors import standard_covariance
 from haptic_wall.controller.experiments.recorded.choice import Judged, judged
 from haptic_wall.controller.experiments.recorded.friction import (
-    DRIVEN,
-    FREE,
     LONGEST_DELAY_S,
     MEANING,
     MODELS,
@@ -52,7 +50,7 @@ _EXPLAINED = 1.2
 """Multiple of the rounding's residual up to which no richer friction is looked for"""
 _MUCH_LEFT = 4.0
 """Multiple of the rounding's residual from which something else moves the shaft"""
-_UNSCALED = frozenset({"delay", "gear", "gear_rest", "gear_motor", "gear_motor_rest", "fading"})
+_UNSCALED = frozenset({"delay", "gear", "fading"})
 """Parameters that are the same per inertia"""
 
 
@@ -122,7 +120,7 @@ def identify_record(record: Record, pendulum: Pendulum | None = None) -> Recorde
     driven = any(stretch.driven for stretch in record.stretches)
     first = _first_fit(record, weighed=pendulum is not None or not driven)
     explained = first.rms <= _explained(record)
-    models, best = judged(record.stretches, first, ("M1",) if explained else FREE, DRIVEN * driven)
+    models, best = judged(record.stretches, first, ("M1",) if explained else tuple(MODELS))
     whole, _ = pieces_of(record.stretches)
     shot = first
     name = next(each.name for each in models if each.chosen)
@@ -210,8 +208,6 @@ class _Scale:
             return total
         if name == "inertia":
             return total - (0.0 if self.pendulum is None else self.pendulum.inertia(arm))
-        if name in ("square", "square_motor"):
-            return terms[name] / total
         return terms.get(name, math.nan) * total
 
     def _terms(self, values: FloatArray) -> dict[str, float]:
@@ -334,7 +330,6 @@ def _notes(
                 f" {terms['damping']:.3g} 1/s and Coulomb friction / inertia ="
                 f" {terms['coulomb']:.3g} rad/s²"
             )
-        notes.append("without motor torque M5 and M6 equal M4: a free swing cannot separate them")
     elif pendulum is None:
         if record.unit == "N·m":
             notes.append(
