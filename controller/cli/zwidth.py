@@ -19,7 +19,6 @@ from haptic_wall.controller.cli.experiment import (
 from haptic_wall.controller.cli.numbers import Number, Numbers
 from haptic_wall.controller.cli.options import say
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.system.files import make_folder
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.zwidth.impedance import Impedance
@@ -95,7 +94,7 @@ def command(
         asked = replace(asked, yes=True)  # nothing moves
 
     def found(folder: Path) -> Found:
-        make_folder(folder)
+        folder.mkdir(parents=True, exist_ok=True)
         measure_points(chosen, folder / "measured", fresh, say)
         runs = folder if which != "none" else None
         return Found(config, widths, impedance_of(config, log, runs, say))

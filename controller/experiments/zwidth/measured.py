@@ -29,7 +29,7 @@ from haptic_wall.controller.processes.run import run
 from haptic_wall.controller.processes.run_report import explained
 from haptic_wall.controller.runtime.safety import End
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.system.files import make_folder, would_be_lost
+from haptic_wall.controller.system.files import would_be_lost
 
 LOG = "impedance.hwlog"
 _TAPPED_S = 10.0
@@ -151,7 +151,7 @@ def _tapped(config: Config, log: Path, tell: Tell) -> Path:
         "name": "zwidth",
         "config": tapped.model_dump(mode="json"),
     }
-    make_folder(log.parent)
+    log.parent.mkdir(parents=True, exist_ok=True)
     if would_be_lost(log):
         refuse_other(log)
     tell(f"impedance: the wall runs for {_TAPPED_S:g} s under a tapping hand")
