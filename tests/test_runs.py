@@ -83,8 +83,6 @@ def children(pid: int) -> dict[str, int]:
             with contextlib.suppress(FileNotFoundError, ValueError):
                 words = Path(f"/proc/{child}/cmdline").read_text().split("\0")
                 found[words[words.index("-m") + 1].rpartition(".")[2]] = int(child)
-                if "emulate" in words:
-                    found["emulator"] = int(child)
     return found
 
 
@@ -293,7 +291,7 @@ def test_a_killed_supervisor_leaves_no_torque_and_no_process(tmp_path: Path) -> 
 
 def test_a_dead_bus_is_a_lost_servo(tmp_path: Path) -> None:
     with ticking(*run_arguments("--duration", "60"), cwd=tmp_path) as (process, family):
-        os.kill(family["emulator"], signal.SIGKILL)
+        os.kill(family["program"], signal.SIGKILL)
         output, _ = process.communicate(timeout=60)
     assert process.returncode == 4
     report = json.loads(output)
@@ -302,7 +300,7 @@ def test_a_dead_bus_is_a_lost_servo(tmp_path: Path) -> None:
 
 
 @pytest.mark.whole
-@pytest.mark.parametrize("who", sampled(["emulator", "loop_process"], 2))
+@pytest.mark.parametrize("who", sampled(["program", "loop_process"], 2))
 def test_stalls_of_the_loop_or_its_own_bus_are_waited_for(tmp_path: Path, who: str) -> None:
     """With the limits of a real servo, each of these stalls would end the run."""
     arguments = ["run", "emulated-ideal", "--set=loop.warm_up_s=0.2", "--log", "run.hwlog"]
@@ -324,7 +322,7 @@ def test_stalls_of_the_loop_or_its_own_bus_are_waited_for(tmp_path: Path, who: s
 @pytest.mark.whole
 def test_an_emulated_bus_that_stays_stopped_ends_the_run(tmp_path: Path) -> None:
     with ticking(*run_arguments("--duration", "60"), cwd=tmp_path) as (process, family):
-        os.kill(family["emulator"], signal.SIGSTOP)
+        os.kill(family["program"], signal.SIGSTOP)
         output, _ = process.communicate(timeout=60)
     assert process.returncode in (3, 4)
     report = json.loads(output)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import click
 
-from haptic_wall.controller.cli.boundary_question import LONGEST_PERIOD_S, of_config, of_options
 from haptic_wall.controller.cli.boundary_text import boundary_text
 from haptic_wall.controller.cli.drawing import drawn_or_noted
-from haptic_wall.controller.cli.numbers import Number, Numbers, span
+from haptic_wall.controller.cli.numbers import Number, Numbers, Span
 from haptic_wall.controller.cli.options import (
     FileToWrite,
     answer,
@@ -24,99 +25,59 @@ from haptic_wall.controller.cli.options import (
 from haptic_wall.controller.cli.places import force_option, take_file
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.guard.boundary_curve import default_dampings
+from haptic_wall.controller.guard.belief import Belief, Bounded
+from haptic_wall.controller.guard.boundary_curve import Load, Question, default_dampings
 from haptic_wall.controller.guard.boundary_report import report
+from haptic_wall.controller.guard.delay_parts import DelayParts
+from haptic_wall.controller.guard.types import Situation
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.theory.servos import SERVOS
+
+_MOST_PERIODS: Final = 500
+"""Longest delay in periods: beyond it each answer takes many seconds"""
+_POSITIVE: Final = Number(0, above=True)
 
 
 @click.command()
 @config_argument(needed=False)
 @set_option
-@click.option(
-    "--servo", "servo_name", metavar="NAME", help="A servo with published parameters, e.g. MX-64."
-)
-@click.option(
-    "--inertia", callback=span, metavar="M", help="Inertia [kg·m²], a number or LOW:HIGH."
-)
-@click.option("--damping", callback=span, metavar="b", help="Viscous friction [N·m·s/rad].")
-@click.option(
-    "--period",
-    type=Number(0, LONGEST_PERIOD_S, above=True, unit="s"),
-    metavar="T",
-    help="Sampling period [s].",
-)
-@click.option(
-    "--rate",
-    type=Number(1 / LONGEST_PERIOD_S, unit="Hz"),
-    metavar="HZ",
-    help="Sampling rate [Hz], instead of --period.",
-)
-@click.option(
-    "--delay",
-    callback=span,
-    metavar="td",
-    help="Total delay from a sample to its torque [s]. Default with CONFIG: the sum of inserted "
-    "delay, guard.sample_age and model.delay.",
-)
-@click.option(
-    "--torque-gain",
-    callback=span,
-    help="Acting torque over commanded torque; default: 1.",
-)
-@click.option(
-    "--virtual-damping",
-    "dampings",
-    type=Numbers(Number()),
-    metavar="B[,B...]",
-    help="Virtual damping of each point [N·m·s/rad]; default: fractions of the ceiling.",
-)
-@click.option("--velocity-samples", type=Number(1, 64, whole=True), metavar="N",
-              help="Samples over which the velocity is the difference; default: 1.")  # fmt: skip
-@click.option("--velocity-filter", type=click.Choice(["none", "lowpass", "notch"]),
-              help="Filter of the velocity that damps; wall two-sided. Default: none.")  # fmt: skip
-@click.option("--velocity-hz", type=Number(), metavar="HZ",
-              help="Corner of the low-pass, or middle of the notch.")  # fmt: skip
-@click.option(
-    "--velocity-q", type=Number(), metavar="Q", help="Quality of the filter; default: 0.7."
-)
+@click.option("--servo", type=click.Choice(list(SERVOS), case_sensitive=False),
+              help="A servo with published parameters, for what is not given.")  # fmt: skip
+@click.option("--inertia", type=Span(_POSITIVE), metavar="M",
+              help="Inertia [kg·m²], a number or LOW:HIGH.")  # fmt: skip
+@click.option("--damping", type=Span(Number(0)), metavar="b",
+              help="Viscous friction [N·m·s/rad].")  # fmt: skip
+@click.option("--period", type=Number(0, 0.5, above=True, unit="s"), metavar="T",
+              help="Sampling period [s].")  # fmt: skip
+@click.option("--delay", type=Span(Number(0, 1, unit="s")), metavar="td",
+              help="Total delay from a sample to its torque [s]. Default with CONFIG: the sum of "
+              "inserted delay, guard.sample_age and model.delay.")  # fmt: skip
+@click.option("--torque-gain", type=Span(_POSITIVE),
+              help="Acting torque over commanded torque; default: 1.")  # fmt: skip
+@click.option("--virtual-damping", "dampings", type=Numbers(Number()), metavar="B[,B...]",
+              help="Virtual damping of each point [N·m·s/rad]; default: fractions of the "
+              "ceiling.")  # fmt: skip
 @click.option("--side", type=click.Choice(["one", "both"]),
               help="A one-sided wall never pulls. Default: CONFIG's, or one.")  # fmt: skip
-@click.option("--load-inertia", type=Number(0, above=True), metavar="J",
+@click.option("--load-inertia", type=_POSITIVE, metavar="J",
               help="Inertia behind a flexible transmission; --inertia and --damping are then those "
               "of the motor's side [kg·m²].")  # fmt: skip
-@click.option(
-    "--transmission-stiffness",
-    type=Number(0, above=True),
-    metavar="k",
-    help="Stiffness of the transmission [N·m/rad].",
-)
+@click.option("--transmission-stiffness", type=_POSITIVE, metavar="k",
+              help="Stiffness of the transmission [N·m/rad].")  # fmt: skip
 @click.option("--transmission-damping", type=Number(0), metavar="c",
               help="Damping of the transmission [N·m·s/rad]; default: 0.")  # fmt: skip
 @click.option("--encoder", type=click.Choice(["output", "motor"]),
               help="Side of the transmission that the encoder is on; default: output.")  # fmt: skip
-@click.option(
-    "--counts-per-rev", type=Number(0, above=True), metavar="N", help="Encoder counts in one turn."
-)
-@click.option(
-    "--torque-limit", type=Number(0, above=True), metavar="NM", help="Torque limit [N·m]."
-)
-@click.option(
-    "--baud",
-    type=Number(0, above=True),
-    help="Baud rate of a Dynamixel bus; its wire time is part of the delay.",
-)
-@click.option(
-    "--latency-timer",
-    type=Number(0),
-    metavar="MS",
-    help="Latency timer of the USB adapter [ms]; it is part of the delay.",
-)
+@click.option("--counts-per-rev", type=_POSITIVE, metavar="N",
+              help="Encoder counts in one turn; with --torque-limit.")  # fmt: skip
+@click.option("--torque-limit", type=_POSITIVE, metavar="NM", help="Torque limit [N·m].")
 @click.option("--plot", type=FileToWrite(), help="Draw the K-B plane as PNG to this path.")
 @force_option
 @json_option
 def command(
     config: str | None,
     sets: tuple[str, ...],
-    dampings: tuple[float, ...] | None,
+    dampings: list[float] | None,
     plot: Path | None,
     force: bool,
     as_json_wanted: bool,
@@ -127,17 +88,17 @@ def command(
     The servo is an inertia with viscous friction. Its torque is held over each period and acts a
     delay after its sample. Inertia, damping, delay and torque gain may be ranges LOW:HIGH; limits
     then hold at the least safe corner. CONFIG gives the loop and the belief about the servo, with a
-    load on a flexible transmission.
+    load on a flexible transmission, and a filter of the velocity.
 
     \b
-    haptic-wall boundary --servo MX-64 --rate 1000 --delay 0.002 --virtual-damping 0,0.1,0.5
+    haptic-wall boundary --servo MX-64 --period 0.001 --delay 0.002 --virtual-damping 0,0.1,0.5
     """  # noqa: D301 - the \b is what click takes for "as it stands"
     if plot is not None:
         refuse_other_pictures("--plot", plot)
         take_file("--plot", plot, force=force)
-    question = of_options(given) if config is None else of_config(config, sets, given)
     if config is None and sets:
         raise UserError("there is no CONFIG", field="--set", advice="give a preset or a file too")
+    question = _of_options(given) if config is None else _of_config(config, sets, given)
     try:
         chosen = default_dampings(question) if dampings is None else dampings
         with working("computing the limits"):
@@ -149,3 +110,113 @@ def command(
 
         drawn_or_noted("--plot", plot, partial(plot_boundary, question, found))
     answer(as_json(found) if as_json_wanted else boundary_text(found))
+
+
+def _of_config(name: str, sets: tuple[str, ...], given: dict[str, Any]) -> Question:
+    """Return the question of a configuration: servo and loop as it believes them to be.
+
+    Raises:
+        UserError: The configuration is wrong, or an option asks for something else than it has.
+    """
+    for option, value in given.items():
+        if value is not None and option not in ("delay", "side"):
+            raise UserError(
+                "CONFIG gives this value",
+                field=f"--{option.replace('_', '-')}",
+                advice="leave the option out, or change CONFIG with --set",
+            )
+    config = load_config(name, sets).config
+    belief, period = config.belief(), config.period_ns * 1e-9
+    before, lag = config.delay.steps * period + config.guard.sample_age, belief.delay
+    usual = Bounded(before + lag.value, before + lag.low, before + lag.high)
+    filtered = config.velocity_filter()
+    side = given["side"] or ("both" if config.wall.side == "both" else "one")
+    if filtered is not None and side == "one":
+        raise UserError(
+            "the limit of a one-sided wall with a velocity filter is not known",
+            field="--side",
+            wanted="both",
+        )
+    limit = config.servo.torque_limit
+    counted = (limit, config.servo.position_step) if limit else (1.0, 0.0)
+    return replace(
+        _question(belief, period, given["delay"] or usual, *counted),
+        side=side,
+        velocity_samples=config.wall.velocity_samples,
+        velocity_filter=filtered,
+    )
+
+
+def _of_options(given: dict[str, Any]) -> Question:
+    """Return the question of the options.
+
+    Raises:
+        UserError: An option is missing; the message names it.
+    """
+    facts = given["servo"] and SERVOS[given["servo"]]
+    known = {name: given[name] for name in ("inertia", "damping", "period", "delay")}
+    for name, value in known.items():
+        if value is None and facts is not None and hasattr(facts, name):
+            known[name] = Bounded.exactly(getattr(facts, name))
+        elif value is None:
+            raise UserError("missing", field=f"--{name}", advice="give it, or a CONFIG")
+    belief = Belief(
+        inertia=known["inertia"],
+        damping=known["damping"],
+        coulomb=Bounded.exactly(facts.coulomb if facts else 0.0),
+        delay=known["delay"],
+        torque_gain=given["torque_gain"] or Bounded.exactly(1.0),
+    )
+    counts = given["counts_per_rev"] or (facts.counts_per_rev if facts else None)
+    limit = given["torque_limit"]
+    counted = (limit, math.tau / counts) if limit and counts else (1.0, 0.0)
+    return replace(
+        _question(belief, known["period"], known["delay"], *counted),
+        side=given["side"] or "one",
+        load=_load(given, belief),
+    )
+
+
+def _question(
+    belief: Belief, period: float, delay: Bounded, torque_limit: float, position_step: float
+) -> Question:
+    if delay.high > _MOST_PERIODS * period:
+        raise UserError(
+            f"{delay.high / period:.4g} periods of {period:g} s",
+            field="--delay",
+            wanted=f"at most {_MOST_PERIODS}",
+            advice="check the period",
+        )
+    situation = Situation(replace(belief, delay=delay), period, torque_limit, position_step)
+    return Question(situation, DelayParts(period, {"delay": delay.high}))
+
+
+def _load(given: dict[str, Any], belief: Belief) -> Load | None:
+    """Return the load that the options describe; None: there is none.
+
+    Raises:
+        UserError: It is incomplete, or there is no damping, or a value is a range.
+    """
+    names = ("load_inertia", "transmission_stiffness", "transmission_damping", "encoder")
+    inertia, stiffness, damping, encoder = (given[name] for name in names)
+    if all(given[name] is None for name in names):
+        return None
+    if inertia is None or stiffness is None:
+        raise UserError(
+            "missing",
+            field="--load-inertia" if inertia is None else "--transmission-stiffness",
+            advice="a load needs both --load-inertia and --transmission-stiffness",
+        )
+    if not belief.is_known:
+        raise UserError(
+            "found a range, but with a load none has a least safe corner",
+            field="--load-inertia",
+            advice="give one number each, and run the command once for each end of the range",
+        )
+    if not belief.damping.low and not damping:
+        raise UserError(
+            "servo and load have no damping",
+            field="--damping",
+            advice="give --damping or --transmission-damping",
+        )
+    return Load(inertia, stiffness, damping or 0.0, encoder or "output")

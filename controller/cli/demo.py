@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import os
 import re
-import signal
 import tempfile
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from types import FrameType
 from typing import Final
 from urllib.parse import quote
 
@@ -25,7 +23,6 @@ from haptic_wall.controller.cli import interrupt
 from haptic_wall.controller.cli.options import answer, place_option
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.live.place import live_at
-from haptic_wall.controller.system.signals import on_signals
 
 RUN_S: Final = 1800.0
 """Time after which the demo ends, so that its logs do not fill the disk [s]"""
@@ -72,14 +69,9 @@ def command(place: str) -> int:
     """
     live = live_at(place, field="--at")
     os.close(live.descriptor)  # the first run listens there
-    signals: list[int] = []
-
-    def stop(number: int, _frame: FrameType | None) -> None:
-        signals.append(number)
-
-    with on_signals(stop), ExitStack() as scope:
-        _show(live.address, scope, lambda: bool(signals))
-    return interrupt.INTERRUPTED if signal.SIGINT in signals[:1] else 0
+    with interrupt.until_signal() as came, ExitStack() as scope:
+        _show(live.address, scope, lambda: bool(came))
+    return interrupt.status_after(came)
 
 
 def _show(address: str, scope: ExitStack, over: Callable[[], bool]) -> None:

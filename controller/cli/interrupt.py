@@ -7,66 +7,31 @@ handler of its own for that time, with ``haptic_wall.controller.system.signals``
 
 from __future__ import annotations
 
-import atexit
 import os
 import signal
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from types import FrameType
-from typing import NoReturn
+
+from haptic_wall.controller.system.signals import on_signals
 
 INTERRUPTED = 130
 """Exit status"""
 _OBJECT = b'{"error": "interrupted", "field": null, "advice": null, "exit_status": 130}\n'
 """The answer for ``--json``, as from ``failure.tell``, without imports"""
-_LEAVING = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
-"""The signals, and what handles them in a new process"""
-_answered: list[Callable[[], bool]] = []
+_owed = ["--json" in sys.argv]
 _first: list[Callable[[], None]] = []
 
 
-def leave_at_once() -> None:
-    """End the process on Ctrl-C and SIGTERM from now on, unless they are ignored or handled.
-
-    A Ctrl-C that the launcher has blocked acts now.
-    """
-    for number, default in _LEAVING.items():
-        if signal.getsignal(number) is default:
-            signal.signal(number, _leave)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+def owe(json: bool) -> None:
+    """Note whether the command still owes its ``--json`` object."""
+    _owed[0] = json
 
 
-def leave_to_the_system() -> None:
-    """Let the system end the process: while Python shuts down, a handler is not safe.
-
-    It changes nothing where a signal is ignored, or has another handler.
-    """
-    for number in _LEAVING:
-        if signal.getsignal(number) is _leave:
-            signal.signal(number, signal.SIG_DFL)
-
-
-def end_without_python(status: int) -> NoReturn:
-    """Flush the output, run the exit functions and end the process without Python's shutdown.
-
-    A library that a KeyboardInterrupt has passed through, such as matplotlib's fonts, may abort
-    during that shutdown.
-    """
-    for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError, ValueError):  # no reader; closed
-            stream.flush()
-    atexit._run_exitfuncs()
-    os._exit(status)
-
-
-def say_nothing_after(answered: Callable[[], bool]) -> None:
-    """On these signals print no ``--json`` error object if the command has printed its answer.
-
-    Args:
-        answered: Returns whether the command has printed its answer.
-    """
-    _answered[:] = [answered]
+def is_owed() -> bool:
+    """Whether the command still owes its ``--json`` object: standard output gets exactly one."""
+    return _owed[0]
 
 
 def do_first(action: Callable[[], None]) -> None:
@@ -74,10 +39,34 @@ def do_first(action: Callable[[], None]) -> None:
     _first.append(action)
 
 
+def leave_at_once() -> None:
+    """End the process on Ctrl-C and SIGTERM from now on, unless they are ignored.
+
+    A Ctrl-C that the launcher has blocked acts now.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) in (signal.default_int_handler, signal.SIG_DFL):
+            signal.signal(number, _leave)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
 def _leave(_signal: int, _frame: FrameType | None) -> None:
     for action in _first:
         action()
-    if "--json" in sys.argv and not any(answered() for answered in _answered):
+    if is_owed():
         with suppress(OSError):  # no reader
             os.write(1, _OBJECT)
     os._exit(INTERRUPTED)
+
+
+@contextmanager
+def until_signal() -> Iterator[list[int]]:
+    """Collect the signals that ask for the end, for the duration of a block."""
+    came: list[int] = []
+    with on_signals(lambda number, _frame: came.append(number)):
+        yield came
+
+
+def status_after(came: list[int]) -> int:
+    """Return the exit status of a command that such signals have ended."""
+    return INTERRUPTED if signal.SIGINT in came[:1] else 0

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import signal
 import socket
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING
 
 import click
@@ -23,7 +21,6 @@ from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.live.place import live_at, server_log_of
 from haptic_wall.controller.logs.reader import LogReader, TimeSpan
 from haptic_wall.controller.logs.walls import walls_of
-from haptic_wall.controller.system.signals import on_signals
 
 if TYPE_CHECKING:
     from haptic_wall.controller.live.view import View
@@ -43,19 +40,14 @@ def command(log: Path, place: str, start_s: float | None, end_s: float | None) -
     live = live_at(place, field="--at")
     with socket.socket(fileno=live.descriptor) as listener:
         view = _view(log, stretch)
-        signals: list[int] = []
-
-        def stop(number: int, _frame: FrameType | None) -> None:
-            signals.append(number)
-
         answer(live.address)
         from haptic_wall.controller.live.server import LiveServer
         from haptic_wall.controller.live.web_server import logged_to
 
         quiet = logged_to(server_log_of(log))
-        with quiet, on_signals(stop), on_signals(stop, (signal.SIGINT,)):
-            asyncio.run(LiveServer(view, live.host).run(listener, lambda: bool(signals)))
-        return interrupt.INTERRUPTED if signal.SIGINT in signals[:1] else 0
+        with quiet, interrupt.until_signal() as came:
+            asyncio.run(LiveServer(view, live.host).run(listener, lambda: bool(came)))
+        return interrupt.status_after(came)
 
 
 def _view(log: Path, stretch: TimeSpan) -> View:

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from haptic_wall.controller.cli.working import CLEAR, columns_of, in_foreground
+from haptic_wall.controller.cli.working import CLEAR, columns_of
 from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_CONTACT,
@@ -96,9 +96,8 @@ def live_line(telemetry: Telemetry, tell: Callable[[str], None]) -> Iterator[Cal
             fine = np.isin(rows["outcome"], (Outcome.OK, Outcome.WAITING))
             failed = len(rows) - int(np.count_nonzero(fine))
             lost += failed
-            number = sys.stdout.fileno()
-            if len(rows) and not done.is_set() and in_foreground(number):
-                width = columns_of(number)
+            width = columns_of(sys.stdout.fileno())
+            if len(rows) and width and not done.is_set():
                 with writing:
                     text = line_of(rows[-1], lost, loses=failed > 0, columns=width, colour=colour)
                     _write(CLEAR + text)
@@ -120,14 +119,12 @@ def _pressed(keyboard: int | None, done: threading.Event) -> bool:
         done.wait(EVERY_S)
         return False
     try:
-        if not ready([keyboard], EVERY_S):
-            return False
-        keys = os.read(keyboard, 64)
+        keys = os.read(keyboard, 64) if ready([keyboard], EVERY_S) else None
     except OSError:
         keys = b""
-    if not keys:  # the terminal has gone
+    if keys == b"":  # the terminal has gone
         done.wait(EVERY_S)
-    return any(key in ENDING_KEYS for key in keys)
+    return any(key in ENDING_KEYS for key in keys or b"")
 
 
 @contextlib.contextmanager

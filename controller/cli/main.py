@@ -18,8 +18,8 @@ import click
 
 from haptic_wall import __version__
 from haptic_wall.controller.cli import interrupt
-from haptic_wall.controller.cli.failure import tell, wants_json
-from haptic_wall.controller.cli.options import begin, forget_output, is_answered, say
+from haptic_wall.controller.cli.failure import tell
+from haptic_wall.controller.cli.options import begin, forget_output, say
 from haptic_wall.controller.errors import HapticWallError, PlatformError, UserError
 from haptic_wall.hw.errors import ServoError
 from haptic_wall.hw.names import did_you_mean
@@ -49,32 +49,18 @@ COMMANDS = {
     "paper": "Reproduce the table and figures of Gil et al. (ICRA 2007).",
 }
 """The commands and their lines in the help; the module of the same name exports ``command``"""
-NEEDS_LINUX = frozenset(
-    {
-        "run",
-        "set",
-        "demo",
-        "emulate",
-        "scan",
-        "doctor",
-        "commission",
-        "acceptance",
-        "sweep",
-        "zwidth",
-        "delay",
-        "identify",
-    }
+NEEDS_LINUX = (
+    *("run", "set", "demo", "emulate", "scan", "doctor", "commission", "acceptance"),
+    *("sweep", "zwidth", "delay", "identify"),
 )
 
 HARDWARE = 4
 USER = 2
-_OF_OUTPUT = (errno.EFBIG, errno.EDQUOT)
-_LIMITS = (*_OF_OUTPUT, errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM)
+_FULL = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)
+_LIMITS = (*_FULL, errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM)
 """Errors by which the system says that a limit is reached"""
 _COLLECTIONS = (50_000, 20, 50)
 """Allocations between two searches for garbage: Python's own 700 take an eighth of a start"""
-
-_ALL = "`haptic-wall --help` lists the commands"
 
 
 class _Commands(click.Group):
@@ -85,8 +71,9 @@ class _Commands(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:  # noqa: ARG002
         if cmd_name not in COMMANDS:
+            advice = "`haptic-wall --help` lists the commands"
             near = did_you_mean(cmd_name, COMMANDS)
-            raise UserError(f"no command {cmd_name}", advice=near or _ALL)
+            raise UserError(f"no command {cmd_name}", advice=near or advice)
         if cmd_name in NEEDS_LINUX and sys.platform != "linux":
             raise PlatformError(
                 f"this machine runs {sys.platform}, but {cmd_name} needs Linux",
@@ -132,52 +119,47 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):  # a terminal without µ gets a question mark
         sys.stdout.reconfigure(errors="replace")
     logging.basicConfig(level=logging.WARNING, handlers=[_Said()])
-    begin()
-    interrupt.say_nothing_after(is_answered)
-    given = sys.argv[1:] if arguments is None else arguments
-    json = wants_json(given)
+    begin("--json" in (sys.argv[1:] if arguments is None else arguments))
     try:
         result = haptic_wall.main(arguments, prog_name="haptic-wall", standalone_mode=False)
         sys.stdout.flush()
     except click.ClickException as error:
-        return tell(error, USER, json=json, arguments=given)
+        return tell(error, USER)
     except (click.Abort, KeyboardInterrupt):
-        return tell(KeyboardInterrupt(), interrupt.INTERRUPTED, json=json)
+        return tell(KeyboardInterrupt(), interrupt.INTERRUPTED)
     except HapticWallError as error:
-        return tell(error, error.exit_status, json=json)
+        return tell(error, error.exit_status)
     except ServoError as error:
-        return tell(error, HARDWARE, json=json)
+        return tell(error, HARDWARE)
     except BrokenPipeError:
         forget_output()
         return 0  # the reader has seen enough (``| head``)
-    except OSError as error:
-        return _tell_of_system(error, json=json)
-    except MemoryError:
-        return _tell_of_system(OSError(errno.ENOMEM, os.strerror(errno.ENOMEM)), json=json)
+    except (OSError, MemoryError) as error:
+        return _tell_of_system(error)
     return result if isinstance(result, int) else 0
 
 
-def _tell_of_system(error: OSError, *, json: bool) -> int:
+def _tell_of_system(error: OSError | MemoryError) -> int:
     """Report an error of the operating system; return the exit status.
 
     Raises:
         OSError: The error is unexpected: a defect of the program.
     """
-    if error.errno == errno.ENOSPC:
-        forget_output()
-        full = PlatformError("the disk is full", advice="make room, or name another place")
-        return tell(full, HARDWARE, json=json)
-    if error.filename is not None:
-        return tell(UserError(f"{error.filename}: {error.strerror}"), USER, json=json)
-    if error.errno not in _LIMITS:
+    number = error.errno if isinstance(error, OSError) else errno.ENOMEM
+    if isinstance(error, OSError) and error.filename is not None and number not in _LIMITS:
+        return tell(UserError(f"{error.filename}: {error.strerror}"), USER)
+    if number not in _LIMITS:
         raise error
-    if error.errno in _OF_OUTPUT:
+    if number in _FULL:
         forget_output()
+    if number == errno.ENOSPC:
+        full = PlatformError("the disk is full", advice="make room, or name another place")
+        return tell(full, full.exit_status)
     limit = PlatformError(
-        f"the system refuses a resource ({error.strerror})",
-        advice="raise the limits of this shell (ulimit -a shows them), or end other programs",
+        f"the system refuses a resource: {os.strerror(number)}",
+        advice="make room, raise the limits of this shell (`ulimit -a`), or end other programs",
     )
-    return tell(limit, limit.exit_status, json=json)
+    return tell(limit, limit.exit_status)
 
 
 def _fill_missing_streams() -> None:

@@ -24,7 +24,6 @@ from haptic_wall.controller.cli.numbers import Number, Numbers
 from haptic_wall.controller.cli.options import say
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.system.files import make_folder
 from haptic_wall.controller.system.signals import interrupting
 
 if TYPE_CHECKING:
@@ -153,7 +152,7 @@ def _computed(
     from haptic_wall.controller.experiments.cluster import cluster
     from haptic_wall.controller.experiments.maps.maps import critical_map
 
-    make_folder(folder)
+    folder.mkdir(parents=True, exist_ok=True)
     kept = wanted.kept(folder / _ROWS, resume=resume, fresh=force and not resume)
     with nullcontext(None) if dask is None else cluster(dask) as pool:
         found = critical_map(wanted, executor=pool, workers=workers, progress=progress, kept=kept)

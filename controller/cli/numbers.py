@@ -1,7 +1,4 @@
-"""Reads numbers from the command line: within bounds, lists, and ranges LOW:HIGH.
-
-Ranges are callbacks of options that take text, so that a message names the option.
-"""
+"""Reads numbers from the command line: within bounds, lists, and ranges LOW:HIGH."""
 
 from __future__ import annotations
 
@@ -10,14 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.guard.belief import Bounded
 
-_DIGITS = 9
-"""Largest number of digits of an id or firmware; Python refuses numbers of thousands"""
+if TYPE_CHECKING:
+    _Type = click.ParamType[Any]
+else:
+    _Type = click.ParamType  # generic in newer versions only
 
 
-class Number(click.types.FloatParamType):
+class Number(_Type):
     """A finite number within bounds, of which each may be left out.
 
     Args:
@@ -27,6 +25,8 @@ class Number(click.types.FloatParamType):
         whole: Whether only whole numbers are taken; they become int.
         unit: Unit that a refusal names.
     """
+
+    name = "number"
 
     def __init__(
         self,
@@ -38,42 +38,31 @@ class Number(click.types.FloatParamType):
         unit: str = "",
     ) -> None:
         self._low, self._high, self._above, self._is_whole = low, high, above, whole
-        self._unit = f" {unit}" if unit else ""
+        self._wanted = "a whole number" if whole else "a number"
+        if low > -math.inf:
+            self._wanted += f" {'above' if above else 'from'} {low:g}"
+        if high < math.inf:
+            self._wanted += f", up to {high:g}"
+        self._wanted += f" {unit}" if unit else ""
 
     def convert(
         self,
         value: Any,  # noqa: ANN401 - click's signature
         param: click.Parameter | None,
-        ctx: click.Context | None,  # noqa: ARG002 - click's signature
+        ctx: click.Context | None,
     ) -> float:
-        """Read the number; raise if it is none, or outside of the bounds."""
-        number = _number(str(value))
-        if (
-            number is None
-            or not self._low <= number <= self._high
-            or (self._above and number == self._low)
-            or (self._is_whole and number % 1)
-        ):
-            field = param.opts[0] if param else ""
-            raise UserError(f"found {value}", field=field, wanted=self._wanted())
+        """Read the number; refuse one that is none, or outside of the bounds."""
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        fits = self._low <= number <= self._high and not (self._above and number == self._low)
+        if not math.isfinite(number) or not fits or (self._is_whole and number % 1):
+            self.fail(f"found {value}, wanted {self._wanted}", param, ctx)
         return int(number) if self._is_whole else number
 
-    def _wanted(self) -> str:
-        wanted = "a whole number" if self._is_whole else "a number"
-        if self._low > -math.inf:
-            wanted += f" {'above' if self._above else 'from'} {self._low:g}"
-        if self._high < math.inf:
-            wanted += f", up to {self._high:g}"
-        return wanted + self._unit
 
-
-if TYPE_CHECKING:
-    _OfLists = click.ParamType[list[float]]
-else:
-    _OfLists = click.ParamType  # generic in newer versions only
-
-
-class Numbers(_OfLists):
+class Numbers(_Type):
     """Numbers with commas between, also negative ones: ``-0.01,0.2``.
 
     Args:
@@ -91,39 +80,30 @@ class Numbers(_OfLists):
         param: click.Parameter | None,
         ctx: click.Context | None,
     ) -> list[float]:
-        """Read the numbers; raise where one is refused."""
+        """Read the numbers; refuse all where one is refused."""
         return [self._of.convert(part, param, ctx) for part in str(value).split(",")]
 
 
-def span(_: click.Context, parameter: click.Parameter, text: str | None) -> Bounded | None:
-    """Read a number, or a range ``LOW:HIGH`` whose middle is the estimate.
+class Span(_Type):
+    """A number, or a range ``LOW:HIGH`` whose middle is the estimate.
 
-    Raises:
-        UserError: It is neither.
+    Args:
+        of: Reads each end.
     """
-    if text is None:
-        return None
-    match [_number(end) for end in text.split(":")]:
-        case [float(only)]:
-            return Bounded.exactly(only)
-        case [float(low), float(high)] if low <= high:
-            return Bounded((low + high) / 2, low, high)
-        case [float(low), float(high)]:
-            wanted = f"the lower end first: {high:g}:{low:g}"
-        case _:
-            wanted = "a number, or a range LOW:HIGH"
-    raise UserError(f"found {text!r}", field=parameter.opts[0], wanted=wanted)
 
+    name = "span"
 
-def digits(text: str) -> int | None:
-    """Return a whole number of a few digits, such as an id; None: it is none."""
-    return int(text) if text.strip().isdecimal() and len(text) <= _DIGITS else None
+    def __init__(self, of: Number) -> None:
+        self._of = of
 
-
-def _number(text: str) -> float | None:
-    """Return a finite number, or None."""
-    try:
-        number = float(text)
-    except ValueError:
-        return None
-    return number if math.isfinite(number) else None
+    def convert(
+        self,
+        value: Any,  # noqa: ANN401 - click's signature
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> Bounded:
+        """Read the number or range; refuse one whose lower end is not first."""
+        ends = [self._of.convert(end, param, ctx) for end in str(value).split(":", 1)]
+        if ends[0] > ends[-1]:
+            self.fail(f"found {value}, wanted the lower end first", param, ctx)
+        return Bounded(sum(ends) / len(ends), ends[0], ends[-1])

@@ -6,22 +6,19 @@ import errno
 import json
 import math
 import os
-import re
-import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path, PurePath
-from typing import Any, Final, TypeVar
+from typing import Any, TypeVar
 
 import click
 from click.shell_completion import CompletionItem
 
+from haptic_wall.controller.cli import interrupt
 from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.working import aside
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.system.files import is_full
 from haptic_wall.controller.system.json_text import plain
 from haptic_wall.controller.system.printable import printable
 
@@ -43,18 +40,10 @@ def config_argument(
         required=default is None and needed,
         default=default,
         shell_complete=_configurations,
-        callback=_remember,
     )
 
 
-def _remember(_ctx: click.Context, _parameter: click.Parameter, given: str | None) -> str | None:
-    _command.config = given
-    return given
-
-
-def _configurations(
-    _context: click.Context, _parameter: click.Parameter, begun: str
-) -> list[CompletionItem]:
+def _configurations(_context: object, _parameter: object, begun: str) -> list[CompletionItem]:
     """Presets and files that begin so, for a shell that completes a word."""
     from haptic_wall.controller.settings.load import preset_names
 
@@ -62,9 +51,7 @@ def _configurations(
     return [*presets, CompletionItem(begun, type="file")]
 
 
-def _paths_of_config(
-    _context: click.Context, _parameter: click.Parameter, begun: str
-) -> list[CompletionItem]:
+def _paths_of_config(_context: object, _parameter: object, begun: str) -> list[CompletionItem]:
     """Paths of the configuration that begin so."""
     from haptic_wall.controller.settings.fields import fields
 
@@ -132,41 +119,17 @@ def as_json(value: Mapping[str, Any]) -> str:
     Raises:
         TypeError: It holds something that JSON cannot.
     """
-    text = json.dumps(plain(value, named), indent=2, allow_nan=False)
+    text = json.dumps(plain(value), indent=2, allow_nan=False)
     return text.replace("\x7f", "\\u007f")  # the one control character that JSON takes as it is
 
 
-_COMMAND: Final = re.compile(r"(haptic-wall [a-z]+ )CONFIG\b")
+_output_taken = [False]
 
 
-@dataclass(slots=True)
-class _Command:
-    answered: bool = False
-    output_taken: bool = False
-    config: str | None = None
-    """As given"""
-
-
-_command = _Command()
-
-
-def begin() -> None:
-    """Record that the command has printed no answer yet."""
-    _command.answered = _command.output_taken = False
-    _command.config = None
-
-
-def named(text: str) -> str:
-    """Return a text whose commands carry the configuration that was given in place of CONFIG."""
-    if _command.config is None:
-        return text
-    given = shlex.quote(_command.config)
-    return _COMMAND.sub(lambda found: found[1] + given, text)
-
-
-def is_answered() -> bool:
-    """Whether the command has printed its answer: standard output gets at most one."""
-    return _command.answered
+def begin(json: bool) -> None:
+    """Note that the command has printed no answer yet, and owes an object if ``json``."""
+    interrupt.owe(json)
+    _output_taken[0] = False
 
 
 class FileToWrite(click.Path):
@@ -181,7 +144,7 @@ class FileToWrite(click.Path):
         """The path."""
         if str(value) != "-":
             return super().convert(value, param, ctx)
-        _command.output_taken = True
+        _output_taken[0] = True
         return Path("/dev/stdout")
 
 
@@ -191,7 +154,7 @@ def say(text: str) -> None:
     Here, and in ``answer``, control characters become escapes.
     """
     with suppress(OSError), aside():
-        click.echo(printable(named(text)), err=True)
+        click.echo(printable(text), err=True)
 
 
 def answer(text: str) -> None:
@@ -204,12 +167,12 @@ def answer(text: str) -> None:
 
 def answer_in_parts(parts: Iterable[str]) -> None:
     """Print an answer whose text is made in parts, as ``answer``; they end where lines may."""
-    _command.answered = True
+    interrupt.owe(False)
     try:
         with aside():
             for part in parts:
-                click.echo(printable(named(part)), err=_command.output_taken, nl=False)
-            click.echo(err=_command.output_taken)
+                click.echo(printable(part), err=_output_taken[0], nl=False)
+            click.echo(err=_output_taken[0])
             sys.stdout.flush()
     except OSError as error:
         # ``| head``, or a closed terminal: the exit status remains
@@ -230,42 +193,21 @@ def refuse_same_file(named: Mapping[str, Path | None]) -> None:
         named: Each option or argument, and the file it names, if any.
 
     Raises:
-        UserError: Two of them name one file, or one cannot be accessed.
+        UserError: Two of them name one file.
     """
-    seen: dict[Path, str] = {}
+    seen: dict[str, str] = {}
     for name, path in named.items():
-        try:
-            if path is None or (path.exists() and not path.is_file()):
+        if path is None:
+            continue
+        with writing(name, path):
+            if path.exists() and not path.is_file():
                 continue  # a device (/dev/null) may have many writers
-            place = path.resolve()
-        except (OSError, RuntimeError) as error:  # RuntimeError: links that lead in a circle
-            reason = error.strerror if isinstance(error, OSError) else "its links lead in a circle"
-            if isinstance(error, FileNotFoundError):  # from asking what a relative path is to
-                reason = "the working folder is gone"
-            raise UserError(reason, field=name, given=path, advice="name another place") from error
-        first = seen.setdefault(place, name)
+        first = seen.setdefault(os.path.realpath(path), name)
         if first != name:
             raise UserError(
                 field=first,
                 given=f"and {name} both name {path}",
                 advice="give each a file of its own",
-            )
-
-
-def refuse_no_folder(option: str, path: Path) -> None:
-    """Refuse a folder's path that is no folder.
-
-    Raises:
-        UserError: It is no folder, or cannot be accessed.
-    """
-    with writing(option, path):
-        if path.exists() and not path.is_dir():
-            raise UserError(
-                "found a file",
-                field=option,
-                given=path,
-                wanted="a folder",
-                advice="name another place",
             )
 
 
@@ -318,5 +260,5 @@ def writing(option: str, path: PurePath) -> Iterator[None]:
             f"cannot be written: {error.strerror or error}",
             field=option,
             given=path,
-            advice="make room, or name another place" if is_full(error) else "name another place",
+            advice="name another place",
         ) from error

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from haptic_wall.controller.cli.numbers import digits
+from haptic_wall.controller.cli.numbers import Number, Numbers
 from haptic_wall.controller.cli.options import answer, as_json, json_option, say
 from haptic_wall.controller.doctor.adapter import kind_of_port, may_be_serial, only_adapter
 from haptic_wall.controller.doctor.search import IDS, LIKELY_FIRST, BaudSearch, scan
@@ -26,6 +26,7 @@ HARDWARE = 4
 @click.option(
     "--baud",
     "bauds",
+    type=Numbers(Number()),
     metavar="RATE[,RATE...]",
     help="Baud rates to try; default: all that servos have.",
 )
@@ -37,13 +38,19 @@ HARDWARE = 4
     help="Ids to ping one by one, e.g. 1-20,100; a ping to all may find others.",
 )
 @json_option
-def command(port: str | None, bauds: str | None, ids: str, as_json_wanted: bool) -> int:
+def command(port: str | None, bauds: list[float] | None, ids: str, as_json_wanted: bool) -> int:
     """List the servos on a bus: id, baud rate, model, firmware.
 
     It sends only pings, and restores the port's settings when it ends. The exit status is 4 if
     no servo answers.
     """
-    rates = LIKELY_FIRST if bauds is None else _rates(bauds)
+    rates = LIKELY_FIRST if bauds is None else list(dict.fromkeys(map(int, bauds)))
+    for rate in bauds or ():
+        if rate not in BAUD_RATES:
+            known = ", ".join(map(str, BAUD_RATES))
+            raise UserError(
+                f"found {rate:g}", field="--baud", wanted=f"rates a servo can have: {known}"
+            )
     wanted = _ids(ids)
     if port == "":
         raise UserError(
@@ -122,33 +129,14 @@ def _text(found: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _rates(text: str) -> list[int]:
-    rates = []
-    for part in text.split(","):
-        try:
-            rate = float(part)
-        except ValueError:
-            rate = -1.0
-        if rate not in BAUD_RATES:
-            raise UserError(
-                f"found {part.strip()!r}",
-                field="--baud",
-                wanted=f"rates a servo can have: {', '.join(map(str, BAUD_RATES))}",
-            )
-        rates.append(int(rate))
-    return list(dict.fromkeys(rates))
-
-
 def _ids(text: str) -> set[int]:
     ids: set[int] = set()
     for part in text.split(","):
-        first, dash, last = part.strip().partition("-")
-        low, high = digits(first), digits(last if dash else first)
-        if low is None or high is None:
+        ends = part.strip().split("-", 1)
+        if not all(end.isdecimal() and len(end) < 4 for end in ends):
             raise UserError(f"found {part.strip()!r}", field="--ids", wanted="ids such as 1-20,100")
+        low, high = int(ends[0]), int(ends[-1])
         if not low <= high <= MAX_ID:
-            raise UserError(
-                f"found {part.strip()!r}", field="--ids", wanted=f"ids from 0 to {MAX_ID}"
-            )
+            raise UserError(f"found {part}", field="--ids", wanted=f"ids from 0 to {MAX_ID}")
         ids |= set(range(low, high + 1))
     return ids

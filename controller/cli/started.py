@@ -46,7 +46,7 @@ class RunError(HapticWallError):
         exit_status: Exit status of ``haptic-wall run``: 4 where servo or machine are unfit.
     """
 
-    def __init__(self, what: str, exit_status: int) -> None:
+    def __init__(self, what: str, exit_status: int = HapticWallError.exit_status) -> None:
         super().__init__(what)
         self.exit_status = exit_status
 
@@ -63,15 +63,10 @@ class RunningWall:
         log: See above.
     """
 
-    def __init__(
-        self,
-        log: Path,
-        arguments: Sequence[str],
-        said: IO[str] | None = None,
-    ) -> None:
+    def __init__(self, log: Path, arguments: Sequence[str], said: IO[str] | None = None) -> None:
         self.log = log
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "haptic_wall.controller.cli.attached", *arguments],
+            [sys.executable, "-P", "-m", "haptic_wall.controller.cli.started", *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=said,
@@ -110,8 +105,7 @@ class RunningWall:
         Raises:
             RunError: The run could not start.
         """
-        self._process.wait()
-        return self._report()
+        return self._ended(None)
 
     def report(self) -> dict[str, Any]:
         """End the run, if it still goes on; return its report, as ``run --json`` prints it.
@@ -121,24 +115,21 @@ class RunningWall:
         """
         if self.running():
             self._process.send_signal(signal.SIGTERM)
+        return self._ended(END_S)
+
+    def _ended(self, timeout_s: float | None) -> dict[str, Any]:
         try:
-            self._process.wait(END_S)
+            self._process.wait(timeout_s)
+            self._reader.join(END_S)
+            said: dict[str, Any] = json.loads(self._said)
         except subprocess.TimeoutExpired:
             raise RunError(
                 f"the run of {self.log} does not end; switch the servo's power off, and kill its"
-                " processes",
-                RunError.exit_status,
+                " processes"
             ) from None
-        return self._report()
-
-    def _report(self) -> dict[str, Any]:
-        self._reader.join(END_S)
-        try:
-            said: dict[str, Any] = json.loads(self._said)
         except ValueError:
             raise RunError(
-                f"the run of {self.log} ended without a report; its messages are on standard error",
-                RunError.exit_status,
+                f"the run of {self.log} ended without a report; its messages are on standard error"
             ) from None
         if "error" in said:
             if said["exit_status"] == _USER:
@@ -171,9 +162,8 @@ class RunningWall:
         try:
             self._process.wait(END_S)
         finally:
-            if self.running():
-                self._process.kill()
-                self._process.wait()
+            self._process.kill()
+            self._process.wait()
             self._reader.join()
             self._process.stdout.close()
 
@@ -232,3 +222,18 @@ def run(
 
 def _texts(changes: Mapping[str, Any]) -> list[str]:
     return [f"{path}={json.dumps(value)}" for path, value in changes.items()]
+
+
+def _end_with_starter(descriptor: int) -> None:
+    while os.read(descriptor, 4096):
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+if __name__ == "__main__":  # a command that ends as soon as its standard input closes
+    from haptic_wall.controller.cli.main import main
+
+    starter = os.dup(0)
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    threading.Thread(target=_end_with_starter, args=(starter,), daemon=True).start()
+    sys.exit(main())

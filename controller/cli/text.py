@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from haptic_wall.controller.cli.wrapping import wrapped
@@ -13,6 +13,8 @@ _UNCONFIRMED = (
     "the servo did not confirm that its torque is off: without a supply it has none, otherwise its "
     "Bus Watchdog ends it; switch its power off before you touch it"
 )
+Lines = Iterator[tuple[str, str]]
+"""Labels and texts"""
 
 
 def brief_text(report: Mapping[str, Any]) -> str:
@@ -23,23 +25,24 @@ def brief_text(report: Mapping[str, Any]) -> str:
     Args:
         report: The report, as for ``--json``; fields that are None are omitted.
     """
-    notes, reasons, asked = _notes(report), _reasons(report), changes(report)
+    notes, reasons = report.get("warnings") or [], (report.get("guard") or {}).get("reasons") or []
+    asked = report.get("changes") or []
     others = (len(notes) - 1, "note"), (len(asked), "change"), (len(reasons) - 1, "reason")
     more = [f"{count} {what}{'s' * (count > 1)}" for count, what in others if count > 0]
     log = report.get("log")
     where = f"haptic-wall log {shlex.quote(str(log))}" if log else "run -v"
-    return "\n".join(
+    return _text(
+        report,
         [
-            *ending(report),
+            *_ending(report),
             *_motion(report),
             *_wall(report.get("guard")),
-            *(line for text in reasons[:1] for line in entry("why", text)),
+            *(("why", text) for text in reasons[:1]),
             *_ticks(report),
             *_bus(report.get("bus")),
-            *(line for text in notes[-1:] for line in entry("note", text)),
-            *(entry("more", f"{', '.join(more)}: `{where}`") if more else ()),
-            *files(report),
-        ]
+            *(("note", text) for text in notes[-1:]),
+            *([("more", f"{', '.join(more)}: `{where}`")] if more else []),
+        ],
     )
 
 
@@ -49,30 +52,36 @@ def report_text(report: Mapping[str, Any]) -> str:
     Args:
         report: As of ``brief_text``.
     """
-    labelled = [
-        *(("why", text) for text in _reasons(report)),
-        *changes(report),
-        *(("note", text) for text in _notes(report)),
-    ]
-    return "\n".join(
+    guard = report.get("guard")
+    return _text(
+        report,
         [
-            *ending(report),
+            *_ending(report),
             *_motion(report),
-            *_wall(report.get("guard")),
-            *_limits(report.get("guard")),
+            *_wall(guard),
+            *_limits(guard),
             *_ticks(report),
             *_timing(report),
             *_bus(report.get("bus")),
             *_delay(report),
-            *_realtime(report.get("realtime") or []),
-            *(line for label, text in labelled for line in entry(label, text)),
-            *files(report),
-        ]
+            *_realtime(report.get("realtime")),
+            *(("why", text) for text in (guard or {}).get("reasons") or []),
+            *(("change", _change(each)) for each in report.get("changes") or []),
+            *(("note", text) for text in report.get("warnings") or []),
+        ],
     )
 
 
-def ending(report: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the lines that say how the run ended, and explain a trip."""
+def _text(report: Mapping[str, Any], labelled: Iterable[tuple[str, str]]) -> str:
+    """Format labels and texts; paths stay whole, to be copied."""
+    lines = [line for label, text in labelled for line in entry(label, str(text))]
+    files = (("log", "log"), ("plot", "picture"))
+    lines += [f"{label:<12}{report[key]}" for key, label in files if report.get(key)]
+    return "\n".join(lines)
+
+
+def _ending(report: Mapping[str, Any]) -> Lines:
+    """Say how the run ended, and explain a trip."""
     reason = str(report["stop_reason"])
     how = {"duration": "ended as planned", "interrupted": "interrupted"}.get(reason, reason)
     if trip := Trip.of(reason):
@@ -84,68 +93,59 @@ def ending(report: Mapping[str, Any]) -> Iterator[str]:
     if off is not None:
         torque = "; torque is off, read back" if off else "; TORQUE OFF COULD NOT BE READ BACK"
     if report.get("waited_for"):
-        how = f"THE WALL NEVER CAME ON{flaw}: {report['waited_for']}; {how}{torque}"
+        how = f"THE WALL NEVER CAME ON{flaw}: {report['waited_for']}; {how}"
     elif report.get("no_stiffness"):
         how = {"duration": "the time is over"}.get(reason, how)
-        how = f"THE WALL HAS NO STIFFNESS{flaw}: {report['no_stiffness']}; {how}{torque}"
+        how = f"THE WALL HAS NO STIFFNESS{flaw}: {report['no_stiffness']}; {how}"
     else:
-        how += flaw + torque
-    yield from entry("run", how)
+        how += flaw
+    yield "run", how + torque
     if report.get("explanation"):
-        yield from entry("", str(report["explanation"]))
+        yield "", str(report["explanation"])
     if off is False:
-        yield from entry("", _UNCONFIRMED)
+        yield "", _UNCONFIRMED
 
 
-def _oscillation(seen: Mapping[str, Any]) -> str:
-    """Format the detector's state, frequency and amplitude."""
-    known = [
-        f"{number(seen[key])} {unit}"
-        for key, unit in (("frequency_hz", "Hz"), ("amplitude_rad", "rad"))
-        if seen.get(key) is not None
-    ]
-    return ", ".join([str(seen["state"]), *known])
-
-
-def _motion(report: Mapping[str, Any]) -> list[str]:
-    seen, torque = report.get("oscillation"), report.get("torque") or {}
-    parts = []
+def _motion(report: Mapping[str, Any]) -> Lines:
+    seen, torque, parts = report.get("oscillation"), report.get("torque") or {}, []
     if seen:
-        first = seen.get("first_alarm_s")
+        parts = [seen["state"]]
+        for key, unit in (("frequency_hz", "Hz"), ("amplitude_rad", "rad")):
+            if seen.get(key) is not None:
+                parts[0] += f", {number(seen[key])} {unit}"
+        if seen.get("first_alarm_s") is not None:
+            parts.append(f"alarm after {number(seen['first_alarm_s'])} s")
         share = (seen.get("reduced_to") or {}).get("stiffness", 1.0)
-        parts = [
-            _oscillation(seen),
-            *([] if first is None else [f"alarm after {number(first)} s"]),
-            *([f"wall reduced to {100.0 * share:.0f} %"] if share < 1.0 else []),
-        ]
+        if share < 1.0:
+            parts.append(f"wall reduced to {100.0 * share:.0f} %")
     if torque.get("max") is not None:
         ticks = torque["saturated_ticks"]
         cut = f", the limit cut it in {ticks} ticks" if ticks else ""
         parts.append(f"torque at most {number(torque['max'])} N·m{cut}")
-    return entry("oscillation" if seen else "torque", "; ".join(parts)) if parts else []
+    if parts:
+        yield "oscillation" if seen else "torque", "; ".join(parts)
 
 
-def _wall(guard: Mapping[str, Any] | None) -> list[str]:
+def _wall(guard: Mapping[str, Any] | None) -> Lines:
     if not guard:
-        return []
+        return
     asked, commanded = guard["requested"], guard["commanded"]
     parts = []
     for key, unit in (("stiffness", "N·m/rad"), ("damping", "N·m·s/rad")):
-        same = asked[key] == commanded[key]
-        part = f"{number(commanded[key])} {unit}"
-        parts.append(part if same else f"{part} of {number(asked[key])} requested")
+        of = "" if asked[key] == commanded[key] else f" of {number(asked[key])} requested"
+        parts.append(f"{number(commanded[key])} {unit}{of}")
     if guard["binding"]:
         parts.append(f"limited by {guard['binding']}")
     elif asked == commanded:
         parts.append("as requested")
-    return entry("wall", ", ".join(parts))
+    yield "wall", ", ".join(parts)
 
 
-def _limits(guard: Mapping[str, Any] | None) -> Iterator[str]:
+def _limits(guard: Mapping[str, Any] | None) -> Lines:
     if not guard:
         return
     if filtered := guard.get("velocity_filter"):
-        yield from entry("filter", f"{filter_text(filtered)}, of the velocity that damps")
+        yield "filter", f"{filter_text(filtered)}, of the velocity that damps"
     limits = [
         f"{name} {number(value)}" + ("*" if name == guard["binding"] else "")
         for name, value in guard["limit"].items()
@@ -155,17 +155,16 @@ def _limits(guard: Mapping[str, Any] | None) -> Iterator[str]:
         star = "; * binds" if guard["binding"] else ""
         ceiling = guard.get("damping_ceiling")
         above = "" if ceiling is None else f"; damping ceiling {number(ceiling)}"
-        yield from entry(
-            "limits", f"{', '.join(limits)} N·m/rad x margin {guard['margin']:g}{star}{above}"
-        )
+        yield "limits", f"{', '.join(limits)} N·m/rad x margin {guard['margin']:g}{star}{above}"
     if assumed := guard.get("assumed"):
-        yield from entry("assumed", assumed)
+        yield "assumed", assumed
 
 
-def _ticks(report: Mapping[str, Any]) -> list[str]:
+def _ticks(report: Mapping[str, Any]) -> Lines:
     ticks, missed = report["ticks"], report["missed_ticks"]
     if not ticks and not missed:
-        return entry("ticks", "none: the run ended before the wall was on")
+        yield "ticks", "none: the run ended before the wall was on"
+        return
     share = f"{100 * missed / (ticks + missed):.2g} %" if missed else "none"
     parts = [f"{ticks} at {number(report['rate_hz'])} Hz, {share} missed"]
     late = report.get("lateness_us") or {}
@@ -175,94 +174,73 @@ def _ticks(report: Mapping[str, Any]) -> list[str]:
         parts.append(f"late by p99 {late['p99']:.3g}, max {late['max']:.0f} µs")
     if report.get("delay_s"):
         parts.append(f"delay {milli(report['delay_s']['total'])} ms")
-    return entry("ticks", "; ".join(parts))
+    yield "ticks", "; ".join(parts)
 
 
-def _timing(report: Mapping[str, Any]) -> Iterator[str]:
+def _timing(report: Mapping[str, Any]) -> Lines:
     factor = report.get("real_time_factor")
     if factor is not None:  # on the simulated clock nothing is ever late
-        yield from entry("clock", f"simulated, {number(factor)} times faster than real time")
+        yield "clock", f"simulated, {number(factor)} times faster than real time"
         return
     for key, meaning in (("lateness_us", "lateness"), ("work_us", "work"), ("bus_us", "bus wait")):
-        known = {name: time for name, time in (report.get(key) or {}).items() if time is not None}
         named = [
             f"{name.replace('_', '.')} {time:{'.0f' if time >= 1000 else '.3g'}}"
-            for name, time in known.items()
+            for name, time in (report.get(key) or {}).items()
+            if time is not None
         ]
         if named:
-            yield from entry(meaning, f"{', '.join(named)} µs")
+            yield meaning, f"{', '.join(named)} µs"
 
 
-def _bus(bus: Mapping[str, Any] | None) -> list[str]:
-    if not bus:
-        return []
-    kinds = ["lost", "late", "corrupt", *(["refused"] if bus.get("refused") else [])]
-    counts = ", ".join(f"{bus[kind]} {kind}" for kind in kinds)
-    age = bus["sample_age_us"].get("p99")
-    known = "" if age is None else f"; sample age p99 {age:.0f} µs"
-    return entry("bus", f"{bus['cycles']} cycles, {bus['schedule']}: {counts}{known}")
+def _bus(bus: Mapping[str, Any] | None) -> Lines:
+    if bus:
+        kinds = ["lost", "late", "corrupt", *(["refused"] if bus.get("refused") else [])]
+        counts = ", ".join(f"{bus[kind]} {kind}" for kind in kinds)
+        age = bus["sample_age_us"].get("p99")
+        known = "" if age is None else f"; sample age p99 {age:.0f} µs"
+        yield "bus", f"{bus['cycles']} cycles, {bus['schedule']}: {counts}{known}"
 
 
-def _delay(report: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the parts of the delay, and the guard's served interval where it is not the grid's."""
+def _delay(report: Mapping[str, Any]) -> Lines:
+    """Say the parts of the delay, and the guard's served interval where it is not the grid's."""
     if delay := report.get("delay_s"):
         names = ("inserted", "device", "measured")
         parts = " + ".join(f"{name} {milli(delay[name])}" for name in names)
-        yield from entry("delay", f"{milli(delay['total'])} ms = {parts} ms")
+        yield "delay", f"{milli(delay['total'])} ms = {parts} ms"
     interval, grid = (report.get("guard") or {}).get("interval_s"), report.get("grid_hz")
     if interval and grid and interval * grid > 1.001:
-        yield from entry(
-            "interval", f"{milli(interval)} ms counted as the period: ticks or replies were late"
+        yield (
+            "interval",
+            f"{milli(interval)} ms counted as the period: ticks or replies were late",
         )
 
 
-def filter_text(filtered: Mapping[str, Any]) -> str:
-    """Describe a filter of the velocity, as a report has it."""
-    kind = {"lowpass": "low-pass", "notch": "notch"}[filtered["kind"]]
-    return f"{kind} at {number(filtered['frequency_hz'])} Hz, quality {number(filtered['q'])}"
-
-
-def _realtime(settings: list[Mapping[str, Any]]) -> Iterator[str]:
+def _realtime(settings: list[Mapping[str, Any]] | None) -> Lines:
     if settings:
         granted = [str(setting["name"]) for setting in settings if setting["ok"]]
-        yield from entry(
-            "real time",
-            f"granted: {', '.join(granted) or 'nothing'} ({len(granted)} of {len(settings)})",
-        )
-
-
-def changes(report: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return label and text of each change of the running wall."""
-    return [("change", _change(each)) for each in report.get("changes") or []]
+        names = ", ".join(granted) or "nothing"
+        yield "real time", f"granted: {names} ({len(granted)} of {len(settings)})"
 
 
 def _change(change: Mapping[str, Any]) -> str:
+    """Describe a change of the running wall."""
     by, at_s = change["by"], change.get("at_s")
     when = "" if at_s is None else f"at {at_s:.3f} s, "
     text = f"{when}{' '.join(change['set'])}, by {by['user']} (process {by['pid']})"
     if change["outcome"] != "applied":
         return f"{text}: {change['outcome']}, {change['why']}"
     commanded = change.get("commanded") or {}
-    waited = number(change.get("waited_s"), 2)
     return (
-        f"{text}: applied after {waited} s, {number(commanded.get('stiffness'))} N·m/rad, "
+        f"{text}: applied after {number(change.get('waited_s'), 2)} s, "
+        f"{number(commanded.get('stiffness'))} N·m/rad, "
         f"{number(commanded.get('damping'))} N·m·s/rad"
     )
 
 
-def _notes(report: Mapping[str, Any]) -> list[str]:
-    return list(map(str, report.get("warnings") or []))
-
-
-def _reasons(report: Mapping[str, Any]) -> list[str]:
-    return list(map(str, (report.get("guard") or {}).get("reasons") or []))
-
-
-def files(report: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the lines with the paths of log and picture; paths stay whole, to be copied."""
-    for key, label in (("log", "log"), ("plot", "picture")):
-        if report.get(key):
-            yield f"{label:<12}{report[key]}"
+def filter_text(filtered: Mapping[str, Any]) -> str:
+    """Describe a filter of the velocity, as a report has it."""
+    kind = {"lowpass": "low-pass", "notch": "notch"}[filtered["kind"]]
+    return f"{kind} at {number(filtered['frequency_hz'])} Hz, quality {number(filtered['q'])}"
 
 
 def entry(label: str, text: str) -> list[str]:

@@ -49,12 +49,10 @@ class Work:
         share = None if self.share is None else self.share()
         about = passed / share if share else self.about_s
         if about is None:
-            rest = ""
-        elif about > passed:
-            rest = f", about {length(about - passed)} left"
-        else:
-            rest = f", {length(about)} were expected"
-        return f"{self.label}: {length(passed)}{rest}"
+            return f"{self.label}: {length(passed)}"
+        left = f"about {length(about - passed)} left"
+        rest = left if about > passed else f"{length(about)} were expected"
+        return f"{self.label}: {length(passed)}, {rest}"
 
 
 def length(seconds: float) -> str:
@@ -94,23 +92,18 @@ def working(
 
 def is_shown(stream: object) -> bool:
     """Whether a standard stream is a terminal on which a line can be overwritten."""
-    return is_terminal(stream) and os.environ.get("TERM") != "dumb"
-
-
-def is_terminal(stream: object) -> bool:
-    """Whether a standard stream is a terminal, not closed or replaced."""
     try:
-        return bool(stream.isatty())  # type: ignore[attr-defined]
-    except (AttributeError, ValueError):
+        return bool(stream.isatty()) and os.environ.get("TERM") != "dumb"  # type: ignore[attr-defined]
+    except (AttributeError, ValueError):  # closed or replaced
         return False
 
 
-def in_foreground(number: int) -> bool:
-    """Whether this process is in the terminal's foreground, and so may write on it."""
+def columns_of(number: int) -> int:
+    """Return the width of a terminal; 0 where this process is not in its foreground."""
     try:
-        return os.tcgetpgrp(number) == os.getpgrp()
+        return (os.get_terminal_size(number).columns or 80) * (os.tcgetpgrp(number) == os.getpgrp())
     except OSError:
-        return False
+        return 0
 
 
 @contextlib.contextmanager
@@ -137,18 +130,10 @@ def _show(work: Work, done: threading.Event) -> None:
     while not done.wait(wait):
         wait = EVERY_S
         with _writing:
-            if _at_work[-1:] == [work] and in_foreground(2) and not done.is_set():
-                columns = columns_of(2)
+            columns = columns_of(2)
+            if _at_work[-1:] == [work] and columns and not done.is_set():
                 _write(CLEAR + work.text()[: columns - 1])
                 work.drawn = True
-
-
-def columns_of(number: int) -> int:
-    """Return the width of the terminal with this descriptor; 80 if unknown."""
-    try:
-        return os.get_terminal_size(number).columns or 80
-    except OSError:
-        return 80
 
 
 def _write(text: str) -> None:

@@ -18,7 +18,6 @@ from haptic_wall.controller.cli.experiment import (
 )
 from haptic_wall.controller.cli.numbers import Number, Numbers
 from haptic_wall.controller.cli.options import say
-from haptic_wall.controller.system.files import make_folder
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.zwidth import Width
@@ -67,7 +66,7 @@ def command(asked: Asked, samples: list[int] | None, measure: str | None, fresh:
         asked = replace(asked, yes=True)  # nothing moves
 
     def measured(folder: Path) -> Sequence[Width]:
-        make_folder(folder)
+        folder.mkdir(parents=True, exist_ok=True)
         measure_points(chosen, folder / "measured", fresh, say)
         return widths
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import select
 import subprocess
@@ -11,7 +12,7 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Final, Self
+from typing import Any, Final, Self
 
 from haptic_wall.controller.emulated_bus.record import BusRow, read_rows, written_until
 
@@ -19,7 +20,7 @@ _PATIENCE_S: Final = 30.0
 """Time allowed for the process to start, to reply or to end: a loaded machine may take seconds."""
 _POLL_S: Final = 0.02
 _READ_SIZE: Final = 65536
-_PROGRAM: Final = "haptic_wall.controller.cli.main"
+PROGRAM: Final = "haptic_wall.controller.emulated_bus.program"
 
 
 class BusError(Exception):
@@ -60,15 +61,15 @@ class DynamixelBus:
         self.port = ""
         """Path for a client; unchanged after the adapter was unplugged and plugged in again"""
         self._given = {_name(fault) for fault in faults}
-        self._arguments = ["--baud", str(baud), "--seed", str(seed)]
-        self._arguments += ["--latency-timer", str(latency_timer)]
-        self._arguments += [] if block is None else ["--block", str(block)]
-        for option, values in (
-            ("--servo", servos),
-            ("--fault", faults),
-            ("--set", [f"servo.{name}={value}" for name, value in (truth or {}).items()]),
-        ):
-            self._arguments += [part for value in values for part in (option, value)]
+        self._plan: dict[str, Any] = {
+            "servos": list(servos),
+            "truth": dict(truth or {}),
+            "baud": baud,
+            "latency_timer": latency_timer,
+            "faults": list(faults),
+            "seed": seed,
+            **({} if block is None else {"block": block}),
+        }
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._process: subprocess.Popen[bytes] | None = None
         self._record = Path()
@@ -87,14 +88,12 @@ class DynamixelBus:
         self._folder = tempfile.TemporaryDirectory(prefix="dynamixel-bus-")
         self.port = str(Path(self._folder.name) / "port")
         self._record = Path(self._folder.name) / "record.csv"
+        places: dict[str, Any] = {"link": self.port, "record": str(self._record)}
+        places["owner"] = os.getpid()  # leaves no folder behind even if killed
         try:
             self._process = subprocess.Popen(
-                [
-                    # -P: the working folder may hold a package of the same name.
-                    *(sys.executable, "-P", "-m", _PROGRAM, "emulate", "--die-with-parent"),
-                    *("--owner", str(os.getpid())),  # leaves no folder behind even if killed
-                    *("--link", self.port, "--record", str(self._record), *self._arguments),
-                ],
+                # -P: the working folder may hold a package of the same name.
+                [sys.executable, "-P", "-m", PROGRAM, json.dumps(self._plan | places)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,

@@ -26,7 +26,7 @@ from haptic_wall.controller.runtime.machine_setup import START
 from haptic_wall.controller.runtime.safety import AFTER_STALL, End, StopReason, Trip
 from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP, ROW
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.system.files import make_folder, would_be_lost
+from haptic_wall.controller.system.files import would_be_lost
 from haptic_wall.controller.theory.checks import IntArray
 from haptic_wall.hw.errors import ExplainedError, Problem, ServoLostError, ServoMissingError
 
@@ -161,7 +161,7 @@ class Testbed:
         self._start_told = ""
         self._witness = witness
         try:
-            make_folder(folder)
+            folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise UserError(
                 f"the folder cannot be made ({error.strerror})",

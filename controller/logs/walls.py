@@ -11,6 +11,7 @@ from typing import Any
 from haptic_wall.controller.errors import ConfigError, LogFormatError
 from haptic_wall.controller.settings.changes import moved, with_changes
 from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.fields import sections
 from haptic_wall.controller.settings.load import loaded
 from haptic_wall.controller.system.printable import in_line
 
@@ -77,7 +78,12 @@ def _config(data: object) -> Config:
     problems: Sequence[str] = ("",)
     try:
         if isinstance(data, dict):
-            return loaded(data, "of the log", files=False)
+            known = {
+                name: {key: data[name][key] for key in section.model_fields if key in data[name]}
+                for name, section in sections().items()
+                if isinstance(data.get(name), dict)
+            }  # a setting that went does not count
+            return loaded(known, "of the log", files=False)
     except ConfigError as error:
         problems = error.problems
     law = next((each for each in problems if each.startswith(_OF_LAWS)), None)

@@ -6,15 +6,15 @@ import json
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import fields
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
+from haptic_wall.controller.emulated_bus.bus import PROGRAM
 from haptic_wall.controller.processes.children import Child, first_line
 from haptic_wall.hw.errors import Problem, ServoError
 from haptic_wall.hw.settings import ServoSettings
 
-EMULATE = ("haptic_wall.controller.cli.main", "emulate", "--die-with-parent")
-"""The command, after ``python -m``"""
 START_S = 60.0
 """How long the bus may take to start [s]"""
 END_S = 2.0
@@ -25,7 +25,6 @@ def emulator_arguments(
     settings: ServoSettings,
     witness: Path | None = None,
     *,
-    force: bool = False,
     hand: int | None = None,
     elastic: int | None = None,
 ) -> list[str]:
@@ -34,29 +33,21 @@ def emulator_arguments(
     Args:
         settings: Settings of the servo; its truth must be known.
         witness: Where the bus keeps a record; None: nowhere.
-        force: Whether an existing file of this program may be replaced.
         hand: Descriptor of the memory of a person's hand on the shaft, inherited; None: none.
         elastic: Descriptor of the memory of the time that it shares with the loop; None: none.
     """
-    arguments = [*EMULATE, "--servo", f"{settings.model}:{settings.id}"]
-    arguments += ["--baud", str(settings.baud)]
-    arguments += ["--seed", str(settings.fault_seed)]
-    for fault in settings.faults:
-        arguments += ["--fault", fault]
     assert settings.true is not None
-    truth = {
-        part.name: value
-        for part in fields(settings.true)
-        if (value := getattr(settings.true, part.name)) != part.default
+    plan: dict[str, Any] = {
+        "servos": [f"{settings.model}:{settings.id}"],
+        "truth": asdict(settings.true),
+        "baud": settings.baud,
+        "faults": list(settings.faults),
+        "seed": settings.fault_seed,
+        "record": None if witness is None else str(witness),
+        "hand": hand,
+        "elastic": elastic,
     }
-    arguments += ["--truth", json.dumps(truth)]
-    if witness is not None:
-        arguments += ["--record", str(witness), *(["--force"] if force else [])]
-    if hand is not None:
-        arguments += ["--hand-memory", str(hand)]
-    if elastic is not None:
-        arguments += ["--elastic", str(elastic)]
-    return arguments
+    return [PROGRAM, json.dumps(plan)]
 
 
 @contextmanager

@@ -144,9 +144,7 @@ class Supervisor:
         emulator = None
         if plan.config.servo.kind == "emulated":
             hand, shared = self._hand(), self._telemetry.descriptor if plan.elastic else None
-            arguments = emulator_arguments(
-                settings, plan.witness, force=plan.force, hand=hand, elastic=shared
-            )
+            arguments = emulator_arguments(settings, plan.witness, hand=hand, elastic=shared)
             stopped, inherited = (
                 lambda: bool(self._words[Word.STOP]),
                 [each for each in (hand, shared) if each is not None],

@@ -26,8 +26,6 @@ _KINDS = (
     (stat.S_ISCHR, "a device"),
     (stat.S_ISBLK, "a device"),
 )
-_made: list[Path] = []
-"""Folders that this process has made, the outer ones first"""
 
 
 def opened(path: Path) -> BinaryIO:
@@ -115,22 +113,3 @@ def whole(path: Path) -> Iterator[Path]:
             part.replace(place)
     finally:
         part.unlink(missing_ok=True)
-
-
-def make_folder(folder: Path) -> None:
-    """Make a folder, with those above it, for ``remove_empty`` to remove.
-
-    Raises:
-        OSError: It cannot be made.
-    """
-    for each in reversed([folder, *(above for above in folder.parents if not above.exists())]):
-        if not each.is_dir():
-            each.mkdir(exist_ok=True)
-            _made.append(each)
-
-
-def remove_empty() -> None:
-    """Remove the folders that this process has made, where nothing is in them."""
-    while _made:
-        with suppress(OSError):
-            _made.pop().rmdir()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import PurePath
 from typing import Any, Final
 
@@ -31,23 +31,20 @@ def _finite(text: str) -> float:
     return number
 
 
-def plain(value: Any, text: Callable[[str], str] = str) -> Any:  # noqa: ANN401 - any report's parts
+def plain(value: Any) -> Any:  # noqa: ANN401 - any report's parts
     """Return a value as JSON can hold it; numbers that are not finite become null.
 
     Args:
         value: Made of mappings, sequences, numbers (NumPy's too), texts and paths.
-        text: Changes each text.
     """
     if isinstance(value, Mapping):
-        return {str(key): plain(inner, text) for key, inner in value.items()}
+        return {str(key): plain(inner) for key, inner in value.items()}
     if isinstance(value, (list, tuple)):
-        return [plain(inner, text) for inner in value]
-    if isinstance(value, str):
-        return text(value)
+        return [plain(inner) for inner in value]
     if isinstance(value, PurePath):
         return str(value)
     if hasattr(value, "tolist"):  # NumPy's scalars and arrays
-        return plain(value.tolist(), text)
+        return plain(value.tolist())
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

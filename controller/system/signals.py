@@ -24,12 +24,6 @@ STOPPING = (
 )
 """The signals that ask a run to stop; without the closed terminal's if nohup started the program.
 """
-_raised: list[signal.Signals] = []  # not an Event: a handler must not wait for a lock
-
-
-def was_interrupted() -> bool:
-    """Whether ``interrupting`` has raised in this process; a library may have hidden the error."""
-    return bool(_raised)
 
 
 def ended_by(number: signal.Signals) -> Callable[[], bool]:
@@ -107,11 +101,10 @@ def interrupting(
         numbers = [n for n in STOPPING if signal.getsignal(n) != signal.SIG_IGN]
     came = False
 
-    def interrupt(number: int, _frame: FrameType | None) -> None:
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
         nonlocal came
         came = True
         if at_once:
-            _raised.append(signal.Signals(number))
             raise KeyboardInterrupt
 
     try:

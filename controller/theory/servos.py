@@ -40,35 +40,3 @@ SERVOS: Mapping[str, ServoFacts] = MappingProxyType(
     }
 )
 """Every known servo by name."""
-
-
-SISTERS: Mapping[str, str] = MappingProxyType({"XM430-W350": "MX-64"})
-"""Servos without published parameters, and the known servo of the same build."""
-
-
-def servo(name: str) -> ServoFacts | None:
-    """Return the servo of that name, or None; case and hyphens do not matter.
-
-    Args:
-        name: Name of a servo.
-
-    Returns:
-        None where the name is none of ``SERVOS``.
-    """
-    return next((facts for known, facts in SERVOS.items() if _plain(known) == _plain(name)), None)
-
-
-def sister(name: str) -> tuple[str, str] | None:
-    """Return a servo without published parameters, and the known one of the same build.
-
-    Args:
-        name: Name of a servo, as for ``servo``.
-
-    Returns:
-        Both names as their maker writes them; None where no such servo is known.
-    """
-    return next((pair for pair in SISTERS.items() if _plain(pair[0]) == _plain(name)), None)
-
-
-def _plain(name: str) -> str:
-    return "".join(character for character in name.casefold() if character.isalnum())

@@ -13,11 +13,6 @@ from tests.cli.caller import Cli
 @pytest.mark.parametrize(
     ("arguments", "advice"),
     [
-        (["run", "--stiffness", "20"], "give `--set wall.stiffness=20`"),
-        (["run", "--wall.stiffness=20"], "give `--set wall.stiffness=20`"),
-        (["sweep", "simulated", "--rate-hz"], "give `--set loop.rate_hz=VALUE`"),
-        (["run", "--inertia=0.1"], "`--set servo.inertia=0.1` or `--set model.inertia=0.1`"),
-        (["emulate", "--hand", "push"], "give `--set servo.hand=push`"),
         (["boundary", "--inertai", "1"], "did you mean --inertia or --load-inertia?"),
         (["log", "x", "--stiffness", "20"], "`haptic-wall log --help` lists options and arguments"),
         (

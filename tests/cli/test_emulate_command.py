@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_wall.controller.cli.emulated_servos import DEFAULT_TRUTH, truth_of
+from haptic_wall.controller.emulated_bus.program import DEFAULT_TRUTH, truth_of
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.witness import COLUMNS
 from tests.cli.caller import Cli
@@ -28,14 +28,10 @@ from tests.cli.caller import Cli
         (["--set", "servo.inertia=0"], ["servo.inertia", "'0'", "from 1e-08"]),
         (["--set", "servo.counts_per_rev=1.5"], ["servo.counts_per_rev", "whole"]),
         (["--set", "servo.hand=slap"], ["servo.hand", "push"]),
-        (["--truth", "[1]"], ["--truth", "[1]", "as JSON"]),
-        (["--truth", '{"inertai": 1}'], ["--truth", "inertai", "as JSON"]),
         (["--set", "servo.load_friction=1"], ["servo.load_friction", "to 0.9"]),
         (["--set", "servo.static_friction=0.05"], ["servo.static_friction", "servo.coulomb, 0.09"]),
-        (["--set", "servo.kick=1", "--set", "servo.position=1"], ["servo.kick", "position"]),
-        (["--latency-timer", "1.5"], ["--latency-timer", "'1.5'", "1 to 255"]),
-        (["--block", "62"], ["--block", "timer", "give --latency-timer too"]),
-        (["--latency-timer", "1", "--block", "0"], ["--block", "'0'", "from 1"]),
+        (["--latency-timer", "1.5"], ["--latency-timer", "1.5", "up to 255"]),
+        (["--latency-timer", "1", "--block", "0"], ["--block", "found 0", "from 1"]),
         (["--fault", "drp:p=0.1"], ["--fault", "'drp'", "did you mean drop?"]),
         (
             ["--fault", "unplug:at=2,id=7"],

@@ -8,7 +8,6 @@ import pytest
 
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError
 from haptic_wall.controller.runtime.safety import Trip
-from haptic_wall.hw.errors import ServoError
 from tests.cli.caller import Cli
 
 ROOT = Path(__file__).parents[2]
@@ -24,39 +23,16 @@ def failed(cli: Cli, *arguments: str) -> dict[str, Any]:
     return found
 
 
-def test_advice_carries_the_configuration_as_it_was_given(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli
-) -> None:
-    config = tmp_path / "my servo.yaml"
-    config.write_text((ROOT / "config" / "simulated.yaml").read_text())
-
-    def unfit(*_: object) -> NoReturn:
-        raise ServoError("unfit", advice="`haptic-wall doctor CONFIG --fix` mends it")
-
-    monkeypatch.setattr("haptic_wall.controller.cli.doctor.examine", unfit)
-    assert failed(cli, "doctor", str(config))["advice"] == (
-        f"`haptic-wall doctor '{config}' --fix` mends it"
-    )
-
-
 @pytest.mark.parametrize(
     ("arguments", "field", "advice", "status"),
     [
         (["run", "--duration=-1"], "--duration", "wanted a time above 0 s", 2),
-        (["identify", "--reach=x"], "--reach", "wanted a number", 2),
-        (
-            ["sweep", "simulated", "--repeats=x"],
-            "--repeats",
-            "wanted a whole number from 1, up to 100",
-            2,
-        ),
         (["run", "--set=wall.stifness=3"], "wall.stifness", "did you mean wall.stiffness?", 2),
         (["config", "simulatd"], "CONFIG", "xl330-m288, xm430-w350", 2),
         (["run", "--plot=a.svg"], "--plot", "wanted one ending in .png: pictures are PNG", 2),
         (["log"], "LOG", "lists options and arguments", 2),
         (["log", "nowhere"], "LOG", "wanted a log of run", 2),
-        (["boundary"], "--period", "give --period 0.001 or --rate 1000", 2),
-        (["boundary", "--delay=1:x"], "--delay", "wanted a number, or a range LOW:HIGH", 2),
+        (["boundary"], "--inertia", "give it, or a CONFIG", 2),
         (["scan", "--port="], "--port", "wanted a serial device such as /dev/ttyUSB0", 2),
         (["presets", "--nosuch"], "--nosuch", "lists options and arguments", 2),
         (["rnu"], None, "did you mean run?", 2),
@@ -81,6 +57,12 @@ def test_an_error_is_an_object(
     found = failed(cli, *arguments)
     assert (found["field"], found["exit_status"]) == (field, status)
     assert found["advice"].endswith(advice)
+
+
+def test_a_number_out_of_range_is_named_with_the_range(cli: Cli) -> None:
+    found = failed(cli, "sweep", "simulated", "--repeats=x")
+    assert found["field"] == "--repeats"
+    assert found["error"] == "--repeats: found x, wanted a whole number from 1, up to 100"
 
 
 def test_a_trip_that_ends_an_experiment_is_one_too(

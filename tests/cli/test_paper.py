@@ -110,4 +110,4 @@ def test_a_place_that_is_none_is_one_sentence(
     assert "found a file, wanted a folder" in err
     status, _, err = call("fig8", "--out", tmp_path / "file" / "below")
     assert status == 2
-    assert "cannot be made (Not a directory); name another place" in err
+    assert "Not a directory; name another place" in err

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 
 SIMULATED = ["simulated", "--set=loop.clock=simulated"]
 SWEEP = ["sweep", *SIMULATED, "--virtual-damping=0.1", "--delay-steps=0"]
-BOUNDARY = ["boundary", "--servo=MX-64", "--rate=1000", "--delay=0.002"]
+BOUNDARY = ["boundary", "--servo=MX-64", "--period=0.001", "--delay=0.002"]
 FOLDERS = [
     (["map", "simulated"], "map.json"),
     (["paper", "fig3"], "fig3.csv"),
@@ -81,14 +81,6 @@ def test_a_file_that_is_there_is_refused(
     assert [path.name for path in folder.iterdir()] == ["mine"]
 
 
-def test_links_in_a_circle_are_told_in_a_sentence(cli: Cli, folder: Path) -> None:
-    (folder / "one").symlink_to("other")
-    (folder / "other").symlink_to("one")
-    for arguments, option in FILES:
-        said = cli.refused(*arguments, option, "one")
-        assert f"{option} one: its links lead in a circle; name another place" in said
-
-
 def test_a_link_that_somebody_put_where_a_file_is_written_is_not_followed(folder: Path) -> None:
     (folder / "mine").write_text("mine")
     with whole(folder / "b.png") as part:
@@ -99,14 +91,3 @@ def test_a_link_that_somebody_put_where_a_file_is_written_is_not_followed(folder
         part.write_text("picture")
     assert (folder / "b.png").read_text() == "picture"
     assert (folder / "mine").read_text() == "mine"
-
-
-def test_only_the_folders_that_the_command_has_made_are_removed(folder: Path) -> None:
-    (folder / "given").mkdir()
-    with command():
-        for name in ("given", "new/out", "new/full"):
-            take_folder("--out", Path(name), (), force=False)
-        (folder / "new" / "full" / "mine").mkdir()
-    assert sorted(str(path.relative_to(folder)) for path in folder.rglob("*")) == [
-        *("given", "new", "new/full", "new/full/mine")
-    ]

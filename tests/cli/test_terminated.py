@@ -27,7 +27,7 @@ OUT = "--out=new/out"
 MIDDLES: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "boundary": (
         *("cli.boundary", "report"),
-        ("boundary", "--servo=MX-64", "--rate=1000", "--delay=0.002", "--virtual-damping=0"),
+        ("boundary", "--servo=MX-64", "--period=0.001", "--delay=0.002", "--virtual-damping=0"),
     ),
     "map, theory": ("experiments.maps.maps", "_theory", ("map", "simulated", OUT)),
     "paper": ("paper.items", "make", ("paper", "all", OUT)),

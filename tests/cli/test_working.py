@@ -23,11 +23,10 @@ options.say("the end")
 """
 
 
-def on_a_terminal(then: str, **environment: str) -> tuple[str, int]:
+def on_a_terminal(then: str) -> tuple[str, int]:
     """What a program writes on a terminal, and its exit status."""
     child, terminal = pty.fork()
     if child == 0:
-        os.environ.update(environment)
         os.execv(sys.executable, [sys.executable, "-c", PROGRAM.format(then=then)])
     text = b""
     try:
@@ -72,15 +71,10 @@ def test_the_estimate_is_by_what_is_done_where_that_is_known(
     assert work.text() == text
 
 
-@pytest.mark.parametrize("stream", ["a file", "dumb"])
 def test_nothing_is_shown_where_there_is_no_terminal(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, stream: str
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(progress, "FIRST_S", 0.0)
     monkeypatch.setattr(progress, "_show", lambda *_: pytest.fail("a thread was begun"))
-    if stream == "dumb":
-        monkeypatch.setattr(progress, "is_terminal", lambda _: True)
-        monkeypatch.setenv("TERM", "dumb")
     with working("drawing", 9.0):
         pass
     assert capsys.readouterr() == ("", "")

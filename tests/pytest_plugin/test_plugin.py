@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from haptic_wall.controller.emulated_bus.bus import PROGRAM
 from tests.docs.pages import ROOT
 
 pytest_plugins = ["pytester"]
@@ -29,7 +30,7 @@ def emulators(folder: Path) -> set[int]:
             words = entry.read_bytes().split(b"\0")
         except OSError:
             continue
-        if b"emulate" in words and any(own in word for word in words):
+        if PROGRAM.encode() in words and any(own in word for word in words):
             found.append(int(entry.parent.name))
     return set(found)
 

@@ -1,22 +1,11 @@
-"""The identified servos: found by name, with the numbers that their source gives."""
+"""The identified servos, with the numbers that their source gives."""
 
 from __future__ import annotations
 
 import pytest
 
 from haptic_wall.controller.theory import linear_limit
-from haptic_wall.controller.theory.servos import SERVOS, servo, sister
-
-
-@pytest.mark.parametrize("name", ["XL330-M288", "xl330-m288", "XL330M288", "xl-330-m288"])
-def test_case_and_hyphens_make_no_difference(name: str) -> None:
-    assert servo(name) is SERVOS["XL330-M288"]
-
-
-def test_a_servo_that_nobody_identified_names_its_sister() -> None:
-    assert servo("xm430w350") is None
-    assert sister("xm430w350") == ("XM430-W350", "MX-64")
-    assert sister("lathe") is None
+from haptic_wall.controller.theory.servos import SERVOS
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,7 @@ from haptic_wall.controller.experiments.testbed import (
 )
 from haptic_wall.controller.processes.run_report import exit_status
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.system.files import make_folder, whole
+from haptic_wall.controller.system.files import whole
 from haptic_wall.controller.system.json_text import RESULT_MARK, plain
 from haptic_wall.controller.system.signals import interrupting
 from haptic_wall.hw.errors import ServoError
@@ -113,7 +113,7 @@ def run_steps(bench: StepContext) -> Ended:
         OSError: Results could not be written.
         UserError: The folder is of other settings, or was changed.
     """
-    make_folder(bench.folder)
+    bench.folder.mkdir(parents=True, exist_ok=True)
     kept = kept_steps(bench)
     earlier = dict(kept.done)
     complete = is_complete(earlier)

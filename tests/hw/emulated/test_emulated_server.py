@@ -3,6 +3,7 @@
 import csv
 import errno
 import fcntl
+import json
 import os
 import select
 import signal
@@ -20,6 +21,7 @@ import dynamixel_sdk
 import pytest
 from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 
+from haptic_wall.controller.emulated_bus.bus import PROGRAM
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode
 from haptic_wall.hw.dynamixel.codec.frames import Frame
 from haptic_wall.hw.emulated.server import PseudoTerminal
@@ -42,7 +44,6 @@ def emulate(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
             "-m",
             "haptic_wall.controller.cli.main",
             "emulate",
-            "--die-with-parent",
             *arguments,
         ],
         stdin=subprocess.PIPE,
@@ -203,19 +204,14 @@ def test_an_unplugged_adapter_hangs_up_and_the_link_leads_to_the_new_one(tmp_pat
 
 def test_it_dies_with_its_parent(tmp_path: Path) -> None:
     link = tmp_path / "bus"
-    arguments = [
-        sys.executable,
-        "-m",
-        "haptic_wall.controller.cli.main",
-        "emulate",
-        "--die-with-parent",
-    ]
+    plan = json.dumps({"servos": ["XM430-W350"], "link": str(link)})
+    arguments = [sys.executable, "-m", PROGRAM, plan]
     parent = (
         "import subprocess, sys; "
         "child = subprocess.Popen(sys.argv[1:]); print(child.pid, flush=True); sys.stdin.read()"
     )
     with subprocess.Popen(
-        [sys.executable, "-c", parent, *arguments, "--link", str(link)],
+        [sys.executable, "-c", parent, *arguments],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
