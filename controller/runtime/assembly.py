@@ -75,7 +75,7 @@ class Decided:
     intervals_ns: list[int]
     """Upper ends of the bins of the interval [ns]"""
     decisions: list[Decision]
-    """Interval by interval, one for each age"""
+    """Interval by interval, one for each age; last that for all beyond"""
     table: GainTable
     """Their numbers"""
 
@@ -101,12 +101,13 @@ def guard_decisions(
     situation = situation_of(config, servo)
     intervals_ns = interval_bins_ns(config.period_ns, situation.belief.is_flexible)
     inside = simulated and servo.bus is None  # the same process: samples have zero age
-    ages_ns = [0] if inside else age_bins_ns(config.period_ns, round(_reply_s(servo) * 1e9))
+    least_ns = round(config.guard.sample_age * 1e9)
+    slowest_ns = max(round(_reply_s(servo) * 1e9), least_ns)
+    ages_ns = [0] if inside else age_bins_ns(config.period_ns, slowest_ns)
     if inside and program:
         intervals_ns = intervals_ns[:1]
-    least_ns = round(config.guard.sample_age * 1e9)
     ages_ns = [max(age, least_ns) for age in ages_ns]
-    rows = decide_bins(
+    decisions = decide_bins(
         config.request(situation.position_step),
         config.guard_settings(),
         situation,
@@ -115,7 +116,6 @@ def guard_decisions(
         intervals_ns,
         work,
     )
-    decisions = [each for row in rows for each in row]
     table = GainTable(
         Allowed(each.stiffness, each.damping, each.delay, each.damping_ceiling, most)
         for each, most in zip(decisions, most_injected(config, situation, decisions), strict=True)
@@ -147,6 +147,8 @@ def decision_in_force(
         decision: Decision in force now.
         work: What was evaluated before for the same run; None: nothing.
     """
+    if decision.reasons:
+        return decision
     situation = situation_of(config, servo)
     again = explained(
         config.request(situation.position_step),
