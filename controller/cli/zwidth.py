@@ -57,7 +57,6 @@ _MOST_SAMPLES = 30
         " The command continues an interrupted call of the same settings in DIR."
     ),
     of_walls=True,
-    filters=True,
 )
 def command(
     asked: Asked,
