@@ -14,6 +14,7 @@ import numpy as np
 
 from haptic_wall.controller.report import style
 from haptic_wall.controller.theory.flexible import flexible_boundary
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 PICTURE = Path(__file__).resolve().parent.parent / "docs" / "flexible.png"
 PERIOD, DELAY = 1e-3, 1e-3
@@ -31,6 +32,13 @@ class Load(NamedTuple):
     name: str
     inertia: float
     colour: str
+    notch_q: float = 0.0
+    """Quality of a notch of the velocity at the vibration; 0: none"""
+
+    @property
+    def hertz(self) -> float:
+        """Return the frequency of the vibration, both ends free [Hz]."""
+        return math.sqrt(STIFFNESS * (1.0 / MOTOR + 1.0 / self.inertia)) / math.tau
 
     @property
     def servo(self) -> tuple[float, float, float, float, float]:
@@ -44,10 +52,17 @@ class Load(NamedTuple):
             2.0 * RATIO * math.sqrt(STIFFNESS * moving),
         )
 
+    @property
+    def velocity_filter(self) -> VelocityFilter | None:
+        """Return the filter of the velocity."""
+        if self.notch_q == 0.0:
+            return None
+        return VelocityFilter("notch", math.tau * self.hertz * PERIOD, self.notch_q)
+
 
 HORN = Load("a bare horn", 1e-4, style.BLUE)
 LINK = Load("a horn with a link", 0.003, style.ORANGE)
-LOADS = (HORN, LINK)
+LOADS = (HORN, LINK, LINK._replace(name="a link and a notch", colour=style.GREEN, notch_q=0.7))
 
 
 def drawn(path: Path) -> None:
@@ -56,7 +71,9 @@ def drawn(path: Path) -> None:
     with style.picture(path, style.PAGE, 4.0) as figure:
         ax = figure.subplots()
         for load in LOADS:
-            exact = flexible_boundary(*load.servo, damping, PERIOD, DELAY).stiffness
+            exact = flexible_boundary(
+                *load.servo, damping, PERIOD, DELAY, velocity_filter=load.velocity_filter
+            ).stiffness
             ax.plot(damping, exact, color=load.colour, label=load.name)
         ax.set_xlim(0.0, LAST)
         ax.set_ylim(bottom=0.0)

@@ -16,6 +16,7 @@ from haptic_wall.controller.theory.chain_contact import one_sided_limits, return
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.crossings import Loops, poles
 from haptic_wall.controller.theory.flexible import flexible_boundary, flexible_ceiling
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.truth import EncoderSide
 from scripts.study import Found, Given, Part, table
 
@@ -53,7 +54,7 @@ class Outcome(NamedTuple):
     """Commanded K of the one-sided wall over the middle's one-sided limit"""
 
 
-Kind = Literal["known", "wide"]
+Kind = Literal["known", "wide", "lowpass", "notch"]
 Value = Any
 """A float, or an array"""
 Servo = tuple[Value, Value, Value, Value, Value]
@@ -159,12 +160,23 @@ def chain_of(truths: FloatArray, encoder: str) -> Chain:
     return two_masses(*servo, encoder=encoder)[0]
 
 
+def _filter(random: np.random.Generator, kind: Kind, hz: float) -> VelocityFilter | None:
+    """Return a filter of this kind for a vibration at ``hz``; None: this kind has none."""
+    if kind == "notch":
+        return VelocityFilter("notch", math.tau * hz * PERIOD, float(random.uniform(0.3, 3.0)))
+    if kind == "lowpass":
+        corner = hz * math.exp(random.uniform(math.log(0.2), math.log(3.0)))
+        return VelocityFilter("lowpass", math.tau * corner * PERIOD, 0.7)
+    return None
+
+
 def growth(
     truths: FloatArray,
     chain: Chain,
     interval: FloatArray,
     delay: FloatArray,
     wall: Decision,
+    velocity_filter: VelocityFilter | None,
 ) -> FloatArray:
     """Return the rate at which each truth's loop grows, at most [1/s].
 
@@ -174,6 +186,7 @@ def growth(
         interval: Interval between ticks of each [s].
         delay: Delay of each, without the servo's lag [s].
         wall: The commanded gains.
+        velocity_filter: Filter of the velocity that damps.
     """
     found = np.zeros(len(truths))
     late = (delay + truths[:, NAMES.index("delay")]) / interval
@@ -181,7 +194,7 @@ def growth(
     for whole in np.unique(np.floor(late)).tolist():
         part = np.flatnonzero(np.floor(late) == whole)
         chains = sampled(chain.take(part), interval[part], late[part] - whole)
-        loops = Loops(chains, interval[part], np.full(part.size, int(whole)), 1)
+        loops = Loops(chains, interval[part], np.full(part.size, int(whole)), 1, velocity_filter)
         closed = poles(loops, gain[part] * wall.stiffness, gain[part] * wall.damping)
         found[part] = np.log(np.abs(closed).max(axis=1)) / interval[part]
     return found
@@ -228,7 +241,10 @@ def outcome(case: Search) -> Outcome:
     random = np.random.default_rng((seed, number))
     belief, age, of_ceiling = drawn(random, kind)
     known, gain, delay = middle_of(belief), belief.torque_gain.value, age + belief.delay.value
-    ceiling = flexible_ceiling(*known, PERIOD, delay, encoder=belief.encoder)
+    filtered = _filter(random, kind, belief.flexible_hz.value)
+    ceiling = flexible_ceiling(
+        *known, PERIOD, delay, encoder=belief.encoder, velocity_filter=filtered
+    )
     possible = float(ceiling) / gain
     asked = of_ceiling * possible
     situation = Situation(belief, PERIOD, 4.1, 0.0)
@@ -236,13 +252,13 @@ def outcome(case: Search) -> Outcome:
     def decided(request: Request) -> Decision:
         return decide(request, GuardSettings(), situation, [age], age, explained=False)[0]
 
-    both = decided(Request(1e9, asked, "both"))
+    both = decided(Request(1e9, asked, "both", velocity_filter=filtered))
     shares = _shares(random, truths, len(NAMES))
 
     def growths(shares: FloatArray) -> FloatArray:
         found, every = inside(belief, shares), np.ones(len(shares))
         chain = chain_of(found, belief.encoder)
-        return growth(found, chain, PERIOD * every, age * every, both)
+        return growth(found, chain, PERIOD * every, age * every, both, filtered)
 
     tried = growths(shares)
     worst = np.argsort(-tried)
@@ -255,12 +271,18 @@ def outcome(case: Search) -> Outcome:
         polish=False,
     )
     damping = both.damping * gain
-    limit = flexible_boundary(*known, damping, PERIOD, delay, encoder=belief.encoder).stiffness
-    one = decided(Request(1e9, asked, "above"))
-    thrown_by = thrown(belief, inside(belief, shares[worst[:4]]), age, one)
-    chain, _ = two_masses(*known, encoder=belief.encoder)
-    limits = np.atleast_1d(limit), np.atleast_1d(damping)
-    of_one_sided = float(one.stiffness * gain / one_sided_limits(chain, PERIOD, delay, *limits)[0])
+    limit = flexible_boundary(
+        *known, damping, PERIOD, delay, encoder=belief.encoder, velocity_filter=filtered
+    ).stiffness
+    thrown_by = of_one_sided = math.nan
+    if filtered is None:
+        one = decided(Request(1e9, asked, "above"))
+        thrown_by = thrown(belief, inside(belief, shares[worst[:4]]), age, one)
+        chain, _ = two_masses(*known, encoder=belief.encoder)
+        limits = np.atleast_1d(limit), np.atleast_1d(damping)
+        of_one_sided = float(
+            one.stiffness * gain / one_sided_limits(chain, PERIOD, delay, *limits)[0]
+        )
     return Outcome(
         float(tried.max()),
         -float(found.fun),
@@ -292,8 +314,10 @@ def _spread(values: FloatArray) -> str:
 
 
 KINDS: dict[Kind, str] = {
-    "known": "doubt of 3 to 50 %",
-    "wide": "wide doubt",
+    "known": "no filter",
+    "wide": "no filter, wide doubt",
+    "lowpass": "low-pass",
+    "notch": "notch",
 }
 SERVED_BINS = 6
 """Bins of each belief that are searched"""
@@ -314,11 +338,14 @@ def served(case: Search) -> list[Served]:
     seed, number, truths, steps, kind = case
     random = np.random.default_rng((seed, number, list(KINDS).index(kind)))
     belief, age, of_ceiling = drawn(random, kind)
+    filtered = _filter(random, kind, belief.flexible_hz.value)
     late = int(random.choice([0, 0, 1, 2, 3, 5]))
     delay = late * PERIOD + age + belief.delay.value
-    ceiling = flexible_ceiling(*middle_of(belief), PERIOD, delay, encoder=belief.encoder)
+    ceiling = flexible_ceiling(
+        *middle_of(belief), PERIOD, delay, encoder=belief.encoder, velocity_filter=filtered
+    )
     situation = Situation(belief, PERIOD, 4.1, 0.0)
-    request = Request(1e9, of_ceiling * float(ceiling), "both")
+    request = Request(1e9, of_ceiling * float(ceiling), "both", velocity_filter=filtered)
     bins = interval_bins_ns(round(PERIOD * 1e9), flexible=True)
     found = []
     for index in random.choice(len(bins), SERVED_BINS, replace=False).tolist():
@@ -334,7 +361,7 @@ def served(case: Search) -> list[Served]:
             delay = shares[:, -2] * age + [_ring(late, t) for t in interval.tolist()]
             known = inside(belief, shares[:, :-2])
             chain = chain_of(known, belief.encoder)
-            return growth(known, chain, interval, delay, wall)
+            return growth(known, chain, interval, delay, wall, filtered)
 
         shares = _shares(random, truths, len(NAMES) + 2)
         tried = growths(shares)

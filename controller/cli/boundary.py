@@ -71,6 +71,13 @@ from haptic_wall.controller.guard.boundary_report import report
 )
 @click.option("--velocity-samples", type=Number(1, 64, whole=True), metavar="N",
               help="Samples over which the velocity is the difference; default: 1.")  # fmt: skip
+@click.option("--velocity-filter", type=click.Choice(["none", "lowpass", "notch"]),
+              help="Filter of the velocity that damps; wall two-sided. Default: none.")  # fmt: skip
+@click.option("--velocity-hz", type=Number(), metavar="HZ",
+              help="Corner of the low-pass, or middle of the notch.")  # fmt: skip
+@click.option(
+    "--velocity-q", type=Number(), metavar="Q", help="Quality of the filter; default: 0.7."
+)
 @click.option("--side", type=click.Choice(["one", "both"]),
               help="A one-sided wall never pulls. Default: CONFIG's, or one.")  # fmt: skip
 @click.option("--load-inertia", type=Number(0, above=True), metavar="J",

@@ -13,7 +13,9 @@ from haptic_wall.controller.guard.delay_parts import ADAPTER, WIRE, DelayParts
 from haptic_wall.controller.guard.design import FAST_BAUD
 from haptic_wall.controller.guard.types import Situation
 from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.settings.rules import MOST_LOWPASS_Q, MOST_OF_RATE
 from haptic_wall.controller.theory.servos import SERVOS, ServoFacts, servo, sister
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.names import did_you_mean
 from haptic_wall.hw.open import backend
 
@@ -21,6 +23,8 @@ LONGEST_PERIOD_S, _LONGEST_DELAY_S = 0.5, 1.0
 """Larger values are probably milliseconds in place of seconds."""
 _MOST_PERIODS = 500
 """Longest delay in periods: beyond it each answer takes many seconds."""
+_LEAST_Q, _MOST_Q = 0.1, 20.0
+"""Qualities of a filter that a configuration may have"""
 _WIDEST = 10_000
 """Largest ratio of a range's ends: a wider one is a mistyped number."""
 _IN_SI = "give a number in SI units"
@@ -49,6 +53,9 @@ def of_config(name: str, sets: tuple[str, ...], given: dict[str, Any]) -> Questi
     _check_delay(delay, period)
     limit = config.servo.torque_limit
     side: WallSide = given["side"] or ("both" if config.wall.side == "both" else "one")
+    filtered = config.velocity_filter()
+    if filtered is not None and side == "one":
+        raise _one_sided(config.wall.velocity_filter)
     return Question(
         situation=Situation(
             replace(belief, delay=delay),
@@ -59,6 +66,7 @@ def of_config(name: str, sets: tuple[str, ...], given: dict[str, Any]) -> Questi
         delay_parts=_delay_parts(delay.high, period, None, None),
         side=side,
         velocity_samples=config.wall.velocity_samples,
+        velocity_filter=filtered,
     )
 
 
@@ -84,12 +92,58 @@ def of_options(given: dict[str, Any]) -> Question:
             "--torque-gain", given["torque_gain"] or Bounded.exactly(1.0), zero=False
         ),
     )
+    filtered = _filter(given, period)
+    side: WallSide = given["side"] or ("one" if filtered is None else "both")
+    if filtered is not None:
+        _check_exact(belief, "a filter")
     return Question(
         situation=Situation(belief, period, limit, 2 * math.pi / counts if counts else 0.0),
         delay_parts=_delay_parts(delay.high, period, given["baud"], given["latency_timer"]),
-        side=given["side"] or "one",
+        side=side,
         velocity_samples=given["velocity_samples"] or 1,
         load=_load(given, belief),
+        velocity_filter=filtered,
+    )
+
+
+def _filter(given: dict[str, Any], period: float) -> VelocityFilter | None:
+    """Return the filter of the velocity that the options describe; None: there is none."""
+    kind, hertz, q = (given[f"velocity_{name}"] for name in ("filter", "hz", "q"))
+    if kind in (None, "none"):
+        for name, value in (("hz", hertz), ("q", q)):
+            if value is not None:
+                raise UserError(
+                    "there is no filter",
+                    field=f"--velocity-{name}",
+                    advice="give --velocity-filter too",
+                )
+        return None
+    if given["side"] == "one":
+        raise _one_sided(kind)
+    if hertz is None:
+        raise UserError("missing", field="--velocity-hz", advice="give the filter's frequency")
+    most = MOST_OF_RATE / period
+    if not 0.0 < hertz < most:
+        raise UserError(
+            f"wanted more than 0 and less than {most:g} Hz, which is {MOST_OF_RATE:g} of the rate",
+            field="--velocity-hz",
+            given=f"{hertz:g}",
+        )
+    q = 0.7 if q is None else q
+    top = MOST_LOWPASS_Q if kind == "lowpass" else _MOST_Q
+    if not _LEAST_Q <= q <= top:
+        raise UserError(
+            f"wanted {_LEAST_Q:g} to {top:g} for a {kind}", field="--velocity-q", given=f"{q:g}"
+        )
+    return VelocityFilter(kind, math.tau * hertz * period, q)
+
+
+def _one_sided(kind: str) -> UserError:
+    return UserError(
+        "the limit of a one-sided wall with a velocity filter is not known",
+        field="--side",
+        given=f"one, {kind}",
+        wanted="both",
     )
 
 

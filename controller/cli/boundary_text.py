@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from haptic_wall.controller.cli.text import filter_text
 from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.guard.limits import BY_NAME
@@ -50,6 +51,8 @@ def _settings(settings: Mapping[str, Any]) -> Iterator[str]:
         parts.append(f"torque gain {_span(settings['torque_gain'])}")
     if settings["velocity_samples"] > 1:
         parts.append(f"velocity over {settings['velocity_samples']} samples")
+    if filtered := settings["velocity_filter"]:
+        parts.append(f"velocity through a {filter_text(filtered)}")
     if load := settings.get("load"):
         parts.append(
             f"a load of {load['inertia']:.4g} kg·m² behind {load['stiffness']:.4g} N·m/rad with"

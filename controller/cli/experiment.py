@@ -91,6 +91,7 @@ def experiment(
     moves: bool = True,
     force: bool = True,
     of_walls: bool = False,
+    filters: bool = False,
     without: tuple[str, Callable[..., None]] | None = None,
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command CONFIG and the options of all experiments, as ``Asked``.
@@ -101,6 +102,7 @@ def experiment(
         moves: The command has ``--yes``.
         force: The command has ``--force``.
         of_walls: It measures a wall, and refuses any other law.
+        filters: It counts ``wall.velocity_filter``; others refuse it.
         without: An option that makes CONFIG needless, and the function that is called then with all
             that was given.
     """
@@ -131,6 +133,14 @@ def experiment(
                     field="wall.law",
                     wanted="wall: only walls are measured",
                     advice="haptic-wall run renders any law",
+                )
+            filtered = loaded.config.wall.velocity_filter
+            if filtered != "none" and not filters:
+                raise UserError(
+                    f"found {filtered}",
+                    field="wall.velocity_filter",
+                    wanted="none: only the experiments sweep and zwidth know a filter",
+                    advice="haptic-wall run renders it",
                 )
             function(Asked(loaded, file_of(config), out, yes, force, as_json_wanted), **own)
 

@@ -83,6 +83,7 @@ _MOST_STEPS = 1000
         " command continues an interrupted sweep of the same settings in DIR."
     ),
     of_walls=True,
+    filters=True,
 )
 def command(
     asked: Asked,

@@ -144,6 +144,8 @@ def _wall(guard: Mapping[str, Any] | None) -> list[str]:
 def _limits(guard: Mapping[str, Any] | None) -> Iterator[str]:
     if not guard:
         return
+    if filtered := guard.get("velocity_filter"):
+        yield from entry("filter", f"{filter_text(filtered)}, of the velocity that damps")
     limits = [
         f"{name} {number(value)}" + ("*" if name == guard["binding"] else "")
         for name, value in guard["limit"].items()
@@ -212,6 +214,12 @@ def _delay(report: Mapping[str, Any]) -> Iterator[str]:
         yield from entry(
             "interval", f"{milli(interval)} ms counted as the period: ticks or replies were late"
         )
+
+
+def filter_text(filtered: Mapping[str, Any]) -> str:
+    """Describe a filter of the velocity, as a report has it."""
+    kind = {"lowpass": "low-pass", "notch": "notch"}[filtered["kind"]]
+    return f"{kind} at {number(filtered['frequency_hz'])} Hz, quality {number(filtered['q'])}"
 
 
 def _realtime(settings: list[Mapping[str, Any]]) -> Iterator[str]:

@@ -57,6 +57,7 @@ _MOST_SAMPLES = 30
         " The command continues an interrupted call of the same settings in DIR."
     ),
     of_walls=True,
+    filters=True,
 )
 def command(
     asked: Asked,

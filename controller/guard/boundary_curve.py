@@ -23,6 +23,7 @@ from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.chain import Chain, one_mass, two_masses
 from haptic_wall.controller.theory.chain_contact import one_sided_limits
 from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 WallSide = Literal["one", "both"]
 
@@ -60,17 +61,21 @@ class Question:
     load: Load | None = None
     """A load on a transmission; then nothing else may be uncertain, and the servo's inertia and
     friction are those of the motor's side"""
+    velocity_filter: VelocityFilter | None = None
+    """Of the velocity that damps; only for two-sided walls"""
 
     @property
     def request(self) -> Request:
         """Return the wall to evaluate; its stiffness has no effect on the limits."""
         side: Side = "both" if self.side == "both" else "above"
-        return Request(0.0, 0.0, side, self.velocity_samples)
+        return Request(0.0, 0.0, side, self.velocity_samples, velocity_filter=self.velocity_filter)
 
     @property
     def is_exact(self) -> bool:
-        """Whether everything is known of a servo with a load: no margin is needed."""
-        return self.load is not None
+        """Whether everything is known of a servo with a load or a filter: no margin is needed."""
+        filtered = self.velocity_filter is not None
+        belief = self.situation.belief
+        return self.load is not None or (filtered and belief.is_known and not belief.is_flexible)
 
     def plants(self, count: int) -> Plants:
         """Return the least safe corner of the belief, ``count`` times."""
@@ -114,33 +119,35 @@ def curve(question: Question, virtual_damping: Sequence[float] | FloatArray) -> 
     p = question.plants(damping.size)
     n = question.velocity_samples
     request = question.request
-    if not question.situation.belief.is_flexible:
+    filtered = question.velocity_filter
+    if not question.situation.belief.is_flexible and filtered is None:
         request = replace(request, side="above")  # with a load the limit differs between the sides
     wall = Evaluation(request, EVERY_DAMPING, question.situation, p, exact=True, asked=damping)
     found = evaluate(wall)
-    passive = PASSIVE.stiffness(wall)
+    passive = np.full(damping.size, np.nan) if filtered else PASSIVE.stiffness(wall)
     chain, shape = one_mass(p.inertia, p.damping)
-    at = chain_boundary(chain, shape, p.gain * damping, p.period, p.delay, n)
+    at = chain_boundary(chain, shape, p.gain * damping, p.period, p.delay, n, filtered)
     return Curve(damping, found, passive, at.frequency)
 
 
 def _exact_curve(question: Question, damping: FloatArray) -> Curve:
-    """Compute ``curve`` with a load on a transmission; it has no passive limit."""
+    """Compute ``curve`` with a load on a transmission or a filter; it has no passive limit."""
     p, n = question.plants(damping.size), question.velocity_samples
     acting = p.gain * damping
     top = np.full(damping.size, ceiling(question))
     rigid = top if question.load is None else np.full_like(top, np.inf)
     chain, shape = _chain(question, p)
-    loop = (acting, p.period, p.delay, n)
+    loop = (acting, p.period, p.delay, n, question.velocity_filter)
     exact = chain_boundary(chain, shape, *loop)
     limits = {
         "linear": linear_limit(p.damping, acting, p.period, p.delay, n) / p.gain,
         "exact": exact.stiffness / p.gain,
     }
-    one = np.zeros(1, dtype=np.int64)
-    period, delay = float(p.period[0]), float(p.delay[0])
-    one_sided = one_sided_limits(chain.take(one), period, delay, exact.stiffness, acting, n)
-    limits["one_sided"] = one_sided / p.gain
+    if question.velocity_filter is None:
+        one = np.zeros(1, dtype=np.int64)
+        period, delay = float(p.period[0]), float(p.delay[0])
+        one_sided = one_sided_limits(chain.take(one), period, delay, exact.stiffness, acting, n)
+        limits["one_sided"] = one_sided / p.gain
     asked = (question.request, EVERY_DAMPING, question.situation)
     if question.situation.position_step > 0:
         limits["quantisation"] = quantisation_limit(*asked, damping, p.period, rigid)
@@ -165,16 +172,17 @@ def ceiling(question: Question) -> float:
     if not question.is_exact:
         at = Evaluation(question.request, EVERY_DAMPING, question.situation, p)
         return float(at.ceiling[0])
-    top = chain_ceiling(*_chain(question, p), p.period, p.delay, n)
+    top = chain_ceiling(*_chain(question, p), p.period, p.delay, n, question.velocity_filter)
     return float((top / p.gain)[0])
 
 
 def highest(question: Question) -> dict[str, float]:
     """Return the highest stiffness at which any virtual damping makes a two-sided wall stable."""
     p, n = question.plants(1), question.velocity_samples
-    if question.situation.belief.is_flexible and not question.is_exact:
+    believed = question.situation.belief.is_flexible or question.velocity_filter is not None
+    if believed and not question.is_exact:
         return _believed_peak(question)
-    top = chain_peak(_chain(question, p)[0], p.period, p.delay, n)
+    top = chain_peak(_chain(question, p)[0], p.period, p.delay, n, question.velocity_filter)
     return {
         "stiffness": float((top.stiffness / p.gain)[0]),
         "virtual_damping": float((top.virtual_damping / p.gain)[0]),
@@ -183,7 +191,7 @@ def highest(question: Question) -> dict[str, float]:
 
 
 def _believed_peak(question: Question) -> dict[str, float]:
-    """Return the highest point of a belief with a load, of a grid of dampings."""
+    """Return the highest point of a belief with a load or a filter, of a grid of dampings."""
     two_sided = replace(question, side="both")
     found = curve(two_sided, np.linspace(0.0, 1.0, _PEAK_POINTS)[:-1] * ceiling(question))
     limits = found.found.limits

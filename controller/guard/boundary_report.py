@@ -16,7 +16,7 @@ from haptic_wall.controller.guard.boundary_curve import (
     curve,
     highest,
 )
-from haptic_wall.controller.guard.decision_report import finite
+from haptic_wall.controller.guard.decision_report import filter_report, finite
 from haptic_wall.controller.guard.design import Change, Improvement, Wall, improvements
 from haptic_wall.controller.guard.limits import smallest
 
@@ -73,6 +73,7 @@ def _settings(question: Question) -> dict[str, Any]:
         **{name: {"low": each.low, "high": each.high} for name, each in names.items()},
         "period": situation.period,
         "velocity_samples": question.velocity_samples,
+        "velocity_filter": filter_report(question.velocity_filter, situation.period),
         **flexible,
     }
 

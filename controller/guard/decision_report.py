@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 from haptic_wall.controller.guard.reasons import sentences
 from haptic_wall.controller.guard.types import Decision
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 
 def decision_report(
@@ -36,9 +38,23 @@ def decision_report(
         "reasons": [*sentences(decision.reasons, now), *further],
         "only_friction": decision.only_friction,
         "interval_s": decision.period,
+        "velocity_filter": filter_report(decision.request.velocity_filter, decision.period),
     }
 
 
 def finite(value: float) -> float | None:
     """Return a value for a report: None for infinity."""
     return value if math.isfinite(value) else None
+
+
+def filter_report(velocity_filter: VelocityFilter | None, period: float) -> dict[str, Any] | None:
+    """Return a filter of the velocity for a report; None: there is none.
+
+    Args:
+        velocity_filter: The filter.
+        period: Period that is counted: a longer one makes the filter slower [s].
+    """
+    if velocity_filter is None:
+        return None
+    hertz = velocity_filter.w0 / (math.tau * period)
+    return {"kind": velocity_filter.kind, "frequency_hz": hertz, "q": velocity_filter.q}

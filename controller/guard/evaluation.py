@@ -68,7 +68,7 @@ class Evaluation:
         self._simulated = exact
         self._asked = asked
         self._key = (
-            (request.side, request.velocity_samples),
+            (request.side, request.velocity_samples, request.velocity_filter),
             (situation.belief, situation.period, situation.inserted, situation.served),
             *(getattr(corners, field.name).tobytes() for field in fields(corners)),
         )
@@ -100,6 +100,7 @@ class Evaluation:
             p.delay,
             self.request.velocity_samples,
             self.situation.inserted,
+            self.request.velocity_filter,
             self.situation.served,
             self.work,
         )
@@ -223,12 +224,13 @@ def count_torque(request: Request, situation: Situation, period: FloatArray) -> 
     """Return the torque of one encoder count through a damping of 1 N·m·s/rad [N·m].
 
     Args:
-        request: The wall: its velocity samples.
+        request: The wall: its velocity samples, and its filter.
         situation: The encoder step, and the shortest interval between samples.
         period: Period of each plant [s].
     """
-    samples_s = request.velocity_samples * np.minimum(period, situation.sampled)
-    found: FloatArray = situation.position_step / samples_s
+    n, filtered = request.velocity_samples, request.velocity_filter
+    peak = 1.0 if filtered is None else filtered.peak(n)
+    found: FloatArray = peak * situation.position_step / (n * np.minimum(period, situation.sampled))
     return found
 
 
@@ -246,7 +248,7 @@ def encoder_damping(
     0.34 counts rms of noise before the rounding (0.03° at 4096 counts: data sheet of the AS5045).
 
     Args:
-        request: The wall: its velocity samples.
+        request: The wall: its velocity samples, and its filter.
         settings: The fraction of the torque limit.
         situation: The torque limit and the encoder step.
         period: Period of each plant [s].
@@ -319,7 +321,7 @@ def _critical(plants: Plants, request: Request, acting: FloatArray) -> FloatArra
     """Return the critical stiffness of rigid servos at an acting damping, in acting units."""
     loop = (acting, plants.period, plants.delay, request.velocity_samples)
     servo = one_mass(plants.inertia, plants.damping)
-    found = chain_boundary(*servo, *loop).stiffness
+    found = chain_boundary(*servo, *loop, request.velocity_filter).stiffness
     bounded: FloatArray = np.minimum(found, UNBOUND)
     return bounded
 
@@ -327,4 +329,4 @@ def _critical(plants: Plants, request: Request, acting: FloatArray) -> FloatArra
 def _ceiling(plants: Plants, request: Request) -> FloatArray:
     """Return the damping above which no rigid servo is stable, in acting units."""
     loop = (plants.period, plants.delay, request.velocity_samples)
-    return chain_ceiling(*one_mass(plants.inertia, plants.damping), *loop)
+    return chain_ceiling(*one_mass(plants.inertia, plants.damping), *loop, request.velocity_filter)

@@ -21,6 +21,7 @@ from haptic_wall.controller.guard.belief import HEAVIEST, LIGHTEST, Belief
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.flexible_scan import FlexibleScan, Servos
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 WITHIN = 0.96
 """Fraction of the least value over the grid that the guard uses"""
@@ -40,11 +41,15 @@ _SLOW = 0.8
 """Cycles per period up to which a faster vibration bounds less"""
 _SLOWER = 0.93
 """Fraction of a frequency down to which a coarse grid of delays counts it"""
+_NOTCH = 0.25
+"""Largest relative step of the interval, in widths of a notch"""
 _STOPPED, _STEPS = 3.0, 1.4
 """Frequency below which frequencies follow each other by a ratio, over that at which friction stops
 the servo; the ratio"""
 _MOTORS = 1.6
 """Largest ratio of two motor inertias of the grid"""
+_BESIDE = np.linspace(-2.0, 2.0, 17)
+"""Frequencies beside that of a notch, in widths of it"""
 _CONTACT, _RETURNED = (0.1, 0.15, 0.3, 0.5), (0.96, 0.87, 0.6, 0.47)
 """Frequency of a contact over the vibration's, and the share of the limit that returns no more"""
 _UNBOUND = 1e12
@@ -60,6 +65,7 @@ def flexible_ceiling(
     delay: FloatArray,
     samples: int,
     inserted: float = 0.0,
+    velocity_filter: VelocityFilter | None = None,
     served: tuple[float, float] = (1.0, 1.0),
     work: Work | None = None,
 ) -> FloatArray:
@@ -71,6 +77,7 @@ def flexible_ceiling(
         delay: Total, of each plant, at the longest [s].
         samples: Samples of the velocity difference.
         inserted: The part of it that is neither the sample's age nor the device's own lag [s].
+        velocity_filter: Filter of the velocity that damps; None: none.
         served: Shortest and longest interval that may take the place of a period, over it.
         work: What was computed before for the same asker.
 
@@ -79,22 +86,25 @@ def flexible_ceiling(
     """
     work = Work() if work is None else work
     gain = belief.torque_gain.high
+    every = _is_notch(velocity_filter)
 
     def ceiling(at: _Interval, knot: Knot) -> float:
-        loop = (at.belief, at.period, knot, samples)
+        loop = (at.belief, at.period, knot, samples, velocity_filter)
         return work.once(("ceiling", *loop), lambda: float(_scan(work, *loop).ceilings().min()))
 
     for t in np.unique(period).tolist():
         late = delay[period == t].tolist()
-        for at in _intervals(work, belief, t, served):
-            grids = (knots(at.belief, at.period, at.longer * t_d, inserted, work) for t_d in late)
+        for at in _intervals(work, belief, t, served, velocity_filter):
+            grids = (
+                knots(at.belief, at.period, at.longer * t_d, inserted, every, work) for t_d in late
+            )
             needed = dict.fromkeys(knot for grid in grids for knot in grid)
-            _scan_together(work, at.belief, at.period, [*needed], samples)
+            _scan_together(work, at.belief, at.period, [*needed], samples, velocity_filter)
     found = [
         min(
             ceiling(at, knot)
-            for at in _intervals(work, belief, t, served)
-            for knot in knots(at.belief, at.period, at.longer * t_d, inserted, work)
+            for at in _intervals(work, belief, t, served, velocity_filter)
+            for knot in knots(at.belief, at.period, at.longer * t_d, inserted, every, work)
         )
         / gain
         for t, t_d in zip(period.tolist(), delay.tolist(), strict=True)
@@ -109,6 +119,7 @@ def flexible_limit(
     damping: FloatArray,
     samples: int,
     inserted: float = 0.0,
+    velocity_filter: VelocityFilter | None = None,
     served: tuple[float, float] = (1.0, 1.0),
     work: Work | None = None,
 ) -> FloatArray:
@@ -118,13 +129,14 @@ def flexible_limit(
     [N·m·s/rad]. The result is in commanded units [N·m/rad].
     """
     work = Work() if work is None else work
+    every = _is_notch(velocity_filter)
     found = []
     for t, t_d, b in zip(period.tolist(), delay.tolist(), damping.tolist(), strict=True):
         least = _UNBOUND
-        for at in _intervals(work, belief, t, served):
+        for at in _intervals(work, belief, t, served, velocity_filter):
             late = at.longer * t_d
-            grid = knots(at.belief, at.period, late, inserted, work)
-            limit = _limit(work, at.belief, at.period, grid, late, b, samples)
+            grid = knots(at.belief, at.period, late, inserted, every, work)
+            limit = _limit(work, at.belief, at.period, grid, late, b, samples, velocity_filter)
             least = min(least, limit)
         found.append(least)
     return np.minimum(WITHIN * np.array(found), _UNBOUND)
@@ -205,8 +217,9 @@ def _intervals(
     belief: Belief,
     period: float,
     served: tuple[float, float],
+    velocity_filter: VelocityFilter | None,
 ) -> list[_Interval]:
-    asked = (belief, period, served)
+    asked = (belief, period, served, velocity_filter)
     return work.once(("intervals", *asked), lambda: _all_intervals(*asked))
 
 
@@ -214,6 +227,7 @@ def _all_intervals(
     belief: Belief,
     period: float,
     served: tuple[float, float],
+    velocity_filter: VelocityFilter | None,
 ) -> list[_Interval]:
     """Return the intervals that stand for all from ``served[0]`` to ``served[1]`` periods.
 
@@ -231,6 +245,9 @@ def _all_intervals(
     end = min(high, low + _CYCLES / hz.low)
     even = math.ceil(math.tau * hz.high * (end - low) / _step(hz.high, high))
     ratios = math.ceil(math.log(end / low) / -math.log(_SLOWER))
+    if velocity_filter is not None:
+        # a filter is slower by the interval, and a notch then lies elsewhere
+        even = max(even, math.ceil(velocity_filter.q * math.log(end / low) / _NOTCH))
     if even <= ratios:
         found = [_Interval(t, belief, 1.0) for t in np.linspace(low, end, even + 1).tolist()]
     else:
@@ -266,6 +283,10 @@ class Knot(NamedTuple):
     """[Hz]"""
 
 
+def _is_notch(velocity_filter: VelocityFilter | None) -> bool:
+    return velocity_filter is not None and velocity_filter.kind == "notch"
+
+
 def _limit(
     work: Work,
     belief: Belief,
@@ -274,14 +295,16 @@ def _limit(
     delay: float,
     damping: float,
     samples: int,
+    velocity_filter: VelocityFilter | None,
 ) -> float:
     *shorter, below, above = grid
-    at = [_limit_at(work, belief, period, knot, damping, samples) for knot in shorter]
+    loop = (samples, velocity_filter)
+    at = [_limit_at(work, belief, period, knot, damping, *loop) for knot in shorter]
     for knot in (below, above):
         scale = (0.5 * period + knot.delay) / (0.5 * period + delay)
         if _is_quick(belief, period):
             scale = min(scale, 1.0)
-        at.append(scale * _limit_at(work, belief, period, knot, damping, samples))
+        at.append(scale * _limit_at(work, belief, period, knot, damping, *loop))
     return min(at)
 
 
@@ -292,8 +315,9 @@ def _limit_at(
     knot: Knot,
     damping: float,
     samples: int,
+    velocity_filter: VelocityFilter | None,
 ) -> float:
-    loop = (belief, period, knot, samples)
+    loop = (belief, period, knot, samples, velocity_filter)
     gains = {belief.torque_gain.low, belief.torque_gain.high}
 
     def least() -> float:
@@ -319,16 +343,18 @@ def knots(
     period: float,
     delay: float,
     inserted: float,
+    every: bool = False,
     work: Work | None = None,
 ) -> list[Knot]:
     """Return the grid from below the shortest possible delay to above ``delay`` [s].
 
     Delays a cycle of the slowest vibration ago are left out: the phases were the same then, and the
-    delay of the stiffness was shorter.
+    delay of the stiffness was shorter. With ``every`` all believed frequencies are counted at each
+    delay: a notch lets a faster vibration pass where it stops a slower one.
     """
     hz = belief.flexible_hz
     most = _QUARTER if _is_quick(belief, period) else math.inf
-    asked = (hz.low, hz.high, period, delay, most)
+    asked = (hz.low, hz.high, period, delay, every, most)
     work = Work() if work is None else work
     grid = work.once(("delays", *asked), lambda: _delays(*asked))
     shortest = min(inserted + belief.delay.low, delay)
@@ -338,7 +364,9 @@ def knots(
     return grid[first:]
 
 
-def _delays(low: float, high: float, period: float, longest: float, most: float) -> list[Knot]:
+def _delays(
+    low: float, high: float, period: float, longest: float, every: bool, most: float
+) -> list[Knot]:
     """Return the grid from 0 to above ``longest`` [s], of vibrations ``low`` to ``high`` [Hz].
 
     Where the frequencies span more than a cycle of the phase, or the delay is more than one, delays
@@ -346,6 +374,9 @@ def _delays(low: float, high: float, period: float, longest: float, most: float)
     after the longer one at a frequency that is lower by the ratio: so the frequencies are
     widened downward by it. ``most`` is the longest step [periods].
     """
+    if every:
+        step = _step(high, period) / (math.tau * high)
+        return [Knot(k * step, low, high) for k in range(math.floor(longest / step + 1e-9) + 2)]
     found = [Knot(0.0, *_counted(low, high, period, 0.0))]
     while found[-1].delay <= longest + 1e-12:
         last = found[-1]
@@ -382,8 +413,9 @@ def _scan(
     period: float,
     knot: Knot,
     samples: int,
+    velocity_filter: VelocityFilter | None,
 ) -> FlexibleScan:
-    asked = (belief, period, knot, samples)
+    asked = (belief, period, knot, samples, velocity_filter)
     return work.once(("scan", *asked), lambda: _scans(belief, period, [knot], *asked[3:])[0])
 
 
@@ -393,13 +425,15 @@ def _scan_together(
     period: float,
     grid: list[Knot],
     samples: int,
+    velocity_filter: VelocityFilter | None,
 ) -> None:
     """Compute the scans of many delays at once: most have few servos."""
-    new = [each for each in grid if not work.knows(("ceiling", belief, period, each, samples))]
+    loop = (samples, velocity_filter)
+    new = [each for each in grid if not work.knows(("ceiling", belief, period, each, *loop))]
     for start in range(0, len(new), _TOGETHER):
         part = new[start : start + _TOGETHER]
-        for knot, scan in zip(part, _scans(belief, period, part, samples), strict=True):
-            work.keep(("scan", belief, period, knot, samples), scan)
+        for knot, scan in zip(part, _scans(belief, period, part, *loop), strict=True):
+            work.keep(("scan", belief, period, knot, *loop), scan)
 
 
 def _scans(
@@ -407,12 +441,15 @@ def _scans(
     period: float,
     grid: list[Knot],
     samples: int,
+    velocity_filter: VelocityFilter | None,
 ) -> list[FlexibleScan]:
-    groups = [_servos(belief, period, knot) for knot in grid]
-    return FlexibleScan.of(groups, period, samples, belief.encoder)
+    groups = [_servos(belief, period, knot, velocity_filter) for knot in grid]
+    return FlexibleScan.of(groups, period, samples, belief.encoder, velocity_filter)
 
 
-def _servos(belief: Belief, period: float, knot: Knot) -> Servos:
+def _servos(
+    belief: Belief, period: float, knot: Knot, velocity_filter: VelocityFilter | None
+) -> Servos:
     """Return the servos that stand for the belief at a delay."""
     phase = math.tau * (knot.high - knot.low) * (knot.delay + period)
     count = 2 + math.ceil(phase / _step(knot.high, period)) if phase > 0.0 else 1
@@ -425,6 +462,10 @@ def _servos(belief: Belief, period: float, knot: Knot) -> Servos:
     # in cycles per period: a vibration just there takes half the damping of those beside it
     halves = _halves(belief.flexible_hz.high * period) / period
     rates = np.unique([*rates, *halves[halves > knot.low]])
+    if velocity_filter is not None and _is_notch(velocity_filter):
+        middle = velocity_filter.w0 / (math.tau * period)
+        near = middle * (1.0 + _BESIDE / velocity_filter.q)
+        rates = np.unique([*rates, *near[(near > knot.low) & (near < knot.high)]])
     ratios = np.unique([belief.flexible_damping_ratio.low, belief.flexible_damping_ratio.high])
     wholes, loads = _bodies(belief)
     every = np.meshgrid(ratios, math.tau * rates, np.arange(wholes.size), indexing="ij")

@@ -233,6 +233,7 @@ class Flexible:
             at.damping,
             request.velocity_samples,
             situation.inserted,
+            request.velocity_filter,
             situation.served,
             at.work,
         )

@@ -9,6 +9,7 @@ from typing import Literal
 
 from haptic_wall.controller.guard.belief import Belief
 from haptic_wall.controller.laws.wall import Side
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,10 +46,15 @@ class Request:
     """The law has one slope wherever it is in contact"""
     resolved: float = math.inf
     """K up to which the encoder resolves the law [N·m/rad]"""
+    velocity_filter: VelocityFilter | None = None
+    """Filter of the velocity that damps; only of a two-sided wall, and not in mode
+    ``passive``"""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.stiffness) and self.stiffness >= 0):
             raise ValueError(f"stiffness must be finite and >= 0, got {self.stiffness:g}")
+        if self.velocity_filter is not None and self.side != "both":
+            raise ValueError("the limits of a one-sided wall with a velocity filter are not known")
         if not math.isfinite(self.damping):
             raise ValueError(f"damping must be finite, got {self.damping:g}")
 

@@ -70,6 +70,30 @@ class SampleDifference:
         return (position - oldest) / ((self._index - index) * self._period)
 
 
+class Biquad:
+    """Filters the velocity that damps, by ``y = b0 v + b1 v' + b2 v'' - a1 y' - a2 y''``.
+
+    A tick is a step, however long: a slower loop has a slower filter, as the guard assumes.
+
+    Args:
+        taps: b0, b1, b2, a1, a2; see ``theory.velocity_filter``.
+    """
+
+    __slots__ = ("_first", "_second", "_taps")
+
+    def __init__(self, taps: tuple[float, float, float, float, float]) -> None:
+        self._taps = taps
+        self._first = self._second = 0.0
+
+    def update(self, velocity: float) -> float:
+        """Return the filtered velocity [rad/s]; call once for each new sample."""
+        b0, b1, b2, a1, a2 = self._taps
+        found = b0 * velocity + self._first
+        self._first = b1 * velocity - a1 * found + self._second
+        self._second = b2 * velocity - a2 * found
+        return found
+
+
 def velocity_estimator(period: float, samples: int) -> VelocityEstimator:
     """Return the estimator over ``samples`` periods [1] of ``period`` [s]."""
     return BackwardDifference(period) if samples == 1 else SampleDifference(period, samples)

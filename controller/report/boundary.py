@@ -50,7 +50,7 @@ def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> N
         ax.set_xlim(min(1.02 * lowest, -0.01 * top), 1.02 * top)
         ax.set_ylim(0.0, 1.25 * peak)
         ax.set_ylabel(style.STIFFNESS)
-        ax.set_title(_title(question), fontsize=8.5, loc="left")
+        ax.set_title(_title(question, found), fontsize=8.5, loc="left")
         ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
         if not question.is_exact and -lowest < _SMALL * top:
             _origin(ax, question, lowest, found)
@@ -121,7 +121,7 @@ def _origin(ax: Axes, question: Question, lowest: float, found: Mapping[str, Any
     style.grid(inset)
 
 
-def _title(question: Question) -> str:
+def _title(question: Question, found: Mapping[str, Any]) -> str:
     p = question.plants(1)
     period = question.situation.period
     delay = float(p.delay[0])
@@ -132,6 +132,8 @@ def _title(question: Question) -> str:
         if load
         else ""
     )
+    if filtered := found["settings"]["velocity_filter"]:
+        behind += f",  velocity through a {filtered['kind']} at {filtered['frequency_hz']:.4g} Hz"
     return (
         f"$m$ = {float(p.inertia[0]):.4g} kg·m²,  $b$ = {float(p.damping[0]):.4g} N·m·s/rad,  "
         f"$T$ = {1e3 * period:.4g} ms,  $t_d$ = {1e3 * delay:.4g} ms ({delay / period:.3g} $T$)"

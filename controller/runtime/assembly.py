@@ -27,7 +27,7 @@ from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.engagement import REST_S, EngageLimits, Engagement, engage_torque
 from haptic_wall.controller.laws.passivity_control import PassivityControl
 from haptic_wall.controller.laws.program import Phase, Program
-from haptic_wall.controller.laws.velocity import velocity_estimator
+from haptic_wall.controller.laws.velocity import Biquad, velocity_estimator
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.runtime.changeover import ChangeLimits, Changeover
 from haptic_wall.controller.runtime.gains import Gains
@@ -265,6 +265,7 @@ def assembled(
     fastest, driven = speed_limits(safety.max_speed, servo.facts, real)
     if not (law.guarded or real):
         driven = math.inf  # a program may drive a simulated shaft
+    filtered = config.velocity_filter()
     gains = Gains(schedule, law, max(1, round(RAMP_S / period)))
     rest_torque = engage_torque(safety.engage_torque, servo.facts.stall_torque)
     return Tick(
@@ -276,6 +277,7 @@ def assembled(
             velocity_estimator(period, wall.velocity_samples),
             period_ns,
             pipelined=is_pipelined(config.servo.schedule, servo.bus, period),
+            velocity_filter=None if filtered is None else Biquad(filtered.taps()),
         ),
         gains=gains,
         ring=DelayRing(config.delay.steps),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Literal
 
-from haptic_wall.controller.laws.velocity import VelocityEstimator
+from haptic_wall.controller.laws.velocity import Biquad, VelocityEstimator
 from haptic_wall.hw.servo import Bus, Outcome, Reading, Servo
 from haptic_wall.hw.settings import Schedule
 
@@ -51,11 +51,13 @@ class Sampler:
         period_ns: The sampling period [ns].
         pipelined: Requests are sent at the end of the period before; else in the period of the
             sample.
+        velocity_filter: Filter of the velocity that damps; None: none.
 
     Attributes:
         outcome: Outcome of the last request.
         position: The last known position [rad]; NaN: none is known yet.
         velocity: Estimated velocity [rad/s]; 0 after a reading that failed.
+        damped: Velocity that the law's damping acts on: filtered if the wall has a filter.
         sampled_ns: When ``position`` was sampled [ns]; None: none is known yet.
         measured_torque: Torque in the last reply [N·m]; NaN: the servo measures none.
         first: Whether the last sample was the first good one.
@@ -64,11 +66,13 @@ class Sampler:
     __slots__ = (
         "_collect_ns",
         "_estimator",
+        "_filter",
         "_other_collect_ns",
         "_period_ns",
         "_pipelined",
         "_served_ns",
         "_servo",
+        "damped",
         "first",
         "measured_torque",
         "outcome",
@@ -84,9 +88,11 @@ class Sampler:
         period_ns: int,
         *,
         pipelined: bool,
+        velocity_filter: Biquad | None = None,
     ) -> None:
         self._servo = servo
         self._estimator = velocity
+        self._filter = velocity_filter
         self._period_ns = period_ns
         self._pipelined = pipelined
         self._collect_ns = int(COLLECT_SHARE * period_ns)
@@ -94,7 +100,7 @@ class Sampler:
         self._served_ns = 0  # wake-up of the last tick with a reading; 0: none
         self.outcome = _OK
         self.position = math.nan
-        self.velocity = 0.0
+        self.velocity = self.damped = 0.0
         self.sampled_ns: int | None = None
         self.measured_torque = math.nan
         self.first = False
@@ -131,7 +137,7 @@ class Sampler:
             return reading
         if outcome is not _OK:
             # The last position again, so dx = 0. Before the first good reading the torque is zero.
-            self.velocity = 0.0
+            self.velocity = self.damped = 0.0
             if self._pipelined and outcome is Outcome.LOST:
                 self._collect_ns, self._other_collect_ns = self._other_collect_ns, self._collect_ns
             return reading
@@ -150,6 +156,7 @@ class Sampler:
             periods = 1.0
         velocity = self._estimator.update(position, periods)
         self.velocity = velocity
+        self.damped = velocity if self._filter is None else self._filter.update(velocity)
         return reading
 
     def interval_ns(self, woke_ns: int) -> int:

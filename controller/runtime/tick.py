@@ -180,7 +180,7 @@ class Tick:
             watch.passed(1 + missed)
             if outcome is _OK:
                 self._follow_motion(position, sampled_ns, contact)
-            wall_torque = law.torque(position, sampler.velocity)
+            wall_torque = law.torque(position, sampler.damped)
         if contact:
             flags |= FLAG_CONTACT
         torque = self.ring.push(wall_torque, 1 + missed)
@@ -319,7 +319,7 @@ class Tick:
             steps=change.steps,
         )
         obstacle = changeover.obstacle(
-            self.law, self.ring, target, sampler.position, sampler.velocity
+            self.law, self.ring, target, sampler.position, sampler.damped
         )
         falls = allowed.stiffness < gains.stiffness
         if obstacle is not Obstacle.NONE and falls and not change.moved:
@@ -331,7 +331,7 @@ class Tick:
         law, ring, position = self.law, self.ring, self.sampler.position
         before = law.position
         if change.steps != ring.steps:
-            coming = law.torque(position, self.sampler.velocity) if self._on else 0.0
+            coming = law.torque(position, self.sampler.damped) if self._on else 0.0
             ring = ring.resized(change.steps, self._row.wall_torque, coming)
         if change.law is not None:
             adopt(change.law, law)

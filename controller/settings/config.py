@@ -252,6 +252,7 @@ class Config(Sections):
                 wall.damping,
                 wall.side,
                 wall.velocity_samples,
+                velocity_filter=self.velocity_filter(),
             )
         facts = self._of_law(facts_of, step)
         own = facts.own_stiffness

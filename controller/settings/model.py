@@ -163,6 +163,21 @@ class _Rendered(Section):
     velocity_samples: Whole = setting(
         1, "Samples over which the velocity is a difference; 1: backward difference", ge=1, le=64
     )
+    velocity_filter: Literal["none", "lowpass", "notch"] = setting(
+        "none",
+        "Filter of second order of the velocity that damps: lowpass or notch (both for two-sided "
+        "walls; the guard counts their delay)",
+    )
+    velocity_hz: Positive = setting(
+        100.0, "Corner of the low-pass, or middle of the notch; below half the rate", "Hz"
+    )
+    velocity_q: float = setting(
+        0.7,
+        "Quality of the filter: gain of the low-pass at its corner, or middle of the notch over "
+        "its width",
+        ge=0.1,
+        le=20.0,
+    )
     passivity_control: bool = setting(
         False, "Add damping when the wall has given more energy than it took"
     )

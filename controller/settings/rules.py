@@ -33,6 +33,13 @@ class BrokenRulesError(ValueError):
         self.problems = problems
 
 
+MOST_OF_RATE = 0.45
+"""Highest frequency of a filter of the velocity, as a fraction of the rate"""
+MOST_LOWPASS_Q = 0.7072
+"""Quality of a low-pass of the velocity above which its gain exceeds 1"""
+WIDEST_NOTCHED_HZ = 60.0
+"""Widest range of a vibration's believed frequency with a notch [Hz]; the start already takes
+seconds"""
 _RULES: list[Rule] = []
 _MOST_PERIODS = 5000
 """Longest delay [periods]; the theory counts contacts up to 10,000 late"""
@@ -489,3 +496,62 @@ def _spinning_leaves_time_to_sleep(config: Sections) -> Iterator[Problem]:
             f"{config.loop.rate_hz:g}): Linux halts a real-time process that never "
             "sleeps for 50 ms of every second",
         )
+
+
+_FILTER = ("wall.velocity_filter", "wall.velocity_hz", "wall.velocity_q", "loop.rate_hz")
+
+
+@_rule
+def _filter_is_below_half_the_rate(config: Sections) -> Iterator[Problem]:
+    wall, rate = config.wall, config.loop.rate_hz
+    if wall.velocity_filter == "none":
+        return
+    if not wall.velocity_hz < MOST_OF_RATE * rate:
+        yield Problem(
+            f"found {wall.velocity_hz:g} Hz",
+            wanted=f"less than {MOST_OF_RATE * rate:g} Hz, which is {MOST_OF_RATE:g} of"
+            " loop.rate_hz",
+            field="wall.velocity_hz",
+        )
+    if wall.velocity_filter == "lowpass" and wall.velocity_q > MOST_LOWPASS_Q:
+        yield Problem(
+            f"found {wall.velocity_q:g}",
+            wanted=f"at most {MOST_LOWPASS_Q:g} for a low-pass: above it amplifies at its corner",
+            field="wall.velocity_q",
+        )
+
+
+@_rule
+def _filter_is_counted(config: Sections) -> Iterator[Problem]:
+    wall = config.wall
+    if wall.velocity_filter == "none":
+        return
+    lacking = {
+        "wall.law wall": wall.law != "wall",
+        "wall.side both: a one-sided wall's limit is not known with a filter": wall.side != "both",
+        "wall.passivity_control false": wall.passivity_control,
+        "guard.mode stable or off: passivity is not known with a filter": (
+            config.guard.mode == "passive"
+        ),
+        "model.backlash 0: its limit is not known with a filter": (
+            config.model.backlash is not None and config.model.backlash.high > 0.0
+        ),
+        f"model.flexible_hz known to {WIDEST_NOTCHED_HZ:g} Hz for a notch": (
+            wall.velocity_filter == "notch" and _is_widely_flexible(config)
+        ),
+    }
+    for wanted, broken in lacking.items():
+        if broken:
+            yield Problem(
+                f"found {wall.velocity_filter}", wanted=f"none, or {wanted}", field=_FILTER[0]
+            )
+            return
+
+
+def _is_widely_flexible(config: Sections) -> bool:
+    """Whether the belief has a load whose frequency is known only within a wide range."""
+    model = config.model
+    if model.load_inertia is None or model.load_inertia.high == 0.0:
+        return False
+    hz = model.flexible_hz
+    return hz is None or hz.high - hz.low > WIDEST_NOTCHED_HZ

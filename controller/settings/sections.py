@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from typing import TYPE_CHECKING
+
 from haptic_wall.controller.settings.model import (
     Delay,
     Guard,
@@ -13,6 +16,9 @@ from haptic_wall.controller.settings.model import (
     Wall,
 )
 from haptic_wall.controller.settings.servo import Servo
+
+if TYPE_CHECKING:
+    from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 
 class Sections(Section):
@@ -31,3 +37,15 @@ class Sections(Section):
     def period_s(self) -> float:
         """Return the sampling period T [s]."""
         return 1.0 / self.loop.rate_hz
+
+    def velocity_filter(self) -> VelocityFilter | None:
+        """Return the filter of the velocity that damps; None: there is none."""
+        from haptic_wall.controller.theory.velocity_filter import (
+            VelocityFilter,  # not at the top: it loads the theory's arrays
+        )
+
+        wall = self.wall
+        if wall.velocity_filter == "none":
+            return None
+        w0 = math.tau * wall.velocity_hz * self.period_s
+        return VelocityFilter(wall.velocity_filter, w0, wall.velocity_q)

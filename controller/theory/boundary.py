@@ -35,6 +35,7 @@ from haptic_wall.controller.theory.crossings import (
 )
 from haptic_wall.controller.theory.dimensionless import Settings, settings
 from haptic_wall.controller.theory.roots import golden
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 MOST_PERIODS = 10_000
 """Longest delay, in periods"""
@@ -63,6 +64,7 @@ def chain_boundary(
     period: ArrayLike,
     delay: ArrayLike,
     velocity_samples: ArrayLike = 1,
+    velocity_filter: VelocityFilter | None = None,
 ) -> CriticalPoint:
     """Return ``flexible_boundary`` of any chain; ``shape`` is that of its parameters."""
     given, (big_b, t, t_d, n) = _common(
@@ -73,12 +75,12 @@ def chain_boundary(
         velocity_samples=samples("velocity_samples", velocity_samples),
     )
     rows = _rows(chain, given, shape)
-    if _is_plain(chain):
+    if _is_plain(chain, velocity_filter):
         s = _settings(chain, rows, big_b, t, t_d, n)
         alpha, w = _unit_mass(s)
         stiffness, frequency = alpha * s.stiffness_unit, w / (2 * np.pi * t)
     else:
-        stiffness, w = _solved(chain, rows, big_b, t, t_d, n)
+        stiffness, w = _solved(chain, rows, big_b, t, t_d, n, velocity_filter)
         frequency = w / (2 * np.pi * t)
     return CriticalPoint(*(x.reshape(given)[()] for x in (stiffness, big_b.copy(), frequency)))
 
@@ -89,6 +91,7 @@ def chain_ceiling(
     period: ArrayLike,
     delay: ArrayLike,
     velocity_samples: ArrayLike = 1,
+    velocity_filter: VelocityFilter | None = None,
 ) -> FloatArray:
     """Return ``flexible_ceiling`` of any chain; ``shape`` is that of its parameters."""
     given, (t, t_d, n) = _common(
@@ -99,12 +102,12 @@ def chain_ceiling(
     )
     rows = _rows(chain, given, shape)
     unit: FloatArray = np.ones_like(t)
-    if _is_plain(chain):
+    if _is_plain(chain, velocity_filter):
         s = _settings(chain, rows, np.zeros_like(t), t, t_d, n)
         chain, rows, unit = one_mass(1.0, s.delta)[0], np.arange(t.size), s.damping_unit
         t, t_d = np.ones_like(t), s.delay
     ceiling = np.zeros(t.size)
-    for part, loops in _groups(chain, rows, t, t_d, n):
+    for part, loops in _groups(chain, rows, t, t_d, n, velocity_filter):
         ceiling[part] = unit[part] * ceilings(loops)
     result: FloatArray = ceiling.reshape(given)[()]
     return result
@@ -115,6 +118,7 @@ def chain_peak(
     period: ArrayLike,
     delay: ArrayLike,
     velocity_samples: ArrayLike = 1,
+    velocity_filter: VelocityFilter | None = None,
 ) -> CriticalPoint:
     """Return the highest critical stiffness of each chain over all virtual dampings; flat arrays.
 
@@ -126,10 +130,10 @@ def chain_peak(
     t, t_d, n = (np.broadcast_to(each, shape)[:, None] for each in loop)
 
     def found(big_b: FloatArray) -> CriticalPoint:
-        return chain_boundary(chain, (rows.size, 1), big_b, t, t_d, n)
+        return chain_boundary(chain, (rows.size, 1), big_b, t, t_d, n, velocity_filter)
 
     low = -chain.dampings.sum(axis=1)
-    high = chain_ceiling(chain, shape, *loop)
+    high = chain_ceiling(chain, shape, *loop, velocity_filter)
     tried = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, _PEAK_POINTS)
     best = np.argmax(found(tried).stiffness, axis=1)
     low = tried[rows, np.maximum(best - 1, 0)]
@@ -145,9 +149,9 @@ def _rows(chain: Chain, given: tuple[int, ...], shape: tuple[int, ...]) -> IntAr
     return np.broadcast_to(every, given).ravel()
 
 
-def _is_plain(chain: Chain) -> bool:
-    """Whether the chains are one mass whose torque follows at once."""
-    return chain.inertias.shape[1] == 1 and chain.bandwidth is None
+def _is_plain(chain: Chain, velocity_filter: VelocityFilter | None) -> bool:
+    """Whether the chains are one mass whose torque follows at once, and no velocity is filtered."""
+    return chain.inertias.shape[1] == 1 and chain.bandwidth is None and velocity_filter is None
 
 
 def _settings(
@@ -174,7 +178,7 @@ def _unit_mass(s: Settings) -> tuple[FloatArray, FloatArray]:
     w[tiny] = np.sqrt(alpha[tiny])
     chain, _ = one_mass(np.ones(some.size), s.delta[some])
     loop = (s.beta[some], np.ones(some.size), s.delay[some], s.samples[some])
-    alpha[some], w[some] = _solved(chain, np.arange(some.size), *loop)
+    alpha[some], w[some] = _solved(chain, np.arange(some.size), *loop, None)
     return alpha, w
 
 
@@ -185,10 +189,11 @@ def _solved(
     period: FloatArray,
     delay: FloatArray,
     velocity_samples: FloatArray,
+    velocity_filter: VelocityFilter | None,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the critical stiffness of each setting, and the frequency there [rad/sample]."""
     stiffness, w = np.zeros(rows.size), np.zeros(rows.size)
-    for part, loops in _groups(chain, rows, period, delay, velocity_samples):
+    for part, loops in _groups(chain, rows, period, delay, velocity_samples, velocity_filter):
         stiffness[part], w[part] = _first_interval(loops, virtual_damping[part])
     return stiffness, w
 
@@ -219,6 +224,7 @@ def _groups(
     period: FloatArray,
     delay: FloatArray,
     velocity_samples: FloatArray,
+    velocity_filter: VelocityFilter | None,
 ) -> Iterator[tuple[IntArray, Loops]]:
     """Yield settings of similar delays and one number of samples, as indices and loops."""
     late = delay / period
@@ -235,4 +241,4 @@ def _groups(
             own, which = np.unique(servos, axis=0, return_inverse=True)
             chains = sampled(chain.take(own[:, 0].astype(np.int64)), own[:, 1], own[:, 2])
             chains = chains.take(which.ravel())
-            yield part, Loops(chains, period[part], whole[part], int(n))
+            yield part, Loops(chains, period[part], whole[part], int(n), velocity_filter)

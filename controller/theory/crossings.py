@@ -25,6 +25,7 @@ import numpy as np
 from haptic_wall.controller.theory.chain import Sampled
 from haptic_wall.controller.theory.checks import ComplexArray, FloatArray, IntArray
 from haptic_wall.controller.theory.roots import dips, refined
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 _REAL = 1e-6
 """Least size of a difference that is more than rounding, relative"""
@@ -32,6 +33,8 @@ _PER_TURN = 24
 """Points of the grid in each turn of the delay, and of the difference"""
 _BESIDE = np.linspace(0.0, 1.0, 14)
 """Distances of points from a pole or zero: from its own distance to the circle to 1, as powers"""
+_AT_FILTER = np.geomspace(1e-5, 0.4, 40)
+"""The same from a filter's frequency, over this: on the flanks of a notch its phase turns"""
 _SLOWEST = 1e-9
 """First point of the grid, in points of equal distance"""
 _LAST = 1e-6
@@ -49,14 +52,16 @@ class Loops:
     """Whole periods of the delay"""
     samples: int
     """N of the velocity difference"""
+    velocity_filter: VelocityFilter | None = None
+    """Filter of the velocity: a factor of D"""
 
     def take(self, index: IntArray) -> Loops:
         """Return the loops at ``index``."""
         chains, period, whole = self.chains.take(index), self.period[index], self.whole[index]
-        return Loops(chains, period, whole, self.samples)
+        return Loops(chains, period, whole, self.samples, self.velocity_filter)
 
     def responses(self, w: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """Return F = -1/G and D at frequencies [rad/sample], loops × frequencies.
+        """Return F = -1/G and D, filtered, at frequencies [rad/sample], loops × frequencies.
 
         ``w`` may have fewer rows, for loops that repeat every so many: so has the difference then.
         """
@@ -65,10 +70,10 @@ class Loops:
         late = _turned((self.whole[: len(w), None] + 1.0) * w)
         times = max(self.period.size // max(len(w), 1), 1)
         if times == 1:
-            return self._inverse(half, late), self._difference(turned)
+            return self._inverse(half, late), self._difference(w, turned)
         every = np.split(np.arange(self.period.size), times)
         inverse = [self.take(part)._inverse(half, late) for part in every]
-        return np.concatenate(inverse), self.take(every[0])._difference(turned)
+        return np.concatenate(inverse), self.take(every[0])._difference(w, turned)
 
     def _inverse(self, half: ComplexArray, late: ComplexArray) -> ComplexArray:
         """Return F at frequencies of which ``half`` is exp(j w/2), turned by the delay."""
@@ -85,11 +90,11 @@ class Loops:
         found /= below
         return found
 
-    def _difference(self, turned: ComplexArray) -> ComplexArray:
-        """Return D at the frequencies w of ``turned``, exp(j N w/2)."""
+    def _difference(self, w: FloatArray, turned: ComplexArray) -> ComplexArray:
+        """Return D at the frequencies ``w``, where ``turned`` is exp(j N w/2)."""
         scale = 2j / (self.samples * self.period[:, None])
         found: ComplexArray = scale * turned.imag * turned.conj()
-        return found
+        return found if self.velocity_filter is None else found * self.velocity_filter.response(w)
 
 
 def _turned(angle: FloatArray) -> ComplexArray:
@@ -128,12 +133,14 @@ def ceilings(loops: Loops) -> FloatArray:
     def left(some: Loops, _: IntArray, w: FloatArray) -> ComplexArray:
         inverse = some.responses(w)[0]
         found: ComplexArray = inverse * -1j * _turned(0.5 * some.samples * w)
-        return found
+        filtered = some.velocity_filter
+        return found if filtered is None else found * filtered.below(w)
 
     def size(some: Loops, w: FloatArray) -> FloatArray:
         found: FloatArray = 2.0 * np.sin(0.5 * some.samples * w)
         found /= some.samples * some.period[:, None]
-        return found
+        filtered = some.velocity_filter
+        return found if filtered is None else found * filtered.above(w)
 
     return _lowest(loops, left, size, only_leaving=True).gain
 
@@ -220,6 +227,9 @@ def _grid(loops: Loops) -> FloatArray:
     chains, turns = loops.chains, int(loops.whole.max(initial=0)) + 1 + loops.samples
     even = np.linspace(0.0, np.pi, 24 + _PER_TURN * turns // 2)[1:-1]
     common = np.concatenate([even[0] * np.geomspace(_SLOWEST, 0.5, 20), even])
+    if loops.velocity_filter is not None:
+        about = loops.velocity_filter.w0 * np.concatenate([1.0 - _AT_FILTER, 1.0 + _AT_FILTER])
+        common = np.concatenate([common, about])
     moved = np.concatenate([chains.moved_poles, chains.moved_zeros()], axis=1)
     angle = np.abs(np.arctan2(moved.imag, 1.0 + moved.real))[..., None]
     off = np.abs(2.0 * moved.real + np.abs(moved) ** 2) / (1.0 + np.abs(1.0 + moved))
@@ -255,15 +265,26 @@ def poles(
 
     Complex ones are those of a wall behind a gain that lags.
     """
-    chains, samples = loops.chains, loops.samples
+    chains, samples, filtered = loops.chains, loops.samples, loops.velocity_filter
     count, order = chains.old.shape
     rows, late = np.arange(count), order + loops.whole
     torques = int(loops.whole.max(initial=0)) + 1
-    size = order + torques + samples
+    past = order + torques + samples
+    size = past if filtered is None else past + 2
     a = np.zeros((count, size, size), np.result_type(stiffness, virtual_damping))
     per_sample = 1.0 / (samples * loops.period)
     difference = np.zeros((count, size))
-    difference[:, order - 1], difference[:, size - 1] = per_sample, -per_sample
+    difference[:, order - 1], difference[:, past - 1] = per_sample, -per_sample
+    if filtered is not None:
+        # direct form: the velocity v and two states r, with y = b0 v + r1
+        b0, b1, b2, a1, a2 = filtered.taps()
+        a[:, past] = (b1 - a1 * b0) * difference
+        a[:, past, past] -= a1
+        a[:, past, past + 1] = 1.0
+        a[:, past + 1] = (b2 - a2 * b0) * difference
+        a[:, past + 1, past] -= a2
+        difference *= b0
+        difference[:, past] += 1.0
     command = -virtual_damping[:, None] * difference
     command[:, order - 1] -= stiffness
     a[:, :order, :order] = chains.step + np.eye(order)
@@ -276,6 +297,6 @@ def poles(
     shifted = np.arange(order + 1, order + torques)
     a[:, shifted, shifted - 1] = 1.0
     a[:, order + torques, order - 1] = 1.0
-    shifted = np.arange(order + torques + 1, size)
+    shifted = np.arange(order + torques + 1, past)
     a[:, shifted, shifted - 1] = 1.0
     return np.linalg.eigvals(a).astype(np.complex128)

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 from haptic_wall.controller.theory.boundary import CriticalPoint, chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.chain import two_masses
 from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 
 def flexible_boundary(
@@ -22,6 +23,7 @@ def flexible_boundary(
     *,
     encoder: str = "output",
     bandwidth: ArrayLike | None = None,
+    velocity_filter: VelocityFilter | None = None,
 ) -> CriticalPoint:
     """Return the stiffness below which a two-sided wall is stable on two masses, and the frequency.
 
@@ -40,6 +42,7 @@ def flexible_boundary(
         encoder: The side that is measured: ``output`` or ``motor``.
         bandwidth: Bandwidth of the current loop, whose torque lags by the first order > 0 [Hz];
             None: none.
+        velocity_filter: Filter of the velocity that damps; None: none.
 
     Returns:
         The boundary in the broadcast shape: the end of the stable interval that begins at 0.
@@ -56,7 +59,9 @@ def flexible_boundary(
         encoder=encoder,
         bandwidth=bandwidth,
     )
-    return chain_boundary(chain, shape, virtual_damping, period, delay, velocity_samples)
+    return chain_boundary(
+        chain, shape, virtual_damping, period, delay, velocity_samples, velocity_filter
+    )
 
 
 def flexible_ceiling(
@@ -71,6 +76,7 @@ def flexible_ceiling(
     *,
     encoder: str = "output",
     bandwidth: ArrayLike | None = None,
+    velocity_filter: VelocityFilter | None = None,
 ) -> FloatArray:
     """Return the virtual damping up to which some stiffness from 0 on is stable on two masses.
 
@@ -88,4 +94,4 @@ def flexible_ceiling(
         encoder=encoder,
         bandwidth=bandwidth,
     )
-    return chain_ceiling(chain, shape, period, delay, velocity_samples)
+    return chain_ceiling(chain, shape, period, delay, velocity_samples, velocity_filter)

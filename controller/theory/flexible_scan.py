@@ -16,9 +16,13 @@ import numpy as np
 from haptic_wall.controller.theory.chain import sampled, two_masses
 from haptic_wall.controller.theory.checks import ComplexArray, FloatArray
 from haptic_wall.controller.theory.crossings import Loops
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 _FEW, _EVEN = 64, 80
 """Frequencies of the grid: in equal ratios, and in equal steps. A coarser one gives lower limits"""
+_FLANK = np.geomspace(1e-5, 0.4, 80)
+_ABOUT = np.concatenate([1.0 - _FLANK, 1.0 + _FLANK])
+"""Frequencies about a filter's, relative to it: on the flanks of a notch its phase turns"""
 _SLOWEST = 1e-3
 """Least frequency of the grid, in periods of one delay and one sample [rad]; a slower resonance
 lowers it"""
@@ -54,6 +58,7 @@ class FlexibleScan:
         period: float,
         samples: int,
         encoder: str,
+        velocity_filter: VelocityFilter | None = None,
     ) -> list[FlexibleScan]:
         """Return the scans of several groups, computed together: most have few servos.
 
@@ -62,6 +67,7 @@ class FlexibleScan:
             period: T [s].
             samples: N of the velocity difference.
             encoder: The side that is measured: ``output`` or ``motor``.
+            velocity_filter: Filter of the velocity that damps; None: none.
         """
         every = [np.concatenate([group[i] for group in groups], axis=-1) for i in range(5)]
         sizes = [group.inertia.size for group in groups]
@@ -72,14 +78,17 @@ class FlexibleScan:
         fraction = np.broadcast_to(late - np.floor(late), shape).ravel()
         chains = sampled(chain, times, fraction)
         whole = np.floor(np.broadcast_to(late, shape).ravel()).astype(np.int64)
-        loops = Loops(chains, times, whole, samples)
+        loops = Loops(chains, times, whole, samples, velocity_filter)
         with_both = np.sqrt(stiffness * (1.0 / inertia + 1.0 / load_inertia))
         near = np.stack([with_both, np.sqrt(stiffness / load_inertia)], axis=1)
         ratios = 0.5 * (transmission_damping / stiffness)[:, None] * near
         ends = np.cumsum([0, *sizes])
         spans = [slice(*pair) for pair in itertools.pairwise(ends.tolist())]
         w = np.concatenate(
-            [_grid(near[own] * period, float(late[own][0]), ratios[own]) for own in spans]
+            [
+                _grid(near[own] * period, float(late[own][0]), velocity_filter, ratios[own])
+                for own in spans
+            ]
         )
         parts = _Parts.of(*loops.responses(w))
         ceiling, floor = parts.dampings()
@@ -134,6 +143,7 @@ class _Parts(NamedTuple):
 def _grid(
     resonances: FloatArray,
     late: float,
+    velocity_filter: VelocityFilter | None,
     ratios: FloatArray,
 ) -> FloatArray:
     """Return rising frequencies up to pi, a row for each servo [rad]."""
@@ -143,9 +153,14 @@ def _grid(
     about = np.concatenate([1.0 - beside, np.ones_like(beside[..., :1]), 1.0 + beside], axis=-1)
     near = (resonances[..., None] * about).reshape(len(resonances), -1)
     folded = np.abs((near + np.pi) % (2.0 * np.pi) - np.pi)
+    if velocity_filter is not None:
+        common = np.concatenate([common, np.minimum(velocity_filter.w0 * _ABOUT, np.pi)])
     rows = np.concatenate([np.tile(common, (len(near), 1)), folded], axis=1)
     found: FloatArray = np.sort(np.clip(rows, common[0], np.pi), axis=1)
-    return found
+    if velocity_filter is None:
+        return found
+    w0 = velocity_filter.w0  # at a notch itself no damping acts
+    return np.where(np.abs(found - w0) < 1e-7 * w0, (1.0 + 1e-6) * w0, found)
 
 
 def _least(imaginary: FloatArray, real: FloatArray) -> FloatArray:

@@ -1,5 +1,6 @@
 """``haptic-wall boundary``: the promised JSON, table and picture, and what wrong input gets."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,10 @@ from haptic_wall.controller.theory import (
     passive_limit,
     peak,
 )
+from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
+from haptic_wall.controller.theory.chain import one_mass
 from haptic_wall.controller.theory.servos import SERVOS
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from tests.cli.caller import Cli
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -165,6 +169,7 @@ LOADED = [
     *("--load-inertia", "0.003", "--transmission-stiffness", "200"),
     *("--transmission-damping", "0.0277"),
 ]
+NOTCH = ["--velocity-filter=notch", "--velocity-hz=46", "--velocity-q=0.7"]
 
 
 @pytest.mark.parametrize(
@@ -196,6 +201,11 @@ LOADED = [
         (["--encoder=motor"], "--encoder: there is no load"),
         ([*LOADED, "--inertia=0.01:0.02"], "--inertia 0.01:0.02: with a load"),
         ([*LOADED, "--damping=0", "--transmission-damping=0"], "servo and load have no damping"),
+        (["--velocity-hz=46"], "--velocity-hz: there is no filter"),
+        (["--velocity-filter=notch"], "--velocity-hz: missing"),
+        ([*NOTCH, "--velocity-hz=460"], "less than 450 Hz"),
+        ([*NOTCH, "--side=one"], "--side one, notch: the limit of a one-sided wall"),
+        ([*NOTCH, "--inertia=0.01:0.02"], "with a filter a range has no least safe corner"),
     ],
 )
 def test_wrong_input_is_exit_status_2_and_names_the_option(
@@ -251,6 +261,33 @@ def test_with_a_load_the_limits_are_those_of_two_masses(encoder: str, cli: Cli) 
     top = flexible_boundary(*servo, dampings, 1e-3, 2e-3, encoder=encoder).stiffness
     assert found["peak"]["stiffness"] >= np.max(top) * (1 - 1e-9)
     assert found["design"]["binding"] == "exact"
+
+
+@pytest.mark.parametrize("load", [LOADED, []])
+def test_a_filter_of_the_velocity_is_counted_exactly(load: list[str], cli: Cli) -> None:
+    dampings = [0.0, 0.1, 0.3]
+    found = cli.json("boundary", *LOOP, *load, *NOTCH, "--virtual-damping=0,0.1,0.3")
+    notch = VelocityFilter("notch", math.tau * 46e-3, 0.7)
+    if load:
+        servo = (0.012, 0.0117, 0.003, 200.0, 0.0277)
+        limits = flexible_boundary(*servo, dampings, 1e-3, 2e-3, velocity_filter=notch)
+        ceiling = flexible_ceiling(*servo, 1e-3, 2e-3, velocity_filter=notch)
+    else:
+        chain = one_mass(0.012, 0.0117)
+        limits = chain_boundary(*chain, dampings, 1e-3, 2e-3, 1, notch)
+        ceiling = chain_ceiling(*chain, 1e-3, 2e-3, 1, notch)
+    points = found["points"]
+    assert [point["exact"] for point in points] == pytest.approx(limits.stiffness)
+    assert [point["frequency_hz"] for point in points] == pytest.approx(limits.frequency)
+    assert [(point["one_sided"], point["passive"]) for point in points] == [(None, None)] * 3
+    assert found["max_virtual_damping"] == pytest.approx(float(ceiling))
+    assert found["peak"]["stiffness"] >= max(limits.stiffness)
+    assert found["design"]["side"] == "both"
+    told = found["settings"]["velocity_filter"]
+    assert told == {"kind": "notch", "frequency_hz": pytest.approx(46.0), "q": 0.7}
+    status, out, _ = cli("boundary", *LOOP, *load, *NOTCH, "--virtual-damping=0.1")
+    assert status == 0
+    assert "velocity through a notch at 46 Hz, quality 0.7" in out
 
 
 BELIEVED = [

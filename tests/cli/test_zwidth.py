@@ -58,7 +58,7 @@ def frictionless(
 def test_what_is_measured_is_what_theory_says(frictionless: tuple[Path, dict[str, Any]]) -> None:
     folder, report = frictionless
     labels = [width["label"] for width in report["widths"]]
-    assert labels == ["N 1", "N 3"]
+    assert labels == ["N 1", "N 3", "N 1, lowpass 100 Hz q 0.7"]
     points = [point for width in report["widths"] for point in width["measured"]]
     good = [point for point in points if point["measured"] is not None]
     assert len(good) >= 7
@@ -85,6 +85,9 @@ def test_the_curves_are_those_of_theory_and_guard(
         guard = [point["guard"] for point in width["curve"] if point["guard"] is not None]
         assert 0 < len(guard) < len(exact)
         assert all(k <= 0.8001 * e for k, e in zip(guard, exact, strict=False))
+    filtered = report["widths"][2]
+    assert all(point["guard"] is None for point in filtered["curve"])
+    assert filtered["peak"]["guard_two_sided"]["stiffness"] > 0.0
 
 
 def test_a_difference_over_more_samples_lowers_the_exact_limit(
@@ -161,6 +164,7 @@ def test_nothing_moves_without_a_measurement_and_a_real_servo_wants_a_log(
 ) -> None:
     found = cli.json("zwidth", "xm430-w350", "--measure=none", "--out", tmp_path / "real")
     assert "--log" in found["impedance"]["reason"]
+    assert "model.backlash 0" in found["widths"][-1]["reason"]
     assert found["widths"][0]["peak"]["guard"]["stiffness"] > 1.0
     assert not (tmp_path / "real" / "measured").exists() or not any(
         (tmp_path / "real" / "measured").iterdir()

@@ -45,7 +45,7 @@ def test_a_wall_decays_at_every_interval_of_its_bin(
         )
         assert wall.stiffness > 0.0
         some = truths[part], chain.take(np.flatnonzero(part)), interval[part], delay[part]
-        assert growth(*some, wall).max() < 0.0
-        assert growth(*some, replace(wall, stiffness=30.0 * wall.stiffness)).max() > 0.0
+        assert growth(*some, wall, None).max() < 0.0
+        assert growth(*some, replace(wall, stiffness=30.0 * wall.stiffness), None).max() > 0.0
         checked += int(part.sum())
     assert checked == TRUTHS

@@ -47,7 +47,7 @@ END: dict[str, Any] = {
 """The end of a run, as it writes it"""
 NAMES = (
     *EXAMPLES,
-    "no:Law", "applied", "simulated", "dynamixel", "off", "passive", "both", "start",
+    "no:Law", "applied", "simulated", "dynamixel", "off", "passive", "both", "start", "notch",
 )  # fmt: skip
 """Texts that have a meaning somewhere"""
 

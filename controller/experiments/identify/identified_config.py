@@ -86,7 +86,7 @@ def identified_model(identified: Identified, config: Config) -> dict[str, dict[s
     model["delay"] = _bounded(identified.delay, DELAY_FLOOR * config.period_s)
     # The other values are in its unit: their bounds contain the uncertainty of the ratio.
     model["torque_gain"] = {"value": gain, "low": gain, "high": gain}
-    if identified.backlash is not None:
+    if identified.backlash is not None and config.velocity_filter() is None:
         backlash = identified.backlash
         model["backlash"] = _bounded(backlash, _BACKLASH_FLOOR * backlash.value)
     plain = not identified.fit.effects.fitted

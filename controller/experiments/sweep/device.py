@@ -17,6 +17,7 @@ from haptic_wall.controller.theory.boundary import CriticalPoint, chain_boundary
 from haptic_wall.controller.theory.chain import one_mass, two_masses
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.harmonic import Lossy, kick_limit
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.truth import EncoderSide
 
 _DAMPINGS = np.concatenate([[0.0], np.geomspace(1e-4, 1e4, 500)])
@@ -40,6 +41,8 @@ class BelievedLoop:
     """T [s]"""
     samples: int
     """N of the velocity difference"""
+    velocity_filter: VelocityFilter | None = None
+    """Of the velocity that damps"""
     load: tuple[float, float, float] | None = None
     """Inertia, stiffness and damping of the part behind the transmission; None: rigid"""
     encoder: EncoderSide = "output"
@@ -60,7 +63,7 @@ class BelievedLoop:
         load = None
         if belief.is_flexible and not belief.is_fast(period):
             load = _load(belief, inertia, gain)
-        rest = (config.wall.velocity_samples, load, belief.encoder)
+        rest = (config.wall.velocity_samples, config.velocity_filter(), load, belief.encoder)
         return cls(inertia / gain, damping / gain, period, *rest)
 
     def critical(
@@ -79,12 +82,12 @@ class BelievedLoop:
         else:
             motor = self.inertia - self.load[0]
             chain, shape = two_masses(motor, damping, *self.load, encoder=self.encoder)
-        loop = (self.period, delay, self.samples)
+        loop = (self.period, delay, self.samples, self.velocity_filter)
         return chain_boundary(chain, shape, virtual_damping, *loop)
 
     def ceiling(self, delay: float) -> float:
         """Return the virtual damping above which nothing is stable [N·m·s/rad]."""
-        loop = (self.period, delay, self.samples)
+        loop = (self.period, delay, self.samples, self.velocity_filter)
         chain, shape = one_mass(self.inertia, self.damping)
         found = float(chain_ceiling(chain, shape, *loop))
         if self.load is not None:
@@ -180,9 +183,10 @@ class Device:
     def sustained(self, virtual_damping: float, delay: float, amplitude: float) -> float | None:
         """Return the stiffness that sustains an amplitude, with friction and backlash [N·m/rad].
 
-        None: there is a load, which this theory does not know; inf: no stiffness does.
+        None: there are a load or a filter of the velocity, which this theory does not know; inf: no
+        stiffness does.
         """
-        if self.loop.load is not None:
+        if self.loop.load is not None or self.loop.velocity_filter is not None:
             return None
         servo = Lossy(self.inertia, self.damping, self.coulomb, self.backlash)
         loop = virtual_damping, self.period, delay, amplitude, self.velocity_samples

@@ -32,6 +32,7 @@ from haptic_wall.controller.runtime.telemetry import (
 )
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory.checks import ComplexArray, FloatArray
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.servo import Outcome
 
 _SEGMENT_S = 2.0
@@ -107,12 +108,15 @@ class Law:
     damping: float
     period: float
     samples: int
+    velocity_filter: VelocityFilter | None
 
     @classmethod
     def of(cls, config: Config, stiffness: float, damping: float) -> Law:
         """Return the law of a configuration with the commanded gains."""
         wall = config.wall
-        return cls(stiffness, damping, config.period_s, wall.velocity_samples)
+        return cls(
+            stiffness, damping, config.period_s, wall.velocity_samples, config.velocity_filter()
+        )
 
     def response(self, frequency_hz: FloatArray, delay: float, held: bool) -> ComplexArray:
         """Return the impedance [N·m/rad], complex.
@@ -125,6 +129,8 @@ class Law:
         w = math.tau * frequency_hz
         z = np.exp(-1j * w * self.period)
         velocity = (1.0 - z**self.samples) / (self.samples * self.period)
+        if self.velocity_filter is not None:
+            velocity = velocity * self.velocity_filter.response(w * self.period)
         answer = (self.stiffness + self.damping * velocity) * np.exp(-1j * w * delay)
         if held:
             answer = answer * np.sinc(frequency_hz * self.period) * np.sqrt(z)

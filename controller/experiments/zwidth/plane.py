@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -27,7 +27,12 @@ from haptic_wall.controller.theory.checks import FloatArray
 _LEAST, _MOST = 1e-4, 0.98
 """Fractions of the ceiling from which and up to which limits are computed, beside none"""
 _POINTS = 80
+_LOWPASS_OF_RATE = 0.1
+"""Corner of the usual low-pass, over the rate"""
+_Q = 0.7
 _SAMPLES = (1, 2, 4)
+
+FilterKind = Literal["none", "lowpass", "notch"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,16 +41,21 @@ class Velocity:
 
     samples: int
     """N of the difference"""
+    filter: FilterKind = "none"
+    hz: float | None = None
+    """Corner of the low-pass, or middle of the notch [Hz]"""
+    q: float | None = None
 
     @property
     def label(self) -> str:
         """Return a few words for tables and legends."""
-        return f"N {self.samples}"
+        filtered = "" if self.filter == "none" else f", {self.filter} {self.hz:g} Hz q {self.q:g}"
+        return f"N {self.samples}{filtered}"
 
     @property
     def folder(self) -> str:
         """Return the name of the folder of its measured points."""
-        return f"N{self.samples}"
+        return self.label.replace(", ", "-").replace(" ", "")
 
 
 @dataclass(slots=True)
@@ -117,11 +127,23 @@ def velocities(config: Config, samples: Sequence[int] | None) -> tuple[Velocity,
     """Return the estimates to compare, CONFIG's own first.
 
     Args:
-        config: The effective configuration.
-        samples: N of each; None: its own, 1, 2 and 4.
+        config: With N and perhaps a filter.
+        samples: N of the unfiltered ones; None: 1, 2 and 4.
     """
-    chosen = samples or (config.wall.velocity_samples, *_SAMPLES)
-    return tuple(Velocity(n) for n in dict.fromkeys(chosen))
+    wall, rate = config.wall, config.loop.rate_hz
+    found = []
+    if wall.velocity_filter != "none":
+        own = (wall.velocity_filter, wall.velocity_hz, wall.velocity_q)
+        found.append(Velocity(wall.velocity_samples, *own))
+    own_samples = [wall.velocity_samples] if samples is None else []
+    found += [Velocity(n) for n in (*own_samples, *(samples or _SAMPLES))]
+    if wall.velocity_filter == "none":
+        n = wall.velocity_samples
+        found.append(Velocity(n, "lowpass", _LOWPASS_OF_RATE * rate, _Q))
+        belief = config.belief()
+        if belief.is_flexible and not belief.is_fast(config.period_s):
+            found.append(Velocity(n, "notch", float(f"{belief.flexible_hz.value:.3g}"), _Q))
+    return tuple(dict.fromkeys(found))
 
 
 def width_of(config: Config, velocity: Velocity) -> Width:
@@ -141,7 +163,7 @@ def width_of(config: Config, velocity: Velocity) -> Width:
     # Denser at small dampings: the encoder allows most servos a small part of the ceiling.
     dampings = np.concatenate([[0.0], ceiling * np.geomspace(_LEAST, _MOST, _POINTS)])
     one_sided = np.full(dampings.size, np.nan)
-    if config.wall.side != "both":
+    if velocity.filter == "none" and config.wall.side != "both":
         one_sided = _guarded(_with(config, velocity, side=config.wall.side), dampings)
     both = _guarded(two_sided, dampings)
     return Width(
@@ -158,7 +180,13 @@ def width_of(config: Config, velocity: Velocity) -> Width:
 
 def _with(config: Config, velocity: Velocity, side: str) -> Config:
     raw: dict[str, Any] = without_hand(config).model_dump(mode="json")
-    raw["wall"] |= {"side": side, "velocity_samples": velocity.samples}
+    raw["wall"] |= {
+        "side": side,
+        "velocity_samples": velocity.samples,
+        "velocity_filter": velocity.filter,
+    }
+    if velocity.filter != "none":
+        raw["wall"] |= {"velocity_hz": velocity.hz, "velocity_q": velocity.q}
     return loaded(raw, velocity.label)
 
 

@@ -29,6 +29,9 @@ from haptic_wall.controller.theory import (
     max_virtual_damping,
     passive_limit,
 )
+from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
+from haptic_wall.controller.theory.chain import Chain
+from haptic_wall.controller.theory.velocity_filter import FilterKind, VelocityFilter
 from tests.cases import sampled
 
 COUNT = 2 * math.pi / 4096
@@ -262,8 +265,16 @@ def test_the_report_is_plain_json(mode: Mode, damping: float) -> None:
     assert json.loads(json.dumps(report, allow_nan=False)) == report
     assert set(report) == {
         "requested", "commanded", "limit", "damping_ceiling", "encoder_damping", "margin",
-        "binding", "reasons", "only_friction", "interval_s",
+        "binding", "reasons", "only_friction", "interval_s", "velocity_filter",
     }  # fmt: skip
+
+
+def test_the_report_names_the_filter_at_the_counted_interval() -> None:
+    notch = VelocityFilter("notch", math.tau * 46e-3, 0.7)
+    report = decision_report(one(Request(1.0, 0.1, "both", velocity_filter=notch), situation()))
+    told = {"kind": "notch", "frequency_hz": pytest.approx(46.0), "q": 0.7}
+    assert report["velocity_filter"] == told
+    assert decision_report(one(Request(1.0, 0.1, "both"), situation()))["velocity_filter"] is None
 
 
 @pytest.mark.parametrize(
@@ -473,3 +484,60 @@ def test_a_law_that_the_encoder_does_not_resolve_further_is_bound_there() -> Non
     assert law.binding == "resolution"
     assert law.stiffness == pytest.approx(0.4)
     assert "slips before the encoder" in sentences(law.reasons)[0]
+
+
+def test_a_notch_at_the_vibration_allows_many_times_the_damping() -> None:
+    known: dict[str, Any] = {
+        "load_inertia": Bounded.exactly(0.003),
+        "flexible_hz": Bounded.exactly(46.0),
+        "flexible_damping_ratio": Bounded.exactly(0.02),
+    }
+    where = replace(situation(**known), served=(1.0, 1.0))
+    notch = VelocityFilter("notch", math.tau * 46.0e-3, 0.7)
+    plain = one(Request(1e6, 5.0, "both"), where, inserted=1.5e-3)
+    wall = one(Request(1e6, 0.3, "both", velocity_filter=notch), where, inserted=1.5e-3)
+    servo = linked(0.003, 46.0, 0.02)
+    ceiling = flexible_ceiling(*servo, 1e-3, 2e-3, velocity_filter=notch)
+    limit = flexible_boundary(*servo, 0.3, 1e-3, 2e-3, velocity_filter=notch).stiffness
+    assert wall.damping == 0.3 > 2.0 * plain.damping
+    assert 0.8 * ceiling < wall.damping_ceiling < ceiling
+    assert wall.limits["flexible"] is not None
+    assert 0.85 * limit < wall.limits["flexible"] < limit
+    assert wall.stiffness > 1.4 * plain.stiffness
+    jittered = one(
+        Request(1e6, 0.3, "both", velocity_filter=notch), situation(**known), inserted=1.5e-3
+    )
+    slower = flexible_ceiling(*servo, 1.05e-3, 2e-3, velocity_filter=notch)
+    assert 0.8 * slower < jittered.damping_ceiling < slower < ceiling
+
+
+@pytest.mark.parametrize("kind", ["lowpass", "notch"])
+def test_a_rigid_servos_limits_count_the_filter(kind: FilterKind) -> None:
+    """With fractions of a period and an interval of two periods."""
+    slow = VelocityFilter(kind, 0.2, 0.7)
+    none = np.empty((1, 0))
+    chain = Chain(np.array([[0.011951]]), np.array([[0.011692]]), none, none)
+    for period, delay in ((1e-3, 0.2e-3), (1e-3, 3.7e-3), (2e-3, 1e-3)):
+        where = replace(situation(), period=period)
+        for asked in (0.0, 0.05, 1e3):
+            wall = one(Request(1e6, asked, "both", velocity_filter=slow), where, delay=delay)
+            loop = (period, delay + 0.5e-3, 1, slow)
+            ceiling = float(chain_ceiling(chain, (1,), *loop)[0])
+            limit = float(chain_boundary(chain, (1,), wall.damping, *loop).stiffness[0])
+            assert wall.damping_ceiling == pytest.approx(ceiling, rel=1e-9)
+            assert wall.limits["exact"] == pytest.approx(limit, rel=1e-9)
+            assert wall.limits["flexible"] is None
+
+
+def test_a_low_pass_leaves_more_damping_to_the_encoder() -> None:
+    request = Request(1e6, 0.3, "both")
+    smooth = replace(request, velocity_filter=VelocityFilter("lowpass", 0.3, 0.7))
+    rough, filtered = (one(each, situation(COUNT)).limits for each in (request, smooth))
+    assert rough["quantisation"] is not None
+    assert filtered["quantisation"] is not None
+    assert filtered["quantisation"] > 3.0 * rough["quantisation"]
+
+
+def test_a_one_sided_wall_with_a_filter_is_refused() -> None:
+    with pytest.raises(ValueError, match="one-sided wall with a velocity filter"):
+        Request(1.0, 0.1, "above", velocity_filter=VelocityFilter("notch", 0.3, 0.7))

@@ -1,11 +1,15 @@
 """Velocity estimates: what they are, and what lost readings do to them."""
 
+import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from haptic_wall.controller.laws.velocity import (
     BackwardDifference,
+    Biquad,
     SampleDifference,
 )
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 T = 0.001
 
@@ -45,3 +49,11 @@ def test_sample_difference_counts_lost_periods() -> None:
         x += 5.0 * periods * T
         velocity = estimator.update(x, periods)
     assert velocity == pytest.approx(5.0)
+
+
+def test_a_biquad_is_the_filter_of_its_taps() -> None:
+    taps = VelocityFilter("notch", 0.3, 0.7).taps()
+    filtered = Biquad(taps)
+    given = np.random.default_rng(1).normal(size=50)
+    expected = lfilter(taps[:3], [1.0, *taps[3:]], given)
+    assert [filtered.update(v) for v in given.tolist()] == pytest.approx(expected)

@@ -81,6 +81,23 @@ def test_more_stiffness_waits_until_its_spring_would_be_unloaded() -> None:
     assert max(0.0, rows["position"][asked.row]) ** 2 * 0.5 * 8.0 <= 1e-4
 
 
+def test_the_jump_of_the_torque_is_judged_with_the_filtered_velocity(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    heard: list[float] = []
+    obstacle = Changeover.obstacle
+
+    def hears(self: Changeover, *given: Any) -> Obstacle:
+        heard.append(given[-1])
+        return obstacle(self, *given)
+
+    monkeypatch.setattr(Changeover, "obstacle", hears)
+    low_pass = "wall.velocity_filter=lowpass", "wall.velocity_hz=20"
+    _, rows, _ = run_with(("wall.damping=0.03",), sets=("wall.side=both", *low_pass), seconds=3.0)
+    assert heard
+    assert not set(heard) & set(rows["velocity"][rows["velocity"] != 0.0])
+
+
 def test_what_finds_no_moment_is_not_made_and_the_stiffness_stays() -> None:
     run, rows, result = run_with(
         ("wall.stiffness=16",), sets=("servo.hand=lean", "wall.side=both"), wait=300

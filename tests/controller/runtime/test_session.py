@@ -570,3 +570,21 @@ def test_an_encoder_that_jumps_trips_without_a_number() -> None:
     assert result.stop_reason == "trip:overspeed"
     assert result.message.endswith("rad/s between two readings; at most 30 is allowed")
     assert rows["torque"][-1] == 0.0
+
+
+@pytest.mark.parametrize("kind, grows", [("none", True), ("notch", False)])
+def test_a_notch_renders_a_damping_that_would_make_a_link_vibrate(kind: str, grows: bool) -> None:
+    """Twice the ceiling without it; the guard is off, so that both walls are as asked."""
+    link = ["servo.load_inertia=0.003", "servo.transmission_stiffness=200"]
+    link += ["servo.transmission_damping=0.028", "servo.kick=0.01", "servo.delay=0.001"]
+    wall = [
+        "wall.stiffness=30",
+        "wall.damping=0.4",
+        "guard.mode=off",
+        f"wall.velocity_filter={kind}",
+    ]
+    wall += ["wall.velocity_hz=46", "safety.on_oscillation=report"]
+    _, rows = session("simulated", *LINEAR, *link, *wall, duration=1.0)
+    first, last = heights(rows)
+    assert bool(last > first) is grows
+    assert bool(last < 0.1 * first) is not grows

@@ -209,6 +209,38 @@ def test_around_what_the_wall_comes_on_at_once(preset: str, sets: list[str], roo
 
 
 @pytest.mark.parametrize(
+    "sets, field, said",
+    [
+        (["wall.velocity_hz=450"], "wall.velocity_hz", "less than 450 Hz"),
+        (["wall.velocity_q=1"], "wall.velocity_q", "at most 0.7072 for a low-pass"),
+        (["wall.side=above"], "wall.velocity_filter", "wall.side both"),
+        (["guard.mode=passive"], "wall.velocity_filter", "guard.mode stable or off"),
+        (["model.backlash=0.001"], "wall.velocity_filter", "model.backlash 0"),
+        (["wall.passivity_control=true"], "wall.velocity_filter", "passivity_control false"),
+        (["wall.law=spring"], "wall.velocity_filter", "wall.law wall"),
+        (
+            [
+                "wall.velocity_filter=notch",
+                "model.load_inertia=0.001",
+                "model.flexible_hz={value: 50, low: 20, high: 90}",
+            ],
+            "wall.velocity_filter",
+            "known to 60 Hz for a notch",
+        ),
+    ],
+)
+def test_a_velocity_filter_that_is_not_counted_is_refused(
+    sets: list[str], field: str, said: str
+) -> None:
+    plain = ["wall.side=both", "wall.velocity_filter=lowpass"]
+    assert load_config("simulated", plain).config.velocity_filter() is not None
+    with pytest.raises(ConfigError) as caught:
+        load_config("simulated", [*plain, *sets])
+    assert field in str(caught.value)
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize(
     ("field", "value"),
     [("transmission_damping", 100.0), ("transmission_stiffness", 1e9), ("damping", 1e3)],
 )
