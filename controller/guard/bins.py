@@ -10,16 +10,15 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import replace
 
+from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
 from haptic_wall.controller.guard.plants import is_heavy
 from haptic_wall.controller.guard.schedule import IRREGULAR_CAP, inserted_delays, served_range
+from haptic_wall.controller.guard.types import Reason
 from haptic_wall.controller.guard.work import Work
 
-COARSE = 6
-"""Off the nominal period only every n-th age has a decision of its own; the ages below share it [1]
-"""
-_OLDER = 1.2
-"""With a link, off the nominal period: ratio of the mean delays of two ages that are decided"""
+_OLDER = 1.1
+"""Ratio of the mean delays of two ages that are decided, where not every age is [1]"""
 
 
 def decide_bins(
@@ -30,7 +29,7 @@ def decide_bins(
     ages_ns: Sequence[int],
     intervals_ns: Sequence[int],
     work: Work | None = None,
-) -> list[list[Decision]]:
+) -> list[Decision]:
     """Decide for all bins, without reasons.
 
     Args:
@@ -43,16 +42,34 @@ def decide_bins(
         work: What was evaluated before for the same asker.
 
     Returns:
-        For each interval one decision for each age.
+        Interval by interval one decision for each age; last, with its reason, that for all older
+        ages and longer intervals: no wall, but in mode ``off``.
 
     Raises:
         ValueError: As for ``decide``.
     """
     work = Work() if work is None else work
-    return [
-        decide_bin(request, settings, situation, steps, ages_ns, intervals_ns, index, work)
+    found = [
+        decision
         for index in range(len(intervals_ns))
+        for decision in decide_bin(
+            request, settings, situation, steps, ages_ns, intervals_ns, index, work
+        )
     ]
+    return [*found, _beyond(found[-1], settings, ages_ns, intervals_ns)]
+
+
+def _beyond(
+    last: Decision, settings: GuardSettings, ages_ns: Sequence[int], intervals_ns: Sequence[int]
+) -> Decision:
+    """Return the decision for what is older or longer than every bin."""
+    if settings.mode == "off":
+        return last
+    text = (
+        f"the wall fades out: samples are older than {ms(ages_ns[-1] * 1e-9)}, or more than"
+        f" {intervals_ns[-1] / intervals_ns[0]:g} periods pass between readings"
+    )
+    return replace(last, stiffness=0.0, damping=0.0, binding=None, reasons=(Reason(text),))
 
 
 def decide_bin(
@@ -93,9 +110,13 @@ def explained(
 ) -> Decision:
     """Decide for one bin, with reasons; other arguments as of ``decide_bins``.
 
-    ``index`` counts the bins interval by interval, one for each age.
+    ``index`` counts the bins interval by interval, one for each age, and last what is beyond.
     """
     at, age = divmod(index, len(ages_ns))
+    if at == len(intervals_ns):
+        bins = (steps, ages_ns, intervals_ns)
+        last = explained(request, settings, situation, *bins, index - 1, work)
+        return _beyond(last, settings, ages_ns, intervals_ns)
     numbers = decide_bin(request, settings, situation, steps, ages_ns, intervals_ns, at, work)[age]
     there, (least, most) = _at(situation, steps, intervals_ns, at)
     told = decide(
@@ -135,11 +156,8 @@ def _decided_ages(
     """Return the ages that get a decision of their own [ns]; the last is one of them."""
     if index == 0 and not is_heavy(situation):
         return list(ages_ns)
-    if not situation.belief.is_flexible:
-        some = list(ages_ns[COARSE - 1 :: COARSE])
-        return some if some and some[-1] == ages_ns[-1] else [*some, ages_ns[-1]]
     before = 0.5 * situation.period + inserted + situation.belief.delay.high
-    some = []
+    some: list[int] = []
     for age in reversed(ages_ns):
         if not some or (before + some[-1] * 1e-9) > _OLDER * (before + age * 1e-9):
             some.append(age)

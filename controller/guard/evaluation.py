@@ -27,13 +27,11 @@ from haptic_wall.controller.theory.one_sided_table import one_sided_limit_tabula
 
 UNBOUND = 1e12
 """Stands for no limit at all [N·m/rad]"""
-LONGEST_WITH_LINK, _REGULAR = 7.0, 1.01
-"""Served interval above which a servo with a link gets no stiffness and no damping, and up to which
-it is the period itself [periods]. What long intervals would allow takes minutes to compute, and a
-loop that runs so seldom is stalled for a tenth of its time"""
+_REGULAR = 1.01
+"""Served interval up to which it is the period itself [periods]"""
 WIDE, SLOWLY_SAMPLED = 2.0, 0.25
-"""Ratio of the ends of a vibration's frequency, and cycles per interval, above both of which it
-gets none either"""
+"""Ratio of the ends of a vibration's frequency, and cycles per interval, above both of which longer
+intervals than the period get no stiffness and no damping: what they allow takes long to compute"""
 T = TypeVar("T")
 
 
@@ -116,14 +114,13 @@ class Evaluation:
 
     @property
     def is_starved(self) -> bool:
-        """Whether a link is believed and the interval is too long to command it anything."""
+        """Whether the vibration of a link is too much in doubt for a long interval."""
         situation = self.situation
         belief, intervals = situation.belief, situation.period / situation.sampled
         if not belief.is_flexible or self.is_fast or intervals < _REGULAR:
             return False
         hz = belief.flexible_hz
-        is_doubted = hz.high > WIDE * hz.low and hz.high * situation.period > SLOWLY_SAMPLED
-        return is_doubted or intervals > LONGEST_WITH_LINK
+        return hz.high > WIDE * hz.low and hz.high * situation.period > SLOWLY_SAMPLED
 
     @cached_property
     def ceiling(self) -> FloatArray:

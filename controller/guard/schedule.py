@@ -11,6 +11,7 @@ lengthen D. A tick in which no reply is due yet does not: it raises the age. Lon
 always come at the worst phase of an oscillation; ``ServedInterval`` counts that.
 
 A longer age or interval lowers the gains, at once if it lasts; a single old sample has no effect.
+Beyond the last age and the last interval the wall fades out: it gets no stiffness and no damping.
 Raising the gains needs ``RAISE_WINDOWS`` whole windows that allow it, and a moment out of contact
 or at the surface, because raising K at penetration x puts the energy ΔK x²/2 into the spring.
 
@@ -47,12 +48,9 @@ LEFT_OUT = 1.75
 FORGIVEN = 20.0
 """Longest stall, one in the windows, that is not counted [periods]: at 0.8 of the limit one in 5 s
 cannot feed an oscillation"""
-INTERVAL_BINS = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0, 60.0)
+INTERVAL_BINS = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0)
 """Upper ends of the bins of the served interval [periods]."""
-NARROW_BINS = (
-    *(1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0),
-    *(8.0, 10.0, 14.0, 20.0, 28.0, 40.0, 60.0),
-)
+NARROW_BINS = (1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0)
 """The same where a link is believed [periods]"""
 _INSIDE = 64
 """Steps inside a bin in which the ring's delay is evaluated"""
@@ -60,25 +58,22 @@ IRREGULAR_CAP = 0.5
 """Factor on ``guard.damping_cap`` in all bins but the first. Damping near the ceiling of the
 weighted interval exceeds the ceiling of the longest intervals, and some repeated patterns then grow
 at 0.8 of the limit."""
-LONGEST_NS = 60_000_000
-"""Longer intervals are ignored, except those up to ``_ALWAYS`` periods [ns]."""
-_ALWAYS = 6.0
+OLDEST = 3
+"""Oldest age that gets gains, over a period, or over the time that a reply takes where that is
+longer: a pipelined sample is one old, and two after a lost reply"""
 
 
-def age_bins_ns(period_ns: int, reply_ns: int = 0) -> list[int]:
+def age_bins_ns(period_ns: int, slowest_ns: int = 0) -> list[int]:
     """Return the upper ends of the age bins [ns]: fine for quick buses, coarse for slow ones.
-
-    They reach to 20 ms and three periods. At low rates this covers a pipelined sample, which is one
-    period old, and the loss of the next one. Where a reply takes several periods they reach to
-    three reply times.
 
     Args:
         period_ns: The sampling period [ns].
-        reply_ns: Time that a reply takes, where that is several periods [ns].
+        slowest_ns: Time that a sample takes, where that may be more than a period [ns].
     """
-    microseconds = [*range(0, 600, 10), *range(600, 2000, 100), *range(2000, 20_001, 1000)]
-    microseconds += range(22_000, 3 * max(period_ns, reply_ns) // 1000 + 2000, 2000)
-    return [us * 1000 for us in microseconds]
+    longest_us = OLDEST * max(period_ns, slowest_ns) // 1000
+    microseconds = [*range(0, 600, 10), *range(600, 2000, 100), *range(2000, 20_000, 1000)]
+    microseconds += range(20_000, longest_us + 2000, 2000)
+    return [us * 1000 for us in microseconds[: bisect_left(microseconds, longest_us) + 1]]
 
 
 def interval_bins_ns(period_ns: int, flexible: bool = False) -> list[int]:
@@ -88,12 +83,7 @@ def interval_bins_ns(period_ns: int, flexible: bool = False) -> list[int]:
         period_ns: The sampling period [ns].
         flexible: A link is believed: its limits are the least over a bin, so bins are narrower.
     """
-    bins = NARROW_BINS if flexible else INTERVAL_BINS
-    return [
-        round(each * period_ns)
-        for each in bins
-        if each <= _ALWAYS or round(each * period_ns) <= LONGEST_NS
-    ]
+    return [round(each * period_ns) for each in (NARROW_BINS if flexible else INTERVAL_BINS)]
 
 
 def served_range(intervals_ns: Sequence[int], index: int) -> tuple[float, float]:
@@ -377,7 +367,7 @@ class ServedInterval:
         self._peak = 0
 
     def _bin_of(self, interval_ns: float) -> int:
-        return min(bisect_left(self._edges, interval_ns), len(self._edges) - 1)
+        return bisect_left(self._edges, interval_ns)
 
 
 class Allowed(NamedTuple):
@@ -402,7 +392,7 @@ class GainTable:
     """The gains of all bins as plain floats: interval by interval, one for each age.
 
     Args:
-        gains: Of each bin.
+        gains: Of each bin, and last those of all older ages and longer intervals.
     """
 
     __slots__ = ("_values",)
@@ -449,10 +439,10 @@ class GainSchedule:
     ) -> None:
         self._ages = ages_ns
         self._intervals = intervals_ns
-        self._oldest = len(ages_ns) - 1
-        self._age = BinFilter(len(ages_ns), percentile, window, run, SETTLE)
+        self._age = BinFilter(len(ages_ns) + 1, percentile, window, run, SETTLE)
         period_ns = intervals_ns[0]
         self._interval = ServedInterval(intervals_ns, run * period_ns, window * period_ns)
+        self._beyond = len(ages_ns) * len(intervals_ns)
         self.index = 0
         self.take(table)
 
@@ -464,12 +454,12 @@ class GainSchedule:
     @property
     def age_ns(self) -> int:
         """Return the sample age of the present bin [ns]."""
-        return self._ages[self._age.bin]
+        return self._ages[min(self._age.bin, len(self._ages) - 1)]
 
     @property
     def interval_ns(self) -> int:
         """Return the interval that the present bin uses as the period [ns]."""
-        return self._intervals[self._interval.bin]
+        return self._intervals[min(self._interval.bin, len(self._intervals) - 1)]
 
     def observe(self, age_ns: int, interval_ns: int, may_raise: bool) -> bool:
         """Count one tick; return whether the gains changed.
@@ -481,14 +471,13 @@ class GainSchedule:
             may_raise: The wall's spring is unloaded, so the stiffness may be raised.
         """
         age, interval = self._age, self._interval
-        age.observe(min(bisect_left(self._ages, age_ns), self._oldest))
+        age.observe(bisect_left(self._ages, age_ns))
         if interval_ns:
             interval.observe(interval_ns)
         if may_raise:
             age.take_raise()
             interval.take_raise()
-        index = interval.bin * (self._oldest + 1) + age.bin
-        return index != self.index and self._move(index)
+        return self._move()
 
     def settle(self) -> None:
         """End the warm-up: take the bins that its observations ask for, and restart.
@@ -497,10 +486,15 @@ class GainSchedule:
         """
         self._age.settle()
         self._interval.settle()
-        self._move(self._interval.bin * (self._oldest + 1) + self._age.bin)
+        self._move()
 
-    def _move(self, index: int) -> bool:
-        """Take a bin; return whether its gains differ: long ages share those of one decision."""
+    def _move(self) -> bool:
+        """Take the bin; return whether its gains differ: long ages share those of one decision."""
+        age, interval = self._age.bin, self._interval.bin
+        is_within = age < len(self._ages) and interval < len(self._intervals)
+        index = interval * len(self._ages) + age if is_within else self._beyond
+        if index == self.index:
+            return False
         before, self.index = self.allowed, index
         self.allowed = self.table.at(index)
         return self.allowed != before

@@ -65,7 +65,7 @@ class Decided:
     intervals_ns: list[int]
     """Upper ends of the bins of the interval [ns]"""
     table: GainTable
-    """The numbers of each: interval by interval, one for each age"""
+    """The numbers of each: interval by interval, one for each age; last those for all beyond"""
 
 
 def guard_decisions(
@@ -89,12 +89,13 @@ def guard_decisions(
     situation = situation_of(config, servo)
     intervals_ns = interval_bins_ns(config.period_ns, situation.belief.is_flexible)
     inside = simulated and servo.bus is None  # the same process: samples have zero age
-    ages_ns = [0] if inside else age_bins_ns(config.period_ns, round(_reply_s(servo) * 1e9))
+    least_ns = round(config.guard.sample_age * 1e9)
+    slowest_ns = max(round(_reply_s(servo) * 1e9), least_ns)
+    ages_ns = [0] if inside else age_bins_ns(config.period_ns, slowest_ns)
     if inside and program:
         intervals_ns = intervals_ns[:1]
-    least_ns = round(config.guard.sample_age * 1e9)
     ages_ns = [max(age, least_ns) for age in ages_ns]
-    rows = decide_bins(
+    decisions = decide_bins(
         config.request(situation.position_step),
         config.guard_settings(),
         situation,
@@ -103,7 +104,6 @@ def guard_decisions(
         intervals_ns,
         work,
     )
-    decisions = [each for row in rows for each in row]
     table = GainTable(
         Allowed(each.stiffness, each.damping, each.delay, each.damping_ceiling, most)
         for each, most in zip(decisions, most_injected(config, situation, decisions), strict=True)

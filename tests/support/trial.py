@@ -242,7 +242,8 @@ def _schedule(
     decision = _decision(sets, servo.facts.torque_limit, servo.facts.counts_per_rev)
     asked = replace(decision, stiffness=wall.stiffness, damping=wall.damping)
     (most,) = most_injected(config, situation_of(config, servo), [asked])
-    table = GainTable([Allowed(asked.stiffness, asked.damping, asked.delay, injected=most)])
+    gains = Allowed(asked.stiffness, asked.damping, asked.delay, injected=most)
+    table = GainTable([gains, gains])
     return GainSchedule(table, [0], [config.period_ns], 90.0, 1000)
 
 

@@ -26,13 +26,15 @@ from haptic_wall.controller.laws.delay import DelayRing
 AGES = [0, 100_000, 200_000, 400_000, 800_000]
 WINDOW = 100
 PERIOD = 1_000_000
+NO_WALL = Allowed(0.0, 0.0)
 
 
 class Ages:
     """A schedule that is shown ages, at one tick a period."""
 
     def __init__(self, percentile: float = 90.0) -> None:
-        table = GainTable(Allowed(100.0 / (1 + age / 1e5), 0.0, age * 1e-9) for age in AGES)
+        gains = [Allowed(100.0 / (1 + age / 1e5), 0.0, age * 1e-9) for age in AGES]
+        table = GainTable([*gains, NO_WALL])
         self.made = GainSchedule(table, AGES, [PERIOD], percentile, WINDOW)
 
     def observe(self, age: int, may_raise: bool) -> bool:
@@ -127,6 +129,19 @@ def test_the_real_bins_reach_beyond_a_pipelined_sample_and_a_loss(period_ns: int
     assert len(ages) < 130, "each costs the start some milliseconds"
 
 
+def test_beyond_the_last_age_and_the_last_interval_there_is_no_wall() -> None:
+    subject = Ages()
+    for _ in range(RUN):
+        subject.observe(AGES[-1] + 1, may_raise=False)
+    assert subject.made.allowed == NO_WALL
+    of_intervals = intervals()
+    for pattern in ([1.0] * 34 + [16.0], [1000.0]):
+        shown(of_intervals, pattern, 7000)
+        assert of_intervals.allowed == NO_WALL
+    shown(of_intervals, [1.0], (RAISE_WINDOWS + 2) * 1000)
+    assert of_intervals.allowed.stiffness == 100.0
+
+
 def test_a_handful_of_ages_is_no_reason_for_a_stiffer_bin() -> None:
     subject = Ages()
     for _ in range(RUN):
@@ -143,7 +158,7 @@ def test_a_handful_of_ages_is_no_reason_for_a_stiffer_bin() -> None:
 
 def intervals(window: int = 1000, run: int = 50, percentile: float = 90.0) -> GainSchedule:
     bins = interval_bins_ns(PERIOD)
-    table = GainTable(Allowed(100.0 / k, 0.0) for k in INTERVAL_BINS)
+    table = GainTable([*(Allowed(100.0 / k, 0.0) for k in INTERVAL_BINS), NO_WALL])
     return GainSchedule(table, [0], bins, percentile, window, run)
 
 
@@ -174,10 +189,8 @@ def shown(
         ([1.0, 2.0], 2.0),
         ([2.0], 2.0),
         ([1.0] * 22 + [3.0], 1.5),
-        ([1.0] * 34 + [16.0], 10.0),
         ([1.0] * 486 + [15.0], 2.0),  # in a tenth of the blocks
         ([0.5, 1.5], 1.25),
-        ([1000.0], 60.0),
     ],
 )
 def test_the_interval_that_counts_is_weighted_by_its_time(
@@ -215,12 +228,12 @@ def test_a_long_stall_softens_for_some_seconds_and_not_for_ever(stall: float) ->
     subject = intervals()
     shown(subject, [1.0] * 3000 + [stall], 3000 + round(stall))
     shown(subject, [1.0], 100)
-    assert subject.interval_ns > PERIOD
+    assert subject.allowed.stiffness < 100.0
     shown(subject, [1.0], (RAISE_WINDOWS + 2) * 1000)
     assert subject.interval_ns == PERIOD
 
 
-@pytest.mark.parametrize("stall", [16.0, 40.0])
+@pytest.mark.parametrize("stall", [16.0, 60.0])
 def test_stalls_that_come_again_keep_one_bin(stall: float) -> None:
     subject = intervals()
     shown(subject, [1.0] * 500 + [stall], 20_000)
@@ -237,7 +250,7 @@ def test_one_stall_in_the_warm_up_changes_nothing(before: int) -> None:
 
 
 def test_both_bins_count_at_once() -> None:
-    table = GainTable(Allowed(10.0 * a / k, 0.0, a) for k in (1, 2) for a in (2, 1))
+    table = GainTable([*(Allowed(10.0 * a / k, 0.0, a) for k in (1, 2) for a in (2, 1)), NO_WALL])
     subject = GainSchedule(table, [0, 500_000], [PERIOD, 2 * PERIOD], 90.0, 1000, 50)
     for _ in range(200):
         subject.observe(400_000, 2 * PERIOD, may_raise=False)
@@ -273,7 +286,7 @@ def test_a_high_percentile_covers_blocks_and_not_all_of_them() -> None:
 
 
 @pytest.mark.parametrize("steps", [1, 3, 7])
-@pytest.mark.parametrize("index", [0, 1, 4, 7])
+@pytest.mark.parametrize("index", [0, 1, 4, 6])
 def test_the_delay_of_the_ring_lies_in_the_range_that_a_bin_counts(steps: int, index: int) -> None:
     """Ticks at a regular interval, with the ring itself: each pushes its own instant."""
     bins = interval_bins_ns(PERIOD)
