@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from haptic_wall.hw.dynamixel.health import DrivingRange
 from haptic_wall.hw.dynamixel.probe import prove_the_sign
 from haptic_wall.hw.dynamixel.register_access import ECHOES, Table
 from haptic_wall.hw.dynamixel.registers import CURRENT_MODE, POSITION_UNIT
@@ -47,8 +46,6 @@ class Ready(NamedTuple):
     checks: list[Check]
     seen: Seen
     """What it is set to"""
-    bounds: DrivingRange
-    """The range in which it may be driven"""
     reply_ns: int
     """Time of a reply, if longer than the schedules allow [ns]; else 0"""
     longest_ns: int
@@ -112,8 +109,7 @@ class Startup:
         sign = prove_the_sign(settings, seen.law, seen["current_limit"], table, self._name)
         self._checks.append(sign)
         self._refuse_if_unfit()
-        bounds = seen.bounds(watchdog_units(settings.watchdog_s))
-        return Ready(self._checks, seen, bounds, reply_ns, longest_ns)
+        return Ready(self._checks, seen, reply_ns, longest_ns)
 
     # What is found
 

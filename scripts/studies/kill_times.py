@@ -52,7 +52,8 @@ ENDED_BY: dict[int | None, str] = {
     Instruction.SYNC_WRITE: "goal current 0",
     Instruction.WRITE: "Torque Enable 0",
 }
-TORQUE_OFF = bytes((64, 0, 0))
+TORQUE_OFF = bytes((64, 0, 1, 0, 1, 0))
+GOAL = bytes((102, 0))
 """Write that ends the torque: 0 at address 64, Torque Enable"""
 LEANING_ROWS = 2500
 """When so many rows are recorded the warm-up is over and the hand leans on the wall"""
@@ -166,7 +167,7 @@ def spoke_after_the_cut(rows: list[BusRow], struck_s: float) -> bool:
     """Whether a goal came after Torque Enable 0."""
     asked = [row for row in rows if row.time_s > struck_s and row.event == "rx"]
     cuts = [i for i, row in enumerate(asked) if row.params == TORQUE_OFF]
-    return bool(cuts) and any(row.instruction == Instruction.SYNC_WRITE for row in asked[cuts[0] :])
+    return bool(cuts) and any(row.params[:2] == GOAL for row in asked[cuts[0] :])
 
 
 def as_wanted(fault: Fault, hit: Hit) -> bool:
