@@ -16,7 +16,7 @@ from typing import Final
 
 from haptic_wall.hw.dynamixel.register_access import UNHELD, Table, write_all
 from haptic_wall.hw.dynamixel.registers import WATCHDOG_TRIPPED
-from haptic_wall.hw.dynamixel.rules import checked
+from haptic_wall.hw.dynamixel.rules import Verdict
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
 from haptic_wall.hw.dynamixel.watchdog import rearm, watchdog_units
 from haptic_wall.hw.dynamixel.wire import CYCLE_BYTES
@@ -124,7 +124,9 @@ def prove_the_sign(
         advice = "find the cause of this machine's stalls, or raise servo.watchdog_s"
         if late := table.lateness():
             why, advice = why + late, UNHELD
-    return checked("torque sign", push.sign_is_right, found, "motion with the torque", why, advice)
+    if push.sign_is_right:
+        why = advice = ""
+    return Verdict(found, "motion with the torque", why, advice).check("torque sign")
 
 
 class _Prober:

@@ -16,8 +16,8 @@ from haptic_wall.hw.dynamixel.registers import CURRENT_MODE, POSITION_UNIT
 from haptic_wall.hw.dynamixel.rules import (
     STATUS_LEVEL,
     Seen,
+    Verdict,
     be_alone,
-    checked,
     judge,
     judge_firmware,
     judge_model,
@@ -235,7 +235,8 @@ class Startup:
         self._checks.append(Check(name, True, found, wanted))
 
     def _judge(self, name: str, ok: bool, found: str, wanted: str, why: str, advice: str) -> None:
-        self._checks.append(checked(name, ok, found, wanted, why, advice))
+        told = () if ok else (why, advice)
+        self._checks.append(Verdict(found, wanted, *told).check(name))
 
     def _refuse_if_unfit(self) -> None:
         """Raise if any check failed so far, with a sentence for each."""
