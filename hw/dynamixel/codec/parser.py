@@ -31,17 +31,6 @@ class Parser:
     are valid, and none after it is.
     """
 
-    __slots__ = (
-        "_buffer",
-        "_parts",
-        "_report_crc",
-        "_skipping",
-        "_unstuffed",
-        "corrupt",
-        "idle",
-        "joint",
-    )
-
     def __init__(
         self, *, report_crc: bool = False, unstuffed: bool = False, joint: int = 0
     ) -> None:
