@@ -60,6 +60,8 @@ class ExpectedReplies:
             return self._layout.iter_unpack(data[_FIXED:]) if right else None
         if data.count(MARK) != len(self._ids):
             return None
+        if len(self._ids) == 1:  # in one step: a loop takes a tenth of the cycle
+            return (self._layout.unpack(data),) if _crc_is_right(data) else None
         size = self._size
         for at, prefix in zip(range(0, self._total, size), self._prefixes, strict=True):
             if not data.startswith(prefix, at) or not _crc_is_right(data[at : at + size]):
