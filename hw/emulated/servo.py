@@ -107,8 +107,7 @@ class EmulatedServo:
             own, start_ns, winding=motor.winding(model.voltage), operator_waits=True
         )
         self.mechanism.feed(motor.winding(self.true_supply).stall_torque)
-        self._hand: SharedHand | None = None
-        self._held = False
+        self._held = self._by_hand = False
         self.registered: tuple[int, bytes] | None = None
         """The write that a reg write has stored for the next action"""
         self.answers_from_ns = start_ns
@@ -173,9 +172,7 @@ class EmulatedServo:
         open whether packets for other servos count too, and here they do not.
         """
         self._heard_ns = now_ns
-        if self._hand is not None:
-            self._feel(self._hand, now_ns)
-        if now_ns >= self.drive.next_ns:
+        if now_ns >= self.drive.next_ns or self._by_hand:
             self.keep_up(now_ns)
 
     def keep_up(self, now_ns: int) -> None:
@@ -183,21 +180,15 @@ class EmulatedServo:
 
         Apart from faults and errors this has no effect on the results.
         """
-        if self._hand is not None:
-            self._feel(self._hand, now_ns)
-        mechanism = self.drive.mechanism
+        mechanism = self.mechanism
         behind = mechanism.flexible and now_ns - mechanism.time_ns > _BEHIND_NS
-        if behind or now_ns >= self.drive.next_ns:
+        if behind or now_ns >= self.drive.next_ns or self._by_hand:
             self.drive.advance(now_ns)
 
     def take_hand(self, hand: SharedHand) -> None:
         """Let a person hold the shaft from now on, whenever the hand holds on."""
-        self._hand = hand
-
-    def _feel(self, hand: SharedHand, now_ns: int) -> None:
-        """Look whether a person's hand holds on, and where it is."""
-        self.drive.advance(now_ns)
-        self.mechanism.grasp(hand.look(now_ns))
+        self._by_hand = True
+        self.mechanism.take_hand(hand)
 
     def set_supply(self, volts: float, now_ns: int) -> None:
         """Set the supply voltage [V] from ``now_ns`` [ns] on; out of limits it is an error."""
