@@ -10,7 +10,7 @@ from typing import Any, Final
 from haptic_wall.controller.cli.numbers import digits
 from haptic_wall.controller.errors import UserError
 from haptic_wall.hw.dynamixel.tables import MODELS, Model
-from haptic_wall.hw.emulated.values import suggestion
+from haptic_wall.hw.emulated.faults import suggestion
 from haptic_wall.hw.errors import SpecError
 from haptic_wall.hw.truth import ABOUT, TrueServo, read
 

@@ -20,7 +20,6 @@ from haptic_wall.hw.dynamixel.registers import (
 from haptic_wall.hw.dynamixel.tables import Model
 from haptic_wall.hw.emulated.control_modes import EXTENDED_MODE, POSITION_MODE
 from haptic_wall.hw.emulated.drive import Drive
-from haptic_wall.hw.emulated.measured import measured
 from haptic_wall.hw.emulated.motor import motor_of
 from haptic_wall.hw.emulated.rules import ControlTable
 from haptic_wall.hw.errors import SpecError
@@ -322,4 +321,4 @@ class EmulatedServo:
         """Store the measurements of ``now_ns`` in the registers."""
         self.drive.advance(now_ns)
         tick = (self._tick + (now_ns - self._boot_ns) // 1_000_000) % TICK_MODULUS
-        self.memory.overwrite(measured(self.drive, tick))
+        self.memory.overwrite(self.drive.measured(tick))
