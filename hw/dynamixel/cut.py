@@ -61,9 +61,6 @@ def torque_off(servos: Sequence[Table]) -> Collection[Table]:
 
     Returns:
         Those whose torque off was not read back.
-
-    Raises:
-        ServoLostError: The port is gone.
     """
     slow = any(one.station.longest_ns > _QUICK_NS for one in servos)
     patience_ns = 6 * (_SLOW_NS,) if slow else 4 * (_QUICK_NS,)

@@ -141,9 +141,6 @@ class Exchange:
         Args:
             wide: Request the block of this length, from ``widen``, if it is free; 0: the sample
                 only.
-
-        Raises:
-            ServoLostError: The port is gone.
         """
         if self._asked is not None:
             self._close(0)
@@ -204,11 +201,7 @@ class Exchange:
         return self._search(_NO_TIME if late else deadline_ns)
 
     def send(self, goals: Sequence[int]) -> None:
-        """Send each its goal current, in its model's unit, in one frame without a reply.
-
-        Raises:
-            ServoLostError: The port is gone.
-        """
+        """Send each its goal current, in its model's unit, in one frame without a reply."""
         known = self._known
         frame = known.get(goals[0]) if known is not None else None
         if frame is None:

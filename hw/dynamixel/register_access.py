@@ -151,9 +151,6 @@ class Table:
             name: The register, one up to Present Temperature (146).
             patience_ns: Time allowed for each attempt, beyond the bytes' own [ns].
             sizes: Sizes of blocks to choose from [bytes].
-
-        Raises:
-            ServoLostError: The port is gone.
         """
         register = self.registers[name]
         return self._until_answered(lambda each: self._read(register, each, sizes), patience_ns)
@@ -250,9 +247,6 @@ class Table:
 
         Returns:
             The data; None: no such reply came.
-
-        Raises:
-            ServoLostError: The port is gone.
         """
         exchange, now_ns = self.exchange, self.clock.now_ns
         exchange.set_aside()
@@ -340,9 +334,6 @@ def write_all(
 
     Returns:
         What the others read back; None: no reply.
-
-    Raises:
-        ServoLostError: The port is gone.
     """
     left: dict[Table, int | None] = dict.fromkeys(servos)
     for each_ns in patience_ns:

@@ -35,9 +35,6 @@ def rearm(table: Table, units: int) -> bool:
     Args:
         table: The servo.
         units: Its setting [20 ms].
-
-    Raises:
-        ServoLostError: The port is gone.
     """
     steps = (
         ("torque_enable", 0),

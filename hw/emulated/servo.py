@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final, NamedTuple
 
-from haptic_wall.hw.dynamixel.codec import ALERT, MAX_ID, ErrorCode
+from haptic_wall.hw.dynamixel.codec import ALERT, ErrorCode
 from haptic_wall.hw.dynamixel.registers import (
     BAUD_RATES,
     COUNTS_PER_REV,
@@ -125,12 +125,6 @@ class EmulatedServo:
         return self.memory["id"]
 
     @property
-    def secondary_id(self) -> int | None:
-        """Return the id it obeys without a reply; None: it has none, or it is its own id."""
-        value = self.memory["secondary_id"]
-        return None if value > MAX_ID or value == self.memory["id"] else value
-
-    @property
     def baud(self) -> int:
         """Return its baud rate [bit/s]."""
         return BAUD_RATES[self.memory["baud_rate"]]
@@ -219,13 +213,13 @@ class EmulatedServo:
             self._refresh(now_ns)
         return self.memory.read(address, size)
 
-    def write(self, address: int, data: bytes, now_ns: int, *, ram_only: bool = False) -> ErrorCode:
+    def write(self, address: int, data: bytes, now_ns: int) -> ErrorCode:
         """Write, with every consequence, at ``now_ns`` [ns]."""
         drive = self.drive
         if now_ns >= drive.next_ns:
             drive.advance(now_ns)
         mode = self.memory["operating_mode"] if address < EEPROM_END else None
-        error = self.table.write(address, data, ram_only=ram_only)
+        error = self.table.write(address, data)
         if error == ErrorCode.NONE:
             now = self.memory["operating_mode"]
             if mode not in (None, now) and now in (POSITION_MODE, EXTENDED_MODE):
@@ -239,9 +233,9 @@ class EmulatedServo:
             drive.update(now_ns)
         return error
 
-    def register(self, address: int, data: bytes, *, ram_only: bool = False) -> ErrorCode:
+    def register(self, address: int, data: bytes) -> ErrorCode:
         """Store a write for the next ``act``."""
-        checked = self.table.check(address, data, ram_only=ram_only)
+        checked = self.table.check(address, data)
         if isinstance(checked, ErrorCode):
             return checked
         self.registered = (address, data)

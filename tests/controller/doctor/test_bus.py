@@ -157,7 +157,7 @@ class Fault:
 
 
 FAULTS = [
-    Fault("return_delay_time", 250, "return delay", "250", "0 (0 µs)"),
+    Fault("return_delay_time", 250, "return delay", "250", "0"),
     Fault("drive_mode", 1, "direction", "reverse", "normal"),
     Fault("drive_mode", 8, "torque on by goal update", "on", "off"),
     Fault("startup_configuration", 1, "start-up configuration", "torque on at power-up", "0"),
