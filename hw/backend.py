@@ -69,12 +69,12 @@ class Backend:
     """Returns the time of a cycle on the wire [s] at ``servo.baud`` [bit/s]; None: not known"""
     problems: Callable[[ServoSettings], Iterable[Problem]] | None = None
     """Finds conflicts between fields that are valid by themselves; ``field`` is one's path"""
-    open_port: Callable[[ServoSettings], int] | None = None
+    open_port: Callable[[ServoSettings], int | None] = lambda _: None
     """Opens the servo's port for this process and those it passes the descriptor to, and loads the
-    modules of ``cut_torque``. Raises ``haptic_wall.hw.errors.PortError``. None: it has no port"""
-    cut_torque: Callable[[ServoSettings, int | None, Clock], bool] | None = None
+    modules of ``cut_torque``; None: it has no port. Raises ``haptic_wall.hw.errors.PortError``"""
+    cut_torque: Callable[[ServoSettings, int | None, Clock], bool] = lambda *_: False
     """Switches off the torque of a servo whose driver is dead or hung; returns whether that was
-    read back. The descriptor is that of its port, and stays open. None: there is no way to"""
+    read back. The descriptor is that of its port, and stays open"""
 
     def kind(self, port: str | None) -> Kind:
         """Return the kind of servo behind this port."""

@@ -6,9 +6,7 @@ import select
 import time
 from collections.abc import Collection
 from itertools import chain
-from typing import Final, Protocol
-
-_NAP_S: Final = 50e-6
+from typing import Protocol
 
 
 class Clock(Protocol):
@@ -91,32 +89,15 @@ class Suspension:
 
 
 def ready(readable: Collection[int], timeout_s: float, writable: Collection[int] = ()) -> list[int]:
-    """Return the descriptors that are ready, after waiting until one is.
-
-    ``select`` waits to the microsecond, but refuses numbers from 1024 on; ``poll`` takes them, and
-    counts whole milliseconds: the rest is waited in short naps.
+    """Return the descriptors that are ready, after waiting until one is, to the microsecond.
 
     Args:
-        readable: Descriptors to read from.
+        readable: Descriptors to read from, below 1024.
         timeout_s: Longest wait [s].
         writable: Descriptors to write to.
 
     Raises:
         OSError: A descriptor is closed.
-        ValueError: A descriptor is negative.
+        ValueError: A descriptor is negative, or too large.
     """
-    try:
-        return [*chain.from_iterable(select.select(readable, writable, (), timeout_s))]
-    except ValueError:
-        if min([*readable, *writable]) < 0:
-            raise
-    poll, end_s = select.poll(), time.monotonic() + timeout_s
-    for each in readable:
-        poll.register(each, select.POLLIN)
-    for each in writable:
-        poll.register(each, select.POLLOUT)
-    found = poll.poll(int(timeout_s * 1e3))
-    while not found and (left_s := end_s - time.monotonic()) > 0.0:
-        time.sleep(min(left_s, _NAP_S))
-        found = poll.poll(0)
-    return [descriptor for descriptor, _ in found]
+    return [*chain.from_iterable(select.select(readable, writable, (), timeout_s))]

@@ -95,8 +95,8 @@ def open_servo(settings: ServoSettings, clock: Clock, descriptor: int | None = N
     Args:
         settings: The servo.
         clock: Its clock.
-        descriptor: Its port, where it is already open (from ``open_port``, perhaps inherited); the
-            servo's ``close`` closes it, and so does a refusal. None: open the port here.
+        descriptor: Its port, where it is already open (from ``open_port``, perhaps
+            inherited); the servo's ``close`` closes it, and so does a refusal. None: open it here.
 
     Raises:
         BackendError: There is no such backend, or it cannot be loaded.
@@ -109,19 +109,8 @@ def open_servo(settings: ServoSettings, clock: Clock, descriptor: int | None = N
 
 
 def open_port(settings: ServoSettings) -> int | None:
-    """Open the servo's port for this process and those it passes the descriptor to.
-
-    Returns:
-        A descriptor for ``open_servo`` and ``cut_torque``; the caller closes it. None: this make of
-        servo has no port.
-
-    Raises:
-        BackendError: There is no such backend, or it cannot be loaded.
-        PortError: The port cannot be used.
-        PortBusyError: Another program has it.
-    """
-    opened_by = backend(settings.backend).open_port
-    return None if opened_by is None else opened_by(settings)
+    """Return the servo's open port, which the caller closes; see ``Backend``."""
+    return backend(settings.backend).open_port(settings)
 
 
 def port_users(descriptor: int) -> PortUsers | None:
@@ -139,18 +128,5 @@ def port_users(descriptor: int) -> PortUsers | None:
 
 
 def cut_torque(settings: ServoSettings, descriptor: int | None, clock: Clock) -> bool:
-    """Switch off the torque of a servo whose driver is dead or hung.
-
-    Args:
-        settings: The servo.
-        descriptor: Its port, which stays open; None: it has none.
-        clock: Tells the time.
-
-    Returns:
-        Whether torque off was read back. True for a simulated servo, which ends with its process;
-        False where the backend cannot do it.
-    """
-    make = backend(settings.backend)
-    if make.cut_torque is None:
-        return make.simulated
-    return make.cut_torque(settings, descriptor, clock)
+    """Switch off the torque of a servo whose driver is dead or hung; see ``Backend``."""
+    return backend(settings.backend).cut_torque(settings, descriptor, clock)

@@ -134,7 +134,10 @@ class Servo(Protocol):
     until then ``request`` has no effect, and ``collect`` does not wait.
     """
 
-    facts: Facts
+    @property
+    def facts(self) -> Facts:
+        """Return the facts; some are known after ``start`` only."""
+        ...
 
     @property
     def bus(self) -> Bus | None:

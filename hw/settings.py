@@ -40,9 +40,6 @@ class DriverSettings:
     max_speed: float | None = 0.0
     """Positions that imply a higher speed are refused [rad/s]; 0: none are; None: faster than
     ``Facts.fastest``"""
-    speed_asked: bool = False
-    """A user has set ``max_speed``: the start-up reports where it is above the servo's no-load
-    speed"""
 
 
 @dataclass(frozen=True, slots=True)

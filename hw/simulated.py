@@ -54,6 +54,8 @@ class SimulatedServo:
         now_ns = self._instant()
         self._mechanism = Mechanism(self._true, now_ns, operator_waits=True)
         self._mechanism.engage_operator(now_ns)
+        if self._hand is not None:
+            self._mechanism.take_hand(self._hand)
         self._reading = self._written = None
         self._running = True
         return []
@@ -62,8 +64,6 @@ class SimulatedServo:
         """Sample the position now."""
         now_ns = self._now_ns()
         self._pass_until(now_ns - now_ns % self._grain_ns)
-        if self._hand is not None:
-            self._mechanism.grasp(self._hand.look(now_ns))
         position, counts = self._mechanism.measured()
         self._reading = Reading(Outcome.OK, position, counts, now_ns, math.nan, False)
 
@@ -113,6 +113,7 @@ class SimulatedServo:
     def take_hand(self, hand: SharedHand) -> None:
         """Let a person hold the shaft from now on, whenever the hand holds on."""
         self._hand = hand
+        self._mechanism.take_hand(hand)
 
     def _pass_until(self, now_ns: int) -> None:
         """Move until ``now_ns`` [ns], with the last torque."""

@@ -16,8 +16,7 @@ from haptic_wall.controller.emulated_bus.program import NAMES, PRIORITY, Plan, r
 from haptic_wall.controller.errors import PlatformError, UserError
 from haptic_wall.controller.runtime import realtime
 from haptic_wall.hw.emulated.adapter import BLOCKS
-from haptic_wall.hw.emulated.faults import KINDS
-from haptic_wall.hw.emulated.values import suggestion
+from haptic_wall.hw.emulated.faults import KINDS, suggestion
 from haptic_wall.hw.errors import Problem, SpecError
 from haptic_wall.hw.truth import read
 

@@ -27,10 +27,10 @@ from haptic_wall.hw.elastic import BusClock, shared_words
 from haptic_wall.hw.emulated.adapter import BLOCKS, Adapter
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.console import Console
+from haptic_wall.hw.emulated.faults import suggestion
 from haptic_wall.hw.emulated.injection import Faults
 from haptic_wall.hw.emulated.server import PseudoTerminal, serve
 from haptic_wall.hw.emulated.servo import EmulatedServo
-from haptic_wall.hw.emulated.values import suggestion
 from haptic_wall.hw.emulated.witness import Witness
 from haptic_wall.hw.errors import SpecError
 from haptic_wall.hw.hand import SharedHand

@@ -193,7 +193,6 @@ class Config(Sections):
             probe_direction=1 if self.wall.acting_side == "below" else -1,
             period_s=self.period_s,
             max_speed=JUMP_SPEED if emulated and most is None else most,
-            speed_asked=most is not None,
             true=None if servo.kind == "hardware" else self.true_servo(),
         )
 

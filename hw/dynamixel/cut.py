@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Final
 
-from haptic_wall.hw.dynamixel.codec import BROADCAST, Instruction, encode
 from haptic_wall.hw.dynamixel.exchange import Exchange
-from haptic_wall.hw.dynamixel.register_access import Table
+from haptic_wall.hw.dynamixel.register_access import Table, write_all
 from haptic_wall.hw.dynamixel.tables import REGISTERS
 from haptic_wall.hw.errors import ServoLostError
 from haptic_wall.hw.serialport.line import Line
@@ -52,34 +50,21 @@ def cut_torque(line: Line, servo_id: int, baud: int = 0) -> bool:
         return False
 
 
-def torque_off(servos: Sequence[Table]) -> list[Table]:
-    """Write Torque Enable 0 to all at once, twice, and read it back from each; try several times.
+def torque_off(servos: Sequence[Table]) -> Collection[Table]:
+    """Write Torque Enable 0 to all at once, and read it back from each; try several times.
 
-    Only what is read back counts, in a block of a size that no other request has: a late reply must
-    not be taken for the answer. A lost one among many takes 16 ms, a single one 56 ms, as its
-    adapter may be slow; a slow bus adds its wire time.
+    A lost one among many takes 16 ms, a single one 56 ms, as its adapter may be slow; a slow bus
+    adds its wire time.
 
     Args:
         servos: The servos, on one line.
 
     Returns:
         Those whose torque off was not read back.
-
-    Raises:
-        ServoLostError: The port is gone.
     """
-    left = list(servos)
     slow = any(one.station.longest_ns > _QUICK_NS for one in servos)
-    for patience_ns in 4 * (_SLOW_NS if slow else _QUICK_NS,) + 2 * (_SLOW_NS,):
-        heard = len(left) < len(servos)
-        if not left or (patience_ns == _SLOW_NS and heard and not slow):
-            break
-        off = b"".join(struct.pack("<BB", one.station.id, 0) for one in left)
-        params = struct.pack("<HH", REGISTERS["torque_enable"].address, 1) + off
-        frame = encode(BROADCAST, Instruction.SYNC_WRITE, params)
-        exchange = left[0].exchange
-        for _ in range(2):
-            exchange.line.write(frame)
-        allowed_ns = (patience_ns + exchange.wire_ns(2 * len(frame)),)
-        left = [one for one in left if one.try_read("torque_enable", allowed_ns, _SIZES) != 0]
+    patience_ns = 6 * (_SLOW_NS,) if slow else 4 * (_QUICK_NS,)
+    left = list(write_all(servos, "torque_enable", 0, patience_ns, _SIZES))
+    if not slow and len(left) == len(servos):
+        left = list(write_all(left, "torque_enable", 0, 2 * (_SLOW_NS,), _SIZES))
     return left

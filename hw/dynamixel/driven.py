@@ -3,27 +3,44 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from typing import Final
 
 from haptic_wall.hw.dynamixel.exchange import Exchange
-from haptic_wall.hw.dynamixel.health import HealthWatch
+from haptic_wall.hw.dynamixel.health import DrivingRange
 from haptic_wall.hw.dynamixel.jump_filter import JumpFilter
 from haptic_wall.hw.dynamixel.register_access import QUICK_NS, Table
-from haptic_wall.hw.dynamixel.registers import COUNTS_PER_REV, POSITION_UNIT
+from haptic_wall.hw.dynamixel.registers import (
+    COUNTS_PER_REV,
+    POSITION_UNIT,
+    WATCHDOG_TRIPPED,
+    WATCHDOG_UNIT_NS,
+)
 from haptic_wall.hw.dynamixel.rules import error_names, what_to_do
 from haptic_wall.hw.dynamixel.samples import Sample
 from haptic_wall.hw.dynamixel.startup import Ready, Startup
 from haptic_wall.hw.dynamixel.station import Station
 from haptic_wall.hw.dynamixel.tables import MODELS, Model, model_by_number
 from haptic_wall.hw.dynamixel.torque_law import torque_law
-from haptic_wall.hw.dynamixel.watchdog import WatchdogMonitor
-from haptic_wall.hw.errors import ServoLostError, StrangeServoError, UnfitServoError
+from haptic_wall.hw.dynamixel.watchdog import rearm, watchdog_units
+from haptic_wall.hw.errors import (
+    ServoHealthError,
+    ServoLostError,
+    StrangeServoError,
+    TorqueLostError,
+    UnfitServoError,
+)
 from haptic_wall.hw.servo import Bus, Facts, Outcome, Reading
 from haptic_wall.hw.settings import DriverSettings
 
 _NAN: Final = math.nan
 _OK: Final = Outcome.OK
+_NEVER_NS: Final = 1 << 62
+_TWICE: Final = 2
+"""Consecutive polls that confirm a fault of supply or temperature, because a current peak makes the
+supply voltage dip"""
 
 
 def drivable(settings: DriverSettings) -> tuple[Model, float]:
@@ -64,7 +81,7 @@ class Driven:
 
     Raises:
         UnfitServoError: The model is unknown, has no current control, or its smallest torque
-            exceeds the torque limit.
+            exceeds the torque limit; or no servo has such a Bus Watchdog.
     """
 
     def __init__(self, settings: DriverSettings, station: Station, exchange: Exchange) -> None:
@@ -72,6 +89,7 @@ class Driven:
         self._settings = settings
         self._model = model
         self._constant = constant
+        self._units = watchdog_units(settings.watchdog_s)
         self.station = station
         where = settings.port or "the emulated bus in memory"
         name = f"id {settings.id} at {settings.baud} baud on {where}"
@@ -85,8 +103,15 @@ class Driven:
                 f"{model.name} is {self.law.step:.2g} N·m",
             )
         self._name = f"{model.name} id {settings.id} on {settings.port or 'memory'}"
-        self.health = HealthWatch()
-        self.watchdog = WatchdogMonitor(settings.watchdog_s, self.table, self._name)
+        self.health = {"supply": 0, "temperature": 0}
+        """Last readings [0.1 V], [°C]; 0: none yet"""
+        self.bounds: DrivingRange | None = None
+        """The servo's limits; None until the start has read them"""
+        self.heard_ns = 0
+        """When the last answered request was sent [ns]"""
+        self.silence_ns = _NEVER_NS
+        """Time since then after which the Bus Watchdog may have tripped [ns]; while the torque is
+        off pauses may have any length"""
         self.running = False
         """It has been started, and not stopped"""
         self.bus = Bus(station.counts)
@@ -105,7 +130,7 @@ class Driven:
         """See ``HasTrouble``"""
         self._jump_filter.forget()
         self.station.forget()
-        self.health.forget()
+        self._strikes = dict.fromkeys(self.health, 0)
 
     def meet(self) -> int:
         """Return the model number; record whether its control table is known."""
@@ -127,15 +152,21 @@ class Driven:
             if self.known:
                 raise
             raise StrangeServoError(error.problem) from error
-        self.law = ready.seen.law
-        self.health.bounds = ready.bounds
-        self.watchdog.heard_ns = self.table.clock.now_ns()
-        if self.table.read("bus_watchdog") != ready.bounds.watchdog:
-            self.watchdog.look(0, under_torque=False)  # a stall in the start has tripped it
-        self._learn(self._facts(ready.seen["current_limit"], ready.seen.volts))
+        seen = ready.seen
+        self.law = seen.law
+        self.bounds = seen.bounds(self._units)
+        self.heard_ns = self.table.clock.now_ns()
+        if self.table.read("bus_watchdog") != self._units:
+            self.look(0)  # a stall in the start has tripped it
+        self._learn(self._facts(seen["current_limit"], seen.volts))
         self.bus.longest_s = ready.longest_ns * 1e-9
-        self.watchdog.begin()
+        # The watchdog counts whole units, so that one set to two may trip soon after the first.
+        self.silence_ns = round(max(self._units - 1, 0.75) * WATCHDOG_UNIT_NS)
         return ready
+
+    def end(self) -> None:
+        """Stop watching for pauses: the torque is off from now."""
+        self.silence_ns = _NEVER_NS
 
     def goal_of(self, torque: float) -> int:
         """Return the goal current for a torque [N·m]; the caller must send it at once.
@@ -157,7 +188,7 @@ class Driven:
         outcome, counts, current, alert, sampled_ns = sample
         if outcome is not _OK:
             return Reading(outcome, _NAN, 0, sampled_ns, _NAN, False)
-        self.watchdog.heard_ns = sampled_ns
+        self.heard_ns = sampled_ns
         if not self._jump_filter.accepts(counts, sampled_ns):
             self.bus.counts.refused += 1
             return Reading(Outcome.REFUSED, _NAN, 0, sampled_ns, _NAN, False)
@@ -165,6 +196,75 @@ class Driven:
         return Reading(
             outcome, counts * POSITION_UNIT, counts, sampled_ns, self.law.torque(current), alert
         )
+
+    def judge(self, values: Mapping[str, int]) -> None:
+        """Judge polled values, see ``HealthPolls``.
+
+        Raises:
+            TorqueLostError: The servo's torque is off.
+            ServoHealthError: The servo must not be driven any longer.
+        """
+        bounds, name = self.bounds, self._name
+        if bounds is None:
+            return
+        if values.get("torque enable") == 0:
+            raise TorqueLostError(
+                f"The torque of the {name} is off, but this program has not switched it off",
+                advice="look for another program on this bus, and check the supply: a restart "
+                "switches it off.",
+            )
+        for kind, find in (("supply", bounds.supply_fault), ("temperature", bounds.heat_fault)):
+            if kind in values:
+                fault = find(values[kind])
+                self.health[kind] = values[kind]
+                self._strikes[kind] = self._strikes[kind] + 1 if fault else 0
+                if fault is not None and self._strikes[kind] >= _TWICE:
+                    raise ServoHealthError(replace(fault, what=f"The {name} {fault.what}"))
+        if values.get("bus watchdog", bounds.watchdog) != bounds.watchdog:
+            self.look(0)
+
+    def resume(self, now_ns: int) -> None:
+        """Examine the Bus Watchdog if the last answered request is too long ago; see ``look``."""
+        silence_ns = now_ns - self.heard_ns
+        if silence_ns > self.silence_ns:
+            self.look(silence_ns)
+            self.heard_ns = now_ns
+
+    def look(self, silence_ns: int) -> None:
+        """Check whether the servo still accepts goals; arm it again if no torque was lost.
+
+        A tripped watchdog silently refuses every goal. Under torque it is left tripped: the return
+        of the torque after an unobserved motion would be an impact.
+
+        Args:
+            silence_ns: Time without an instruction [ns]; 0: there was none.
+
+        Raises:
+            ServoLostError: The port is gone, or there is no reply.
+            TorqueLostError: The torque is gone.
+        """
+        found = self.table.try_read("bus_watchdog", QUICK_NS)
+        if found == self._units:
+            return
+        if found is not None and found != WATCHDOG_TRIPPED:
+            raise TorqueLostError(
+                f"The Bus Watchdog of the {self._name} has another setting than the driver wrote, "
+                f"{found}",
+                advice="look for another program on this bus, and check the supply: a restart sets "
+                "it to 0.",
+            )
+        silence = f"{silence_ns * 1e-6:.0f} ms" if silence_ns else "a while"
+        if found == WATCHDOG_TRIPPED and self.goal:
+            raise TorqueLostError(
+                f"The {self._name} heard nothing for {silence}, so its Bus Watchdog "
+                f"({self._settings.watchdog_s * 1e3:.0f} ms) has dropped the torque",
+                advice="find the cause of this machine's stalls, or raise servo.watchdog_s.",
+            )
+        if found is None or not rearm(self.table, self._units):
+            raise self.table.lost(
+                f"The {self._name} no longer answers, after {silence} without an answered request",
+                ": a servo that restarts is silent meanwhile",
+            )
 
     def name_trouble(self) -> None:
         """Read what the servo has latched, if it has."""

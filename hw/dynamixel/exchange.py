@@ -90,13 +90,10 @@ class Exchange:
         """Servos whose answers it waits for"""
         self._found: dict[Station, Sample] = {}
         """Answers since the last ``collect``"""
-        self._refused: set[Station] = set()
-        """Servos that refused a request meanwhile"""
         self._sent_ns = 0
-        self._begun = False  # any byte has come since the last request
-        self._excused = 0  # broken frames that are no broken replies to the last request
-        self._undecided: Station | None = None
-        """A servo whose reply had begun when it was given up: it may still be completed"""
+        self._broken = 0
+        """Broken frames, and refusals, that had come when the last request was sent"""
+        self._refusals = 0
         self.stations = [Station(id_) for id_ in ids]
         self.by_id = {station.id: station for station in self.stations}
         self.select(self.stations, Way.PLAIN if len(ids) == 1 else Way.SYNC)
@@ -144,16 +141,11 @@ class Exchange:
         Args:
             wide: Request the block of this length, from ``widen``, if it is free; 0: the sample
                 only.
-
-        Raises:
-            ServoLostError: The port is gone.
         """
         if self._asked is not None:
             self._close(0)
         if stale := self.line.read():
             self._process(stale)
-            self._refused.clear()
-            self._excused = 0
         number = self.number
         free_at = self._free_at
         length = wide or _SHORTEST
@@ -163,7 +155,7 @@ class Exchange:
         asked = self._usual[length] if self._calm and not wide else self._unusual(length)
         self._asked = asked
         self._missing = self._order
-        self._begun = False
+        self._broken = self.parser.corrupt + self._refusals
         self._sent_ns = self._now_ns()
         self.line.write(asked.frame)
 
@@ -180,16 +172,15 @@ class Exchange:
         if asked is None:
             raise RuntimeError("collect() without a request(): call request() first")
         parser, order, expected, now_ns = self.parser, self._missing, asked.expected, self._now_ns
-        corrupt = parser.corrupt
+        self.waited_ns = 0
         if expected is None or not parser.idle or order is not self._order:
-            self.waited_ns = 0
-            return self._search(deadline_ns, corrupt)
+            return self._search(deadline_ns)
         began_ns = now_ns()
         come = self.line.wait(deadline_ns)
         received_ns = now_ns()
         self.waited_ns = received_ns - began_ns
         if not come:
-            return self._search(_NO_TIME, corrupt)
+            return self._search(_NO_TIME)
         data = self.line.read()
         values = expected.match(data)
         if values is not None:
@@ -198,24 +189,19 @@ class Exchange:
             for station, (error, tick, current, position) in zip(order, values):  # noqa: B905 - quicker
                 if error & REFUSED or not station.accept(tick, sent_ns, received_ns):
                     break
-                station.counts.cycles += 1
                 samples.append(Sample(_OK, position, current, error != 0, sent_ns))
             else:
+                for station in order:
+                    station.counts.cycles += 1
                 self._free_at[length] = self.number + 1  # not for the next: a copy may follow
                 self._asked = None
                 return samples
-            for station in order[: len(samples)]:
-                station.counts.cycles -= 1
         self._process(data)
         late = began_ns >= deadline_ns  # a bus without a servo may never be silent
-        return self._search(_NO_TIME if late else deadline_ns, corrupt)
+        return self._search(_NO_TIME if late else deadline_ns)
 
     def send(self, goals: Sequence[int]) -> None:
-        """Send each its goal current, in its model's unit, in one frame without a reply.
-
-        Raises:
-            ServoLostError: The port is gone.
-        """
+        """Send each its goal current, in its model's unit, in one frame without a reply."""
         known = self._known
         frame = known.get(goals[0]) if known is not None else None
         if frame is None:
@@ -228,7 +214,7 @@ class Exchange:
         """Discard the samples under way: registers are asked for, or other servos."""
         if self._asked is not None:
             self._free_at[self._asked.length] = self.number + QUARANTINE
-        self._asked = self._undecided = None
+        self._asked = None
         self._missing = ()
 
     def _unusual(self, length: int) -> SampleRequest:
@@ -238,18 +224,15 @@ class Exchange:
         ids = [station.id for station in self._order]
         return SampleRequest(self.way, ids, self.blocks[length], length)
 
-    def _search(self, deadline_ns: int, corrupt: int) -> list[Sample]:
+    def _search(self, deadline_ns: int) -> list[Sample]:
         """Search what comes until ``deadline_ns`` [ns] for the replies; return the samples.
 
         Args:
             deadline_ns: ``_NO_TIME``: nothing more is read.
-            corrupt: The parser's count of broken frames before.
         """
         self._gather(deadline_ns)
-        broken = self.parser.corrupt - corrupt - self._excused
-        self._excused = 0
-        whole = broken <= 0 and not self._refused
-        if self._missing and whole and self._now_ns() - self._sent_ns < self.patience_ns:
+        broken = self.parser.corrupt + self._refusals - self._broken
+        if self._missing and not broken and self._now_ns() - self._sent_ns < self.patience_ns:
             return self._samples({})
         return self._close(broken)
 
@@ -269,24 +252,12 @@ class Exchange:
 
     def _process(self, data: bytes) -> None:
         """Search received bytes for replies."""
-        self._begun = True
-        parser = self.parser
-        corrupt = parser.corrupt
-        frames = parser.feed(data)
-        cut = parser.corrupt > corrupt
-        if self._undecided is not None and (frames or cut):
-            # Its rest has come, so it was late; or another frame began instead: it was truncated.
-            if cut:
-                self._undecided.counts.lost -= 1
-                self._undecided.counts.corrupt += 1
-                self._excused += 1  # no sign of another broken reply
-            self._undecided = None
-        for frame in frames:
+        for frame in self.parser.feed(data):
             station = self.by_id.get(frame.id)
             if station is None or frame.instruction != Instruction.STATUS:
                 continue
             if frame.error & REFUSED:  # it does not name its request
-                self._refused.add(station)
+                self._refusals += 1
             elif station not in self._missing or not self._accepts(station, frame):
                 station.counts.late += len(frame.params) in self.blocks
 
@@ -308,9 +279,6 @@ class Exchange:
     def _close(self, broken: int) -> list[Sample]:
         """Stop waiting for the last request; return its samples.
 
-        The rest of a reply that has begun may be in the adapter: it is lost now, and late when it
-        comes.
-
         Args:
             broken: Number of broken replies that have come; none after a broken part of a joint
                 reply is valid.
@@ -318,25 +286,19 @@ class Exchange:
         missing, asked = self._missing, self._asked
         joint = self.way is Way.FAST
         lost: dict[Station, Sample] = {}
-        if broken and joint:
-            broken = len(missing)
-        begun = self._begun and self.parser.partial and self._undecided is None
         for place, station in enumerate(missing):
-            corrupt = station in self._refused or place < broken
+            corrupt = place < broken or (joint and broken > 0)
             counts = station.counts
             counts.cycles += 1
             counts.corrupt += corrupt
             counts.lost += not corrupt
             outcome = Outcome.CORRUPT if corrupt else Outcome.LOST
             lost[station] = Sample(outcome, 0, 0, False, self._sent_ns)
-            if begun and not corrupt:
-                self._undecided, begun = station, False
             if not place or not joint:  # those after it could not reply
                 station.silent += 1
         if asked is not None:
             self._free_at[asked.length] = self.number + (QUARANTINE if missing else 1)
         self._asked, self._missing = None, ()
-        self._refused.clear()
         heard = [station for station in self._selected if station not in lost]
         for station in heard:
             station.silent = 0

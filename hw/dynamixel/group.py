@@ -1,13 +1,12 @@
-"""Drives several servos on one bus: reads all in one cycle, commands all in one frame.
+"""Drives the servos of one bus, one or several: reads all in one cycle, commands all in one frame.
 
-They are read by the fastest instruction that all of them support; if a servo does not reply, only
-its own reading is lost. Any servo that is lost for too long, is hot, has restarted, has latched an
-error or has lost its torque ends the run of all: zero torque in the next frame, then torque off.
+Several are read by the fastest instruction that all of them support; if a servo does not reply,
+only its own reading is lost.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from typing import Final
 
@@ -16,14 +15,9 @@ from haptic_wall.hw.dynamixel.cut import torque_off
 from haptic_wall.hw.dynamixel.driven import Driven
 from haptic_wall.hw.dynamixel.exchange import GOAL_CURRENT, Exchange
 from haptic_wall.hw.dynamixel.health import HealthPolls
+from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.samples import Way
-from haptic_wall.hw.dynamixel.startup import Ready
-from haptic_wall.hw.errors import (
-    ServoError,
-    ServoHealthError,
-    ServoLostError,
-    UnfitServoError,
-)
+from haptic_wall.hw.errors import Problem, ServoError, ServoLostError, UnfitServoError
 from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import BusCounts, Check, Outcome, Reading
 from haptic_wall.hw.settings import DriverSettings
@@ -33,12 +27,15 @@ _REPLY_PATIENCE: Final = 1.5
 """Factor on the usual reply time after which a slow adapter's reply is given up: one that has just
 missed the timer comes with its next expiry"""
 _TRIES: Final = 3
-_NEVER_NS: Final = 1 << 62
 _PATIENCE_NS: Final = 100_000_000
 
 
 class DynamixelGroup:
-    """Servos on a line, in the order of their settings.
+    """Servos on a line, in the order of their settings. After any error the caller calls ``stop``.
+
+    After ``start`` a servo needs an instruction within every Bus Watchdog period; otherwise it
+    drops its torque and silently refuses goals. ``request`` detects such a pause, and may wait
+    then: it arms the watchdog again if that tripped while the torque was zero.
 
     Args:
         settings: Settings of each servo, with the same bus and period; the ids must differ.
@@ -72,19 +69,20 @@ class DynamixelGroup:
         """Servos whose torque off was not read back since the last start"""
 
     def start(self) -> list[list[Check]]:
-        """Check and set up each servo in sequence; then determine how to read them.
+        """Check and set up each servo in sequence; then switch the torques on at goals of zero.
 
         Returns:
             The checks of each servo.
 
         Raises:
+            StrangeServoError: One is of no known model; nothing was written to it.
             ServoError: A servo could not be started; the torque of all servos is off, or the
                 message says of which it may not be.
         """
         exchange, servos = self.exchange, self.servos
         self.left_on = servos
         self._reply_ns = exchange.patience_ns = 0
-        ready: list[Ready] = []
+        ready = []
         for one in servos:
             one.forget()
         try:
@@ -96,14 +94,14 @@ class DynamixelGroup:
                 self._choose_way()
                 self._polls = self._plan()
                 for one in servos:
-                    one.watchdog.resume(self._now_ns(), under_torque=False)  # idle meanwhile
+                    one.resume(self._now_ns())  # idle meanwhile
         except ServoError as error:
-            if self._off():
+            self._off()
+            left = ", ".join(one.facts.name for one in self.left_on if one.known)
+            if not left:
                 raise
-            raise type(error)(
-                f"{error} Torque off{self._of_whom()} could not be read back",
-                advice="switch the servo's power off.",
-            ) from error
+            told = f"Torque off of {left} could not be read back: switch the power off."
+            raise type(error)(Problem(str(error), advice=told, mark=" ")) from error.__cause__
         except BaseException:
             self._off()
             raise
@@ -112,7 +110,7 @@ class DynamixelGroup:
             jitter_ns = 2e9 * self._period_s
             exchange.patience_ns = round(_REPLY_PATIENCE * self._reply_ns + jitter_ns)
         for one in servos:
-            one.watchdog.limit_ns += exchange.patience_ns
+            one.silence_ns += exchange.patience_ns
             one.bus.reply_s = self._reply_ns * 1e-9
             one.bus.counts = one.station.counts = BusCounts()
         self._run(running=True)
@@ -123,74 +121,66 @@ class DynamixelGroup:
         """Request all positions, without waiting unless a Bus Watchdog may have tripped.
 
         Raises:
-            ServoError: As ``collect``.
+            ServoLostError: The port is gone, or a servo no longer answers.
+            TorqueLostError: A Bus Watchdog has ended a torque.
         """
-        try:
-            now_ns = self._now_ns()
-            exchange = self.exchange
-            if self._reply_ns and exchange.waiting:
-                return
-            for one in self.servos:
-                watchdog = one.watchdog
-                if now_ns - watchdog.heard_ns > watchdog.limit_ns:
-                    watchdog.resume(now_ns, under_torque=one.goal != 0)
-            polls = self._polls
-            polls.asked = 0
-            wide = polls.length(now_ns) if now_ns >= polls.due_ns and self.running else 0
-            exchange.request(wide)
-        except ServoError as error:
-            raise self._all_off(error) from error.__cause__
+        now_ns = self._now_ns()
+        exchange = self.exchange
+        if self._reply_ns and exchange.waiting:
+            return
+        for one in self.servos:
+            if now_ns - one.heard_ns > one.silence_ns:
+                one.resume(now_ns)
+        polls = self._polls
+        polls.asked = 0
+        wide = polls.length(now_ns) if now_ns >= polls.due_ns and self.running else 0
+        exchange.request(wide)
 
     def collect(self, deadline_ns: int) -> list[Reading]:
         """Return the replies to the last ``request``; wait until ``deadline_ns`` [ns] at most.
 
         Raises:
-            ServoError: The port is gone, or a servo is lost, has lost its torque or is in no state
-                to be driven any longer. The torque of several is off then, or the message says of
-                which it may not be; a single one is left to the caller.
+            ServoError: The port is gone, or a servo has lost its torque or is in no state to be
+                driven any longer.
         """
-        exchange, readings = self.exchange, []
-        asked = self._polls.asked
-        try:
-            # Do not wait within a period for replies that take several.
-            samples = exchange.collect(0 if self._reply_ns else deadline_ns)
-            waited_ns = exchange.waited_ns
-            for one, sample in zip(self.servos, samples):  # noqa: B905 - quicker
-                one.bus.waited_ns = waited_ns
-                if asked and sample.outcome is _OK and not sample.alert:
-                    # A latched error explains more than its consequences.
-                    self._judge(one)
-                readings.append(one.reading(sample))
-            for one in self.servos if len(readings) > 1 else ():
-                if one.alert:  # who drives one servo decides
-                    raise ServoHealthError(f"The {one.facts.name} reports a hardware error.")
-        except ServoError as error:
-            raise self._all_off(error) from error.__cause__
+        exchange, polls, readings = self.exchange, self._polls, []
+        # Do not wait within a period for replies that take several.
+        samples = exchange.collect(0 if self._reply_ns else deadline_ns)
+        waited_ns = exchange.waited_ns
+        for one, sample in zip(self.servos, samples):  # noqa: B905 - quicker
+            one.bus.waited_ns = waited_ns
+            polled = polls.asked and sample.outcome is _OK
+            # A latched error explains more than its consequences.
+            if polled and not sample.alert and (values := polls.values(one.station.block)):
+                one.judge(values)
+                polls.answered()
+            readings.append(one.reading(sample))
         return readings
 
     def write(self, torques: Sequence[float]) -> list[float]:
         """Send the torques of all servos [N·m] in one frame, limited and rounded.
+
+        A servo that senses its supply current gives this torque only at a standstill: it gives less
+        when it moves with the torque, more when it moves against it.
 
         Returns:
             The torques really sent [N·m].
 
         Raises:
             ServoLostError: The port is gone.
-            ValueError: A torque is not a finite number, or there is not one for each. The torque of
-                all is off then, or ``stop`` says so.
+            ValueError: A torque is not a finite number, or there is not one for each; nothing was
+                sent.
             RuntimeError: The group is not started.
         """
         servos = self.servos
-        try:
-            goals = [one.goal_of(torque) for one, torque in zip(servos, torques, strict=True)]
-        except ValueError:
-            self.stop()
-            raise
+        goals = [one.goal_of(torque) for one, torque in zip(servos, torques, strict=True)]
         self.exchange.send(goals)
-        return [one.law.torque(goal) for one, goal in zip(servos, goals, strict=True)]
+        return [one.law.torque(goal) for one, goal in zip(servos, goals)]  # noqa: B905 - checked
 
     def stop(self) -> bool:
         """Send zero torque to all, switch all torques off and read them back.
+
+        If no known model has replied as one of them, nothing was written to that one.
 
         Returns:
             Whether torque off was read back from all.
@@ -240,55 +230,26 @@ class DynamixelGroup:
             advice="check the cable, and that no two have the same id.",
         )
 
-    def _off(self) -> bool:
+    def _off(self) -> None:
         """Send zero goals if this driver has the torque on; switch it off and read it back.
 
         Nothing is written to a servo with an unknown control table.
-
-        Returns:
-            Whether torque off was read back from all others.
         """
         self._keep([])
         known = [one for one in self.servos if one.known]
-        left = [one.table for one in known]
+        left: Collection[Table] = [one.table for one in known]
         for one in self.servos:
-            one.watchdog.end()
+            one.end()
         with suppress(ServoLostError):
             if self.running:
                 self._run(running=False)
                 with suppress(ServoLostError):  # torque off, which follows, is what counts
                     self.exchange.send([0] * len(self.servos))
-            left = torque_off(left)
+            left = torque_off(list(left))
         self.left_on = [one for one in self.servos if not one.known or one.table in left]
-        return not left
-
-    def _of_whom(self) -> str:
-        if len(self.servos) == 1:
-            return ""
-        return " of " + ", ".join(one.facts.name for one in self.left_on if one.known)
 
     def _keep(self, some: Sequence[Driven]) -> None:
         """While one of several is examined, none pushes on, and no other's watchdog trips."""
         if len(self.servos) > 1:
             zero = SyncWrite(GOAL_CURRENT, [one.station.id for one in some])
             self.exchange.kept = zero.encode([0] * len(some)) if some else b""
-
-    def _judge(self, one: Driven) -> None:
-        """Judge the health of a servo that has replied to a poll, if it was asked for its block."""
-        if values := self._polls.values(one.station.block):
-            if not one.health.judge(values, one.facts.name):
-                one.watchdog.look(0, under_torque=one.goal != 0)
-            self._polls.answered()
-
-    def _all_off(self, error: ServoError) -> ServoError:
-        """Switch the torques of several off; return the error, with what else is wrong."""
-        if len(self.servos) == 1:  # its driver's user stops it
-            return error
-        self.stop()
-        told = [str(error)]
-        told += [f"T{one.trouble[1:]}." for one in self.servos if one.trouble]
-        if self.left_on:
-            told.append(
-                f"Torque off{self._of_whom()} could not be read back: switch the power off."
-            )
-        return type(error)(" ".join(told))

@@ -1,9 +1,8 @@
 """Polls the health of running servos: torque enable, Bus Watchdog, supply and temperature.
 
 Every 200 ms the request for a sample reads a wider block, which also contains these registers. This
-needs no additional request, but its bytes delay the torque of that period, so the widest block is
-read least often. Baud rate and period limit the width; if no block can contain all registers, two
-blocks alternate.
+needs no additional request, but its bytes delay the torque of that period. Baud rate and period
+limit the width; if no block can contain all registers, two blocks alternate.
 
 Goals are never answered, so a servo without torque looks like one with zero torque. A separate read
 would cost a period with an adapter timer of 1 ms, and would collide with a pipelined sample. The
@@ -13,8 +12,7 @@ program changes them, a wrong register becomes the position.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 from haptic_wall.hw.dynamixel.exchange import Exchange
@@ -26,20 +24,15 @@ from haptic_wall.hw.dynamixel.wire import (
     JOINT_PART_BYTES,
     READ_REQUEST_BYTES,
 )
-from haptic_wall.hw.errors import Problem, ServoError, ServoHealthError, TorqueLostError
+from haptic_wall.hw.errors import Problem, ServoError
 
 EVERY_NS: Final = 200_000_000
 """Period of the polls"""
 _SHARE: Final = 0.65
 """Largest fraction of a period for a wide request and its reply on the wire: a goal follows, and
 after 0.8 a reply is given up"""
-_TWICE: Final = 2
-"""Consecutive polls that confirm a fault of supply or temperature, because a current peak makes the
-supply voltage dip"""
 _HEAT_MARGIN: Final = 2
 """Distance below Temperature Limit at which the run ends, before the servo shuts down [°C]"""
-
-
 _ITEMS: Final = {
     "torque enable": "torque_enable",
     "bus watchdog": "bus_watchdog",
@@ -47,14 +40,11 @@ _ITEMS: Final = {
     "temperature": "present_temperature",
 }
 """The watched registers by their names in messages"""
-_EVERYTHING: Final = (64, 147)
-_TORQUE_AND_WATCHDOG: Final = (64, SAMPLE_END)
-_WATCHDOG: Final = (98, SAMPLE_END)
 _SUPPLY_AND_HEAT: Final = (SAMPLE_ADDRESS, 147)
 _BLOCKS: Final = (
-    (_EVERYTHING, *4 * (_SUPPLY_AND_HEAT,)),
-    (_TORQUE_AND_WATCHDOG, *4 * (_SUPPLY_AND_HEAT,)),
-    (_WATCHDOG, _SUPPLY_AND_HEAT),
+    ((64, 147),),
+    ((64, SAMPLE_END), _SUPPLY_AND_HEAT),
+    ((98, SAMPLE_END), _SUPPLY_AND_HEAT),
     (_SUPPLY_AND_HEAT,),
 )
 """Sets of alternating blocks, the most complete set first; each block as (from, to)"""
@@ -140,18 +130,13 @@ class HealthPolls:
         """Time of the next poll [ns]"""
 
     def describe(self) -> tuple[str, str]:
-        """Describe the watched values with their intervals; also list all that could be watched."""
+        """Describe the watched values with their interval; also list all that could be watched."""
         everything = ", ".join(_ITEMS)
-        turns = [{name for name, *_ in self._wanted[length]} for length in self._lengths]
-        looks = {name: sum(name in turn for turn in turns) for name in _ITEMS}
-        groups = [
-            f"{', '.join(names)} every {EVERY_NS * len(turns) / count * 1e-9:g} s"
-            for count in sorted(set(looks.values()) - {0})
-            if (names := [name for name, found in looks.items() if found == count])
-        ]
-        if not groups:
+        seen = {name for turn in self._wanted.values() for name, *_ in turn}
+        if not seen:
             return "nothing: this bus has no time left at this rate", everything
-        return "; ".join(groups), everything
+        names = ", ".join(name for name in _ITEMS if name in seen)
+        return f"{names} every {EVERY_NS * len(self._lengths) * 1e-9:g} s", everything
 
     def length(self, now_ns: int) -> int:
         """Return the length of the block to request at ``now_ns`` [ns]; 0: the sample only."""
@@ -171,50 +156,3 @@ class HealthPolls:
     def answered(self) -> None:
         """Go on to the next block with the next poll; an unanswered one is repeated."""
         self._next = (self._turn + 1) % len(self._lengths)
-
-
-class HealthWatch:
-    """Judges the polled values of one servo."""
-
-    def __init__(self) -> None:
-        self.last = {"supply": 0, "temperature": 0}
-        """Last readings [0.1 V], [°C]; 0: none yet"""
-        self.bounds: DrivingRange | None = None
-        """The servo's limits; None until the start has read them"""
-        self.forget()
-
-    def forget(self) -> None:
-        """Restart: faults of an earlier run no longer count."""
-        self._strikes = dict.fromkeys(self.last, 0)
-
-    def judge(self, values: Mapping[str, int], name: str) -> bool:
-        """Check polled values.
-
-        Args:
-            values: From ``HealthPolls``.
-            name: Name of the servo, for messages.
-
-        Returns:
-            Whether the Bus Watchdog still has its setting; otherwise it must be examined.
-
-        Raises:
-            TorqueLostError: The servo's torque is off.
-            ServoHealthError: The servo must not be driven any longer.
-        """
-        bounds = self.bounds
-        if bounds is None:
-            return True
-        if values.get("torque enable") == 0:
-            raise TorqueLostError(
-                f"The torque of the {name} is off, but this program has not switched it off",
-                advice="look for another program on this bus, and check the supply: a restart "
-                "switches it off.",
-            )
-        for kind, find in (("supply", bounds.supply_fault), ("temperature", bounds.heat_fault)):
-            if kind in values:
-                fault = find(values[kind])
-                self.last[kind] = values[kind]
-                self._strikes[kind] = self._strikes[kind] + 1 if fault else 0
-                if fault is not None and self._strikes[kind] >= _TWICE:
-                    raise ServoHealthError(replace(fault, what=f"The {name} {fault.what}"))
-        return values.get("bus watchdog", bounds.watchdog) == bounds.watchdog

@@ -21,8 +21,6 @@ class JumpFilter:
         max_speed: The fastest possible motion [rad/s]; 0: unlimited.
     """
 
-    __slots__ = ("_counts", "_rate", "_refused", "_sampled_ns")
-
     def __init__(self, max_speed: float) -> None:
         self._rate = max_speed / POSITION_UNIT * 1e-9 or math.inf
         """[counts/ns]"""

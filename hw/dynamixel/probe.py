@@ -14,9 +14,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from haptic_wall.hw.dynamixel.register_access import UNHELD, Table
+from haptic_wall.hw.dynamixel.register_access import UNHELD, Table, write_all
 from haptic_wall.hw.dynamixel.registers import WATCHDOG_TRIPPED
-from haptic_wall.hw.dynamixel.rules import checked
+from haptic_wall.hw.dynamixel.rules import Verdict
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
 from haptic_wall.hw.dynamixel.watchdog import rearm, watchdog_units
 from haptic_wall.hw.dynamixel.wire import CYCLE_BYTES
@@ -124,7 +124,9 @@ def prove_the_sign(
         advice = "find the cause of this machine's stalls, or raise servo.watchdog_s"
         if late := table.lateness():
             why, advice = why + late, UNHELD
-    return checked("torque sign", push.sign_is_right, found, "motion with the torque", why, advice)
+    if push.sign_is_right:
+        why = advice = ""
+    return Verdict(found, "motion with the torque", why, advice).check("torque sign")
 
 
 class _Prober:
@@ -206,7 +208,7 @@ class _Prober:
     def _ended(self) -> bool:
         """Set zero torque, as a goal in the usual frame is not confirmed; return whether it is."""
         self._losses = 0
-        if self._table.try_write("goal_current", 0) == 0:
+        if not write_all([self._table], "goal_current", 0):
             return True
         # A tripped one accepts no goal, and has no torque.
         return self._table.try_read("bus_watchdog") == WATCHDOG_TRIPPED

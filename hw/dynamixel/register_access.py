@@ -2,8 +2,8 @@
 
 Each register is read in a block whose size no request to this servo of the last 0.5 s had, and no
 sample has: so a late reply is not taken for the answer. A lost, late or damaged request or reply
-costs another attempt, with more patience each time. What is written is read back, since all
-confirmations of writes look alike.
+costs another attempt, with more patience each time. Writes are sync writes, which have no reply:
+what counts is what is read back.
 
 A second reply of the same length is a copy, or that of a second servo with this id: then its EEPROM
 differs.
@@ -15,7 +15,7 @@ import struct
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final, TypeVar
 
-from haptic_wall.hw.dynamixel.codec import ErrorCode, Instruction, encode
+from haptic_wall.hw.dynamixel.codec import BROADCAST, ErrorCode, Instruction, encode
 from haptic_wall.hw.dynamixel.exchange import REFUSED, Exchange
 from haptic_wall.hw.dynamixel.registers import EEPROM_END, Register
 from haptic_wall.hw.dynamixel.station import Station
@@ -134,11 +134,11 @@ class Table:
 
         Raises:
             ServoLostError: No valid reply, though it replied before.
-            UnfitServoError: The servo refuses, or two have replied.
+            UnfitServoError: The servo refuses to read it, or two have replied.
         """
-        found = self.try_write(name, value)
+        found = write_all([self], name, value).get(self, value)
         self._be_one()
-        if found is None or (found != value and self.station.refusal):
+        if found is None:
             raise self._failure(f"to write {value} to {self.label(name)}")
         return found
 
@@ -151,40 +151,9 @@ class Table:
             name: The register, one up to Present Temperature (146).
             patience_ns: Time allowed for each attempt, beyond the bytes' own [ns].
             sizes: Sizes of blocks to choose from [bytes].
-
-        Raises:
-            ServoLostError: The port is gone.
         """
         register = self.registers[name]
         return self._until_answered(lambda each: self._read(register, each, sizes), patience_ns)
-
-    def try_write(
-        self, name: str, value: int, patience_ns: Sequence[int] = PATIENCE_NS
-    ) -> int | None:
-        """Write a register until the value is read back.
-
-        A confirmation only ends the wait: it may be a late one of another write.
-
-        Args:
-            name: The register.
-            value: Its new value.
-            patience_ns: Time allowed for each reply of each attempt [ns].
-
-        Returns:
-            The value read back, another one if the servo does not take it; None: no reply.
-
-        Raises:
-            ServoLostError: The port is gone.
-        """
-        register, found = self.registers[name], None
-        params = register.address.to_bytes(2, "little") + register.encode(value)
-        for each_ns in patience_ns:
-            self.station.refusal = 0
-            self._ask(Instruction.WRITE, params, 0, each_ns)
-            found = self._read(register, each_ns, SIZES)
-            if found == value:
-                break
-        return found
 
     def be_alone(self, wait_ns: int) -> None:
         """Refuse a second servo with this id, whose reply comes within ``wait_ns`` [ns].
@@ -278,9 +247,6 @@ class Table:
 
         Returns:
             The data; None: no such reply came.
-
-        Raises:
-            ServoLostError: The port is gone.
         """
         exchange, now_ns = self.exchange, self.clock.now_ns
         exchange.set_aside()
@@ -348,3 +314,39 @@ class Table:
             f"The servo {self.name} answered before, but not the request {doing}{self._reason()}",
             ", and for a second servo with this id",
         )
+
+
+def write_all(
+    servos: Sequence[Table],
+    name: str,
+    value: int,
+    patience_ns: Sequence[int] = PATIENCE_NS,
+    sizes: Sequence[int] = SIZES,
+) -> dict[Table, int | None]:
+    """Write a register of some servos at once, until each reads it back.
+
+    Args:
+        servos: The servos, on one line.
+        name: The register, which all of them have at the same address.
+        value: Its new value.
+        patience_ns: Time allowed for each reply of each attempt, beyond the bytes' own [ns].
+        sizes: As for ``try_read``.
+
+    Returns:
+        What the others read back; None: no reply.
+    """
+    left: dict[Table, int | None] = dict.fromkeys(servos)
+    for each_ns in patience_ns:
+        if not left:
+            break
+        first, *_ = left
+        register = first.registers[name]
+        data = register.encode(value)
+        head = struct.pack("<HH", register.address, register.size)
+        shares = b"".join(bytes([one.station.id]) + data for one in left)
+        frame = encode(BROADCAST, Instruction.SYNC_WRITE, head + shares)
+        first.exchange.line.write(frame)
+        allowed_ns = (each_ns + first.exchange.wire_ns(len(frame)),)
+        found = {one: one.try_read(name, allowed_ns, sizes) for one in left}
+        left = {one: now for one, now in found.items() if now != value}
+    return left

@@ -7,12 +7,12 @@ a person, or by a person's ``doctor --fix``. Reading changes nothing in the serv
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import dataclass
+from typing import Final, NamedTuple
 
+from haptic_wall.hw.dynamixel.codec import MAX_ID
 from haptic_wall.hw.dynamixel.health import DrivingRange
 from haptic_wall.hw.dynamixel.register_access import Table
-from haptic_wall.hw.dynamixel.registers import RETURN_DELAY_UNIT_NS
 from haptic_wall.hw.dynamixel.tables import Model, model_by_number
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw, torque_law
 from haptic_wall.hw.servo import Check
@@ -80,13 +80,35 @@ class Seen:
         return DrivingRange(watchdog, *(self[name] for name in names))
 
 
-@dataclass(frozen=True, slots=True)
-class Rule:
+class Verdict(NamedTuple):
+    """What a rule finds; there is a fault where it says why."""
+
+    found: str
+    wanted: str
+    why: str = ""
+    """The fault, a sentence without its point; empty: there is none"""
+    advice: str = ""
+    """The remedy; without a fault it says what could be better"""
+
+    def check(self, name: str, *, fixable: bool = False) -> Check:
+        """Return it as a check, whose remedy is a sentence, ``WHY: ADVICE``.
+
+        Args:
+            name: Name of the check.
+            fixable: ``doctor --fix`` can mend the fault.
+        """
+        found, wanted, why, advice = self
+        fix = f"{why}: {advice}" if why else advice
+        return Check(name, not why, found, wanted, fix, fixable=bool(why) and fixable)
+
+
+class Rule(NamedTuple):
     """One row of the table, and the repair of its fault: bits of a register, or a reboot."""
 
+    name: str
     reads: tuple[str, ...]
     """The registers that it judges; the rule is for servos that have them"""
-    judge: Callable[[Seen], Check]
+    judge: Callable[[Seen], Verdict]
     refuses: bool = False
     """Whether a start is refused by it"""
     register: str | None = None
@@ -97,57 +119,40 @@ class Rule:
     """The affected bits of ``value``"""
 
 
-def checked(name: str, ok: bool, found: str, wanted: str, why: str, advice: str) -> Check:
-    """Return a check of which a fault is told as a sentence, ``WHY: ADVICE``.
-
-    Args:
-        name: Name of the check.
-        ok: There is no fault.
-        found: What was found.
-        wanted: What would be right.
-        why: The fault.
-        advice: The remedy; with ``ok`` and no ``why`` it says what could be better.
-    """
-    remedy = f"{why}: {advice}" if not ok else "" if why else advice
-    return Check(name, ok, found, wanted, remedy)
-
-
 # Before anything else: without model and firmware no register has a meaning
 
 
 def judge_model(number: int, name: str) -> Check:
     """Judge a model number against the name of the configured model."""
     model = model_by_number(number)
-    advice = f"connect an {name}"
     if model is None:
-        return checked(
-            "model",
-            False,
+        return Verdict(
             f"unknown model ({number})",
             name,
             f"Its model number {number} is not known, so nothing was written to it",
-            f"{advice}, or another model that is known and name it in servo.model; if this one has "
-            "torque, switch its power off",
-        )
-    why = f"It is an {model.name} (model number {number})"
+            f"connect an {name}, or another model that is known and name it in servo.model; if "
+            "this one has torque, switch its power off",
+        ).check("model")
+    why, advice = f"It is an {model.name} (model number {number})", f"connect an {name}"
     if not model.current_mode:
         why += ", which has no current mode"
-    elif model.name != name:
+    elif model.name == name:
+        why = advice = ""
+    else:
         advice += f", or set servo.model={model.name}"
-    ok = model.name == name and model.current_mode
-    return checked("model", ok, f"{model.name} ({number})", name, why, advice)
+    return Verdict(f"{model.name} ({number})", name, why, advice).check("model")
 
 
 def judge_firmware(model: Model, firmware: int) -> Check:
     """Judge a firmware, by its Bus Watchdog."""
     why = advice = ""
-    ok = firmware >= WATCHDOG_FIRMWARE
-    if not ok:
+    if firmware < WATCHDOG_FIRMWARE:
         why = f"Its firmware {firmware} has no Bus Watchdog ({WATCHDOG_FIRMWARE} or later has)"
         advice = "update it with Dynamixel Wizard"
     elif not model.knows_fast_reads(firmware):
         advice = f"{model.fast_sync_read_firmware} or later reads several servos in one reply"
-    return checked("firmware", ok, str(firmware), f"at least {WATCHDOG_FIRMWARE}", why, advice)
+    found, wanted = str(firmware), f"at least {WATCHDOG_FIRMWARE}"
+    return Verdict(found, wanted, why, advice).check("firmware")
 
 
 def be_alone(table: Table) -> None:
@@ -165,34 +170,35 @@ def be_alone(table: Table) -> None:
 
 
 def _clear(
-    name: str,
-    register: str,
-    dangers: Mapping[int, str],
-    good: str,
-    why: str,
-    advice: str,
-    refuses: bool = True,
+    name: str, register: str, good: str, dangers: Mapping[int, str], why: str, advice: str
 ) -> Rule:
     """Return the rule that bits of a register must be 0.
 
     Args:
         name: Name of the check.
         register: The register.
-        dangers: What each of these bits means.
         good: What it means that none is set.
+        dangers: What each of these bits means.
         why: The fault; the dangers stand in place of ``{}``.
         advice: The remedy.
-        refuses: Whether a start is refused.
     """
 
-    def judge(seen: Seen) -> Check:
+    def judge(seen: Seen) -> Verdict:
         found = " and ".join(text for bit, text in dangers.items() if seen[register] >> bit & 1)
-        if not found:
-            return Check(name, True, good, good)
-        return checked(name, False, found, good, why.format(found), advice)
+        return Verdict(found, good, why.format(found), advice) if found else Verdict(good, good)
 
     mask = sum(1 << bit for bit in dangers)
-    return Rule((register,), judge, refuses, register, 0, mask)
+    return Rule(name, (register,), judge, register != "torque_enable", register, 0, mask)
+
+
+def _equal(name: str, register: str, value: int, why: str, advice: str) -> Rule:
+    """Return the rule that a register must have a value; by its fault no start is refused."""
+
+    def judge(seen: Seen) -> Verdict:
+        found = seen[register]
+        return Verdict(str(found), str(value), *((why, advice) if found != value else ()))
+
+    return Rule(name, (register,), judge, register=register, value=value)
 
 
 def error_names(error: int) -> str:
@@ -207,55 +213,33 @@ def what_to_do(error: int) -> str:
     return f"{remove}; then reboot it, or switch its power off and on; only this clears the error"
 
 
-def _error(seen: Seen) -> Check:
+def _error(seen: Seen) -> Verdict:
     error = seen["hardware_error_status"]
     if not error:
-        return Check("hardware error", True, "none", "none")
+        return Verdict("none", "none")
     names = error_names(error) or "unknown"
     why = f"It has latched a hardware error ({names})"
-    return checked(
-        "hardware error", False, f"{names} (0x{error:02x})", "none", why, what_to_do(error)
-    )
+    return Verdict(f"{names} (0x{error:02x})", "none", why, what_to_do(error))
 
 
-def _status_level(seen: Seen) -> Check:
-    level = seen["status_return_level"]
-    why = "It does not confirm writes"
-    advice = f"set Status Return Level (68) to {STATUS_LEVEL}; a run does so itself"
-    return checked(
-        "status return level", level == STATUS_LEVEL, str(level), str(STATUS_LEVEL), why, advice
-    )
-
-
-def _return_delay(seen: Seen) -> Check:
-    delay = seen["return_delay_time"]
-    found = f"{delay} ({delay * RETURN_DELAY_UNIT_NS // 1000} µs)"
-    if not delay:
-        return Check("return delay", True, found, "0")
-    advice = "write 0 to Return Delay Time (9); a run does so itself"
-    return checked("return delay", False, found, "0", "It delays every reply", advice)
-
-
-def _secondary_id(seen: Seen) -> Check:
+def _secondary_id(seen: Seen) -> Verdict:
     second = seen["secondary_id"]
-    if second > 252:
-        return Check("secondary id", True, "none", "none")
+    if second > MAX_ID:
+        return Verdict("none", "none")
     why = f"It also obeys writes to id {second}, without a reply"
-    return checked(
-        "secondary id", False, str(second), "none", why, "write 255 to Secondary ID (12)"
-    )
+    return Verdict(str(second), "none", why, "write 255 to Secondary ID (12)")
 
 
-def _shutdown(seen: Seen) -> Check:
+def _shutdown(seen: Seen) -> Verdict:
     shutdown, factory = seen["shutdown"], seen.factory("shutdown")
     wanted = f"{factory}, the factory setting"
     if not (missing := error_names(factory & ~shutdown)):
-        return Check("shutdown", True, str(shutdown), wanted)
+        return Verdict(str(shutdown), wanted)
     why, advice = f"It does not protect itself from {missing}", f"write {factory} to Shutdown (63)"
-    return checked("shutdown", False, f"{shutdown}, without {missing}", wanted, why, advice)
+    return Verdict(f"{shutdown}, without {missing}", wanted, why, advice)
 
 
-def _current_limit(seen: Seen) -> Check:
+def _current_limit(seen: Seen) -> Verdict:
     current, most, name = seen["current_limit"], seen.model.current_limit, seen.model.name
     torque = seen.law.torque(current)
     why = advice = ""
@@ -270,69 +254,67 @@ def _current_limit(seen: Seen) -> Check:
             f"servo.torque_limit is {seen.torque_limit:g} N·m: raise Current Limit (38), or accept "
             "the servo's lower limit"
         )
-    return checked(
-        "current limit", not why, f"{current} ({torque:.2f} N·m)", f"1 to {most}", why, advice
-    )
+    return Verdict(f"{current} ({torque:.2f} N·m)", f"1 to {most}", why, advice)
 
 
-def _pwm_limit(seen: Seen) -> Check:
+def _pwm_limit(seen: Seen) -> Verdict:
     pwm, full, model = seen["pwm_limit"], seen.factory("pwm_limit"), seen.model
     stall = model.stall_torque or seen.law.torque(model.current_limit)
     torque = pwm / full * seen.volts / model.voltage * stall
-    found = f"{pwm} ({torque:.2g} N·m at a standstill)"
+    why = advice = ""
     if pwm < _LEAST_PWM * full:
         why = f"Its PWM Limit (36) bounds the torque to {torque:.2g} N·m at a standstill"
-        return checked("PWM limit", False, found, str(full), why, "raise it with Dynamixel Wizard")
-    advice = "" if pwm >= full else "the torque at high speed is lower: raise PWM Limit (36)"
-    return Check("PWM limit", True, found, str(full), advice)
+        advice = "raise it with Dynamixel Wizard"
+    elif pwm < full:
+        advice = "the torque at high speed is lower: raise PWM Limit (36)"
+    return Verdict(f"{pwm} ({torque:.2g} N·m at a standstill)", str(full), why, advice)
 
 
-def _supply(seen: Seen) -> Check:
+def _supply(seen: Seen) -> Verdict:
     volts, bounds, nominal = seen.volts, seen.bounds(0), seen.model.voltage
-    wanted = f"{bounds.lowest / 10:g} to {bounds.highest / 10:g} V"
+    why = advice = ""
     if fault := bounds.supply_fault(seen["present_input_voltage"]):
-        return checked(
-            "supply", False, f"{volts:g} V", wanted, f"It {fault.what}", fault.advice.rstrip(".")
-        )
-    advice = ""
-    if abs(volts - nominal) > 0.15 * nominal:
+        why, advice = f"It {fault.what}", fault.advice.rstrip(".")
+    elif abs(volts - nominal) > 0.15 * nominal:
         advice = f"its stall torque holds at {nominal:g} V; here the largest torque differs"
-    return Check("supply", True, f"{volts:g} V", wanted, advice)
+    wanted = f"{bounds.lowest / 10:g} to {bounds.highest / 10:g} V"
+    return Verdict(f"{volts:g} V", wanted, why, advice)
 
 
-def _temperature(seen: Seen) -> Check:
+def _temperature(seen: Seen) -> Verdict:
     celsius, bounds = seen["present_temperature"], seen.bounds(0)
-    found, wanted = f"{celsius} °C", f"at most {bounds.warmest} °C"
+    why = advice = ""
     if fault := bounds.heat_fault(celsius):
-        return checked(
-            "temperature", False, found, wanted, f"It {fault.what}", fault.advice.rstrip(".")
-        )
-    warm = celsius > bounds.warmest - _WARM
-    advice = "it is close to the limit at which it shuts down" if warm else ""
-    return Check("temperature", True, found, wanted, advice)
+        why, advice = f"It {fault.what}", fault.advice.rstrip(".")
+    elif celsius > bounds.warmest - _WARM:
+        advice = "it is close to the limit at which it shuts down"
+    return Verdict(f"{celsius} °C", f"at most {bounds.warmest} °C", why, advice)
 
 
 _SUPPLY: Final = ("present_input_voltage", "min_voltage_limit", "max_voltage_limit")
 _HEAT: Final = ("present_temperature", "temperature_limit")
 RULES: Final = (
-    Rule(
-        ("status_return_level",), _status_level, register="status_return_level", value=STATUS_LEVEL
+    _equal(
+        "status return level",
+        "status_return_level",
+        STATUS_LEVEL,
+        "It does not confirm writes",
+        f"set Status Return Level (68) to {STATUS_LEVEL}; a run does so itself",
     ),
     _clear(
         "torque",
         "torque_enable",
-        {0: "on"},
         "off",
+        {0: "on"},
         "A program has left its torque on",
         "end that program, hold any load on the shaft, and switch its power off and on",
-        refuses=False,
     ),
-    Rule(("hardware_error_status",), _error, refuses=True, register=""),
+    Rule("hardware error", ("hardware_error_status",), _error, refuses=True, register=""),
     _clear(
         "direction",
         "drive_mode",
-        {0: "reverse"},
         "normal",
+        {0: "reverse"},
         "Its Drive Mode is reverse, which may reverse the position but not the torque, so that a "
         "wall would push the wrong way",
         f"{_FIX} clears bit 0 of Drive Mode (10)",
@@ -340,34 +322,40 @@ RULES: Final = (
     _clear(
         "dual joint",
         "drive_mode",
-        {1: "slave"},
         "no slave",
+        {1: "slave"},
         "It is the slave of a dual joint, which follows another servo and not this program",
         f"{_FIX} clears bit 1 of Drive Mode (10); then drive the master",
     ),
     _clear(
         "torque on by goal update",
         "drive_mode",
-        {3: "on"},
         "off",
+        {3: "on"},
         "Any goal, even a late one, would switch its torque back on",
         f"{_FIX} clears bit 3 of Drive Mode (10)",
     ),
     _clear(
         "start-up configuration",
         "startup_configuration",
-        {0: "torque on at power-up", 1: "old goals restored"},
         "0",
+        {0: "torque on at power-up", 1: "old goals restored"},
         "Its Startup Configuration means {}",
         f"{_FIX} clears these bits of Startup Configuration (60)",
     ),
-    Rule(("return_delay_time",), _return_delay, register="return_delay_time"),
-    Rule(("secondary_id",), _secondary_id, register="secondary_id", value=255),
-    Rule(("shutdown",), _shutdown, register="shutdown", value=None),
-    Rule(("current_limit", "present_input_voltage"), _current_limit, refuses=True),
-    Rule(("pwm_limit", "present_input_voltage"), _pwm_limit),
-    Rule((*_SUPPLY, *_HEAT), _supply, refuses=True),
-    Rule((*_HEAT, *_SUPPLY), _temperature, refuses=True),
+    _equal(
+        "return delay",
+        "return_delay_time",
+        0,
+        "It delays every reply",
+        "write 0 to Return Delay Time (9); a run does so itself",
+    ),
+    Rule("secondary id", ("secondary_id",), _secondary_id, register="secondary_id", value=255),
+    Rule("shutdown", ("shutdown",), _shutdown, register="shutdown", value=None),
+    Rule("current limit", ("current_limit", "present_input_voltage"), _current_limit, True),
+    Rule("PWM limit", ("pwm_limit", "present_input_voltage"), _pwm_limit),
+    Rule("supply", (*_SUPPLY, *_HEAT), _supply, True),
+    Rule("temperature", (*_HEAT, *_SUPPLY), _temperature, True),
 )
 """In the order in which they are printed, and repaired but for a reboot, which comes last: torque
 locks EEPROM, and a reboot follows Startup Configuration"""
@@ -403,5 +391,4 @@ def judge(seen: Seen, *, start: bool = False) -> Iterator[tuple[Rule, Check]]:
     """
     for rule in RULES:
         if (rule.refuses or not start) and all(name in seen.values for name in rule.reads):
-            check = rule.judge(seen)
-            yield rule, replace(check, fixable=not check.ok and rule.register is not None)
+            yield rule, rule.judge(seen).check(rule.name, fixable=rule.register is not None)

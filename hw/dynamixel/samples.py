@@ -7,12 +7,7 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import Final, NamedTuple
 
-from haptic_wall.hw.dynamixel.codec import (
-    BROADCAST,
-    ExpectedReplies,
-    Instruction,
-    encode,
-)
+from haptic_wall.hw.dynamixel.codec import BROADCAST, ExpectedReplies, Instruction, encode
 from haptic_wall.hw.servo import Outcome
 
 SAMPLE: Final = struct.Struct("<HxxhhIi")
@@ -69,8 +64,6 @@ class SampleRequest:
         expected: Recognises the undisturbed replies; None: each is searched for.
         unpack: Takes tick, current and position from a reply's data.
     """
-
-    __slots__ = ("expected", "frame", "length", "unpack")
 
     def __init__(
         self, way: Way, ids: Sequence[int], address: int, length: int, *, prepared: bool = False

@@ -10,15 +10,14 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from haptic_wall.hw.dynamixel.health import DrivingRange
 from haptic_wall.hw.dynamixel.probe import prove_the_sign
 from haptic_wall.hw.dynamixel.register_access import ECHOES, Table
 from haptic_wall.hw.dynamixel.registers import CURRENT_MODE, POSITION_UNIT
 from haptic_wall.hw.dynamixel.rules import (
     STATUS_LEVEL,
     Seen,
+    Verdict,
     be_alone,
-    checked,
     judge,
     judge_firmware,
     judge_model,
@@ -47,8 +46,6 @@ class Ready(NamedTuple):
     checks: list[Check]
     seen: Seen
     """What it is set to"""
-    bounds: DrivingRange
-    """The range in which it may be driven"""
     reply_ns: int
     """Time of a reply, if longer than the schedules allow [ns]; else 0"""
     longest_ns: int
@@ -66,16 +63,11 @@ class Startup:
     """
 
     def __init__(
-        self,
-        settings: DriverSettings,
-        model: Model,
-        table: Table,
-        constant: float,
+        self, settings: DriverSettings, model: Model, table: Table, constant: float
     ) -> None:
         self._settings = settings
         self._model = model
         self._table = table
-        self._exchange = table.exchange
         self._clock = table.clock
         self._constant = constant
         where = settings.port or "the emulated bus in memory"
@@ -92,30 +84,28 @@ class Startup:
             ServoLostError: It stops replying.
             UnfitServoError: One or more checks failed; the message has a sentence for each.
         """
-        self._report_adapter()
-        if self._table.station.echoes:
-            self._report("echo", f"{ECHOES}: switch its echo off", "none")
-        self._identify(number)
-        be_alone(self._table)
-        self._torque_off()
         settings, table = self._settings, self._table
+        self._report_adapter()
+        self._identify(number)
+        be_alone(table)
+        self._switch("torque at the start", 0, "stays on", "switch its power off")
+        self._refuse_if_unfit()
         seen = read_servo(table, self._model, self._constant, settings.torque_limit, start=True)
         self._checks += (check for _, check in judge(seen, start=True))
         self._refuse_if_unfit()
         self._set_up()
-        self._report_speed(seen.volts)
         self._judge_constant(seen.law)
         self._report("position", f"{self._sample().counts * POSITION_UNIT:.3f} rad", "known")
         longest_ns, reply_ns = self._measure_reply()
         self._refuse_if_unfit()
-        self._torque_on()
-        sign = prove_the_sign(settings, seen.law, seen["current_limit"], table, self._name)
-        self._checks.append(sign)
+        why = "check its supply voltage and Hardware Error Status (70)"
+        self._switch("torque", 1, "stays off", why)  # the goal is zero
         self._refuse_if_unfit()
-        bounds = seen.bounds(watchdog_units(settings.watchdog_s))
-        return Ready(self._checks, seen, bounds, reply_ns, longest_ns)
-
-    # What is found
+        self._checks.append(
+            prove_the_sign(settings, seen.law, seen["current_limit"], table, self._name)
+        )
+        self._refuse_if_unfit()
+        return Ready(self._checks, seen, reply_ns, longest_ns)
 
     def _report_adapter(self) -> None:
         """Report how long the adapter holds short replies; the samples' age shows the effect."""
@@ -126,6 +116,8 @@ class Startup:
                 file = timer_file(port)
                 found += f", which delays replies; `echo 1 | sudo tee {file}` sets 1 ms"
         self._report("latency timer", found, "1 ms, or none")
+        if self._table.station.echoes:
+            self._report("echo", f"{ECHOES}: switch its echo off", "none")
 
     def _identify(self, number: int) -> None:
         """Check model and firmware, and have every instruction answered."""
@@ -134,25 +126,50 @@ class Startup:
         self._refuse_if_unfit()
         before = table.try_read("status_return_level")  # at 0 reads have no reply
         level = table.write("status_return_level", STATUS_LEVEL)  # a silent second servo takes it
-        found = str(level) if level == before else f"{before or 0}, set to {level}"
-        why = "It does not answer every instruction"
-        ok = level == STATUS_LEVEL
-        self._judge("status return level", ok, found, str(STATUS_LEVEL), why, "reboot it")
+        why = "" if level == STATUS_LEVEL else "It does not answer every instruction"
+        self._judge_written("status return level", before or 0, level, STATUS_LEVEL, why)
         firmware = table.read("firmware_version")
         self._checks.append(judge_firmware(self._model, firmware))
         self._refuse_if_unfit()
         table.registers = self._model.registers_at(firmware)
 
-    def _report_speed(self, volts: float) -> None:
-        """Report the speed it reaches by itself, and whether the trip speed is below that."""
-        alone, most = self._model.no_load_at(volts), self._settings.max_speed
-        found = f"{alone:.3g} rad/s at {volts:g} V"
-        if self._settings.speed_asked and most is not None and most > alone:
-            found += (
-                f", below safety.max_speed {most:g}: a wall that drives the shaft does not trip; "
-                "with null it does"
-            )
-        self._report("no-load speed", found, "above the speed that trips")
+    def _switch(self, name: str, wanted: int, stays: str, advice: str) -> None:
+        """Switch the torque on or off; it may be on from another run."""
+        before = self._table.read("torque_enable")
+        after = before if before == wanted else self._table.write("torque_enable", wanted)
+        states = ("off", "on")
+        found = states[after > 0]
+        if before > wanted == after:
+            found = "on, switched off"
+        why = "" if after == wanted else f"Its torque {stays}"
+        self._checks.append(Verdict(found, states[wanted], why, advice if why else "").check(name))
+
+    def _set_up(self) -> None:
+        """Set mode, return delay, goal and watchdog where they differ, and read them back."""
+        table = self._table
+        table.write("bus_watchdog", 0)  # a tripped watchdog refuses every goal, 0 included
+        self._settle("operating_mode", CURRENT_MODE)
+        self._settle("return_delay_time", 0, "return delay")
+        table.write("goal_current", 0)  # the mode change has set it to Current Limit
+        self._settle("goal_current", 0)
+        # It limits the current in this mode too, and keeps another program's value.
+        self._settle("goal_pwm", table.read("pwm_limit"))
+        self._settle("bus_watchdog", watchdog_units(self._settings.watchdog_s))
+
+    def _settle(self, register: str, wanted: int, name: str = "") -> None:
+        """Write a register where it differs, and read it back."""
+        before = after = self._table.read(register)
+        if before != wanted:
+            after = self._table.write(register, wanted)
+        why = f"Its {self._table.label(register)} stays {after} when {wanted} is written"
+        self._judge_written(
+            name or register.replace("_", " "), before, after, wanted, why * (after != wanted)
+        )
+
+    def _judge_written(self, name: str, before: int, after: int, wanted: int, why: str) -> None:
+        found = str(after) if after == before else f"{before}, set to {after}"
+        advice = "reboot it, and look for another program on this bus" if why else ""
+        self._checks.append(Verdict(found, str(wanted), why, advice).check(name))
 
     def _judge_constant(self, law: TorqueLaw) -> None:
         """Check that the torque limit leaves a torque."""
@@ -163,13 +180,15 @@ class Startup:
                 f"; of the motor's current: the servo senses that of its supply, so goals go with "
                 f"the square of the torque, in steps of at most {law.step:.2g} N·m"
             )
-        why = (
-            f"Its smallest torque is {law.step:.2g} N·m at this supply, more than "
-            f"servo.torque_limit, {limit:g} N·m"
-        )
-        ok = limit <= 0.0 or law.within(limit) > 0
+        told = ()
+        if limit > 0.0 and not law.within(limit):
+            told = (
+                f"Its smallest torque is {law.step:.2g} N·m at this supply, more than "
+                f"servo.torque_limit, {limit:g} N·m",
+                "raise servo.torque_limit",
+            )
         found = f"{self._constant:.3g} N·m/A, {origin}"
-        self._judge("torque per current", ok, found, "measured", why, "raise servo.torque_limit")
+        self._checks.append(Verdict(found, "measured", *told).check("torque per current"))
 
     def _measure_reply(self) -> tuple[int, int]:
         """Return the time of a reply [ns], and again if longer than the schedules allow; else 0.
@@ -194,52 +213,8 @@ class Startup:
         self._report("adapter reply", found, f"at most {most_ns * 1e-6:.1f} ms")
         return middle, middle if slow else 0
 
-    # What is set
-
-    def _torque_off(self) -> None:
-        """Switch off torque left from another run."""
-        was_on = self._table.read("torque_enable") != 0
-        off = not was_on or self._table.write("torque_enable", 0) == 0
-        found = "off" if not was_on else "on, switched off" if off else "on"
-        why, advice = "Its torque stays on", "switch its power off"
-        self._judge("torque at the start", off, found, "off", why, advice)
-
-    def _set_up(self) -> None:
-        """Set mode, return delay, goal and watchdog where they differ, and read them back."""
-        self._table.write("bus_watchdog", 0)  # a tripped watchdog refuses every goal, 0 included
-        self._settle_at("operating mode", "operating_mode", CURRENT_MODE)
-        self._settle_at("return delay", "return_delay_time", 0)
-        self._table.write("goal_current", 0)  # the mode change has set it to Current Limit
-        self._settle_at("goal current", "goal_current", 0)
-        # It limits the current in this mode too, and keeps another program's value.
-        self._settle_at("goal pwm", "goal_pwm", self._table.read("pwm_limit"))
-        units = watchdog_units(self._settings.watchdog_s)
-        self._settle_at("bus watchdog", "bus_watchdog", units)
-
-    def _settle_at(self, name: str, register_name: str, wanted: int) -> None:
-        """Write a register where it differs, and read it back."""
-        before = after = self._table.read(register_name)
-        if before != wanted:
-            after = self._table.write(register_name, wanted)
-        found = str(after) if after == before else f"{before}, set to {after}"
-        why = f"Its {self._table.label(register_name)} stays {after} when {wanted} is written"
-        advice = "reboot it, and look for another program on this bus"
-        self._judge(name, after == wanted, found, str(wanted), why, advice)
-
-    def _torque_on(self) -> None:
-        """Enable torque; the goal is zero."""
-        on = self._table.write("torque_enable", 1) == 1
-        advice = "check its supply voltage and Hardware Error Status (70)"
-        self._judge("torque", on, "on" if on else "off", "on", "Its torque stays off", advice)
-        self._refuse_if_unfit()
-
-    # Tools
-
     def _report(self, name: str, found: str, wanted: str) -> None:
         self._checks.append(Check(name, True, found, wanted))
-
-    def _judge(self, name: str, ok: bool, found: str, wanted: str, why: str, advice: str) -> None:
-        self._checks.append(checked(name, ok, found, wanted, why, advice))
 
     def _refuse_if_unfit(self) -> None:
         """Raise if any check failed so far, with a sentence for each."""
@@ -249,7 +224,7 @@ class Startup:
 
     def _sample(self) -> Sample:
         """Return a position, over the same path as the running cycle."""
-        exchange = self._exchange
+        exchange = self._table.exchange
         for _ in range(_SAMPLE_ATTEMPTS):
             exchange.request()
             (sample,) = exchange.collect(self._clock.now_ns() + _SAMPLE_PATIENCE_NS)

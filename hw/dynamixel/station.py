@@ -36,20 +36,6 @@ class Station:
         id_: Its id.
     """
 
-    __slots__ = (
-        "_ahead",
-        "_ahead_ns",
-        "_last",
-        "block",
-        "counts",
-        "echoes",
-        "id",
-        "longest_ns",
-        "refusal",
-        "silent",
-        "twins",
-    )
-
     def __init__(self, id_: int) -> None:
         self.id = id_
         self.counts = BusCounts()

@@ -20,7 +20,6 @@ from haptic_wall.hw.emulated.instructions import (
     WRITES,
     Entry,
     carry_out,
-    carry_out_as_secondary,
     entries,
 )
 from haptic_wall.hw.emulated.servo import EmulatedServo
@@ -65,13 +64,7 @@ def answer(frame: Frame, servos: Sequence[EmulatedServo], now_ns: int) -> list[A
         by_id.setdefault(servo.id, []).append(servo)
     if frame.id == BROADCAST:
         return _broadcast(frame, up, by_id, now_ns)
-    group = [servo for servo in up if servo.secondary_id == frame.id]
-    answers = _direct(frame, by_id.get(frame.id, ()), now_ns)
-    if frame.error != ErrorCode.CRC:
-        for servo in group:
-            servo.heard(now_ns)
-            carry_out_as_secondary(frame, servo, now_ns)
-    return answers
+    return _direct(frame, by_id.get(frame.id, ()), now_ns)
 
 
 def _direct(frame: Frame, servos: Sequence[EmulatedServo], now_ns: int) -> list[Answer]:

@@ -19,10 +19,8 @@ from haptic_wall.hw.dynamixel.codec import BROADCAST, Frame, Parser
 from haptic_wall.hw.dynamixel.wire import wire_ns
 from haptic_wall.hw.emulated.adapter import BLOCKS, Adapter
 from haptic_wall.hw.emulated.answers import Answer, addressed, answer
-from haptic_wall.hw.emulated.damage import id_of
-from haptic_wall.hw.emulated.fault_effects import SILENCING, apply_fault
 from haptic_wall.hw.emulated.faults import Fault, parse_fault
-from haptic_wall.hw.emulated.injection import FaultEvent, Faults
+from haptic_wall.hw.emulated.injection import SILENCING, FaultEvent, Faults, apply_fault, id_of
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.emulated.traffic import Piece, Reply, instruction_of, pieces
 from haptic_wall.hw.emulated.witness import Event, Witness

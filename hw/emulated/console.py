@@ -6,8 +6,7 @@ import os
 from collections.abc import Callable
 
 from haptic_wall.hw.emulated.bus import EmulatedBus
-from haptic_wall.hw.emulated.faults import KINDS
-from haptic_wall.hw.emulated.values import suggestion
+from haptic_wall.hw.emulated.faults import KINDS, suggestion
 from haptic_wall.hw.errors import SpecError
 
 _READ_SIZE = 4096

@@ -10,9 +10,10 @@ access, so that the result does not depend on how often that happens.
 from __future__ import annotations
 
 import math
+import struct
 from typing import Final
 
-from haptic_wall.hw.dynamixel.registers import COUNTS_PER_REV, CURRENT_MODE
+from haptic_wall.hw.dynamixel.registers import COUNTS_PER_REV, CURRENT_MODE, VELOCITY_UNIT
 from haptic_wall.hw.dynamixel.tables import Model
 from haptic_wall.hw.emulated.control_modes import (
     CURRENT_POSITION_MODE,
@@ -21,7 +22,6 @@ from haptic_wall.hw.emulated.control_modes import (
     PWM_FULL,
     PWM_MODE,
     Controllers,
-    Motion,
 )
 from haptic_wall.hw.emulated.motor import Motor
 from haptic_wall.hw.emulated.rules import ControlTable
@@ -33,6 +33,14 @@ SLOPE_UNIT: Final = 1.977
 """[V/s] per unit of PWM Slope"""
 _NEVER_NS: Final = 1 << 62
 _COUNTS_PER_RAD: Final = COUNTS_PER_REV / (2.0 * math.pi)
+HELD_POSE: Final = (-1, -3)
+"""Current and velocity [units] that a servo now and then measures while it holds a pose: side by
+side their bytes begin as a frame does, so that the sender has to stuff them"""
+_PRESENT = struct.Struct("<HBBhhiiiiHB")
+"""Realtime Tick to Present Temperature, in the order of their addresses"""
+_LOWEST, _HIGHEST = -0x8000_0000, 0x7FFF_FFFF
+_LOAD_FULL = 1000
+"""Present Load at full output [0.1 %]"""
 
 
 class Drive:
@@ -61,7 +69,7 @@ class Drive:
         self.current_unit = model.current_unit_ma * 1e-3
         """[A] per unit of current; 0 where there is none"""
         self.held_pose = False
-        """The measured current and velocity are those of ``measured.HELD_POSE``"""
+        """The measured current and velocity are those of ``HELD_POSE``"""
         self._loops = mechanism.has_current_loop
         self._stepped_current = motor.senses_supply
         self._on = False
@@ -119,12 +127,6 @@ class Drive:
             self.controllers.stop(self.position())
         self.update(now_ns)
 
-    def motion(self, position: int) -> Motion:
-        """Return the controllers' state, with the shaft at ``position`` [counts]."""
-        if self._active in (None, CURRENT_MODE, PWM_MODE):
-            return Motion(0, 0, position)
-        return self.controllers.motion(position)
-
     def counts(self) -> int:
         """Return the encoder's multi-turn counts, at the present time."""
         if self.stuck_at is not None:
@@ -154,7 +156,44 @@ class Drive:
         if self._active in POSITION_MODES:
             self._memory["goal_position"] += self.position() - before
 
-    def electrical(self) -> tuple[float, float]:
+    def measured(self, tick: int) -> bytes:
+        """Return the bytes of the measured registers at the present time, with this Realtime Tick.
+
+        The velocity is the true one, unfiltered. Present Load, which replaces Present Current in
+        models without current control, is the output: "inferred from the internal output value".
+        """
+        table = self.table
+        # An unlimited motion may exceed the registers' range.
+        position = min(max(self.position(), _LOWEST), _HIGHEST)
+        velocity = 0
+        if self.stuck_at is None:
+            velocity = min(max(round(self.mechanism.velocity / VELOCITY_UNIT), -_HIGHEST), _HIGHEST)
+        amperes, duty = self._electrical()
+        unit = self.current_unit
+        current = round(amperes / unit) if unit else round(duty * _LOAD_FULL)
+        pwm = round(duty * PWM_FULL)
+        if table.inverts_current:
+            velocity, current, pwm = -velocity, -current, -pwm
+        if self.held_pose:
+            current, velocity = HELD_POSE
+        status, lead_velocity, lead_position = 0, 0, position
+        if self._active not in (None, CURRENT_MODE, PWM_MODE):
+            status, lead_velocity, lead_position = self.controllers.motion(position)
+        return _PRESENT.pack(
+            tick,
+            abs(velocity) > table.memory["moving_threshold"],
+            status,
+            pwm,
+            min(max(current, -0x8000), 0x7FFF),
+            velocity,
+            position,
+            lead_velocity,
+            lead_position,
+            table.volts,
+            min(max(round(table.temperature), 0), 0xFF),
+        )
+
+    def _electrical(self) -> tuple[float, float]:
         """Return the measured current [A], and the duty (fraction of the supply on the motor).
 
         Both in the motor's direction, and 0 while the motor is limp.

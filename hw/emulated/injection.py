@@ -1,4 +1,4 @@
-"""Decides when each injected fault acts, from a seed and nothing else.
+"""Decides when each injected fault acts, from a seed and nothing else, and applies it.
 
 Every fault has a random stream of its own, so that one more fault does not change the others.
 """
@@ -7,11 +7,81 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterable
+from dataclasses import dataclass
 from random import Random
 from typing import NamedTuple
 
-from haptic_wall.hw.emulated.damage import Passage, id_of, strike
+from haptic_wall.hw.dynamixel.codec import MAX_ID, crc16
+from haptic_wall.hw.dynamixel.codec.frames import HEADER
 from haptic_wall.hw.emulated.faults import Fault, parse_fault
+from haptic_wall.hw.emulated.servo import EmulatedServo
+
+_ID, _SHORTEST = 4, 10
+_NOISE = 8
+"""Default number of garbage bytes"""
+
+
+@dataclass(slots=True)
+class Passage:
+    """A frame after the faults."""
+
+    chunks: list[bytes]
+    """The received bytes: noise, the frame, a copy; empty where it is lost"""
+    late_ns: int = 0
+    """Added delay [ns]"""
+    names: tuple[str, ...] = ()
+    """The faults that hit it"""
+
+
+def strike(fault: Fault, passage: Passage, rng: Random) -> None:
+    """Apply ``fault`` to the frame in ``passage``."""
+    values = fault.values
+    chunks = passage.chunks
+    passage.names += (fault.name,)
+    if fault.name == "late":
+        passage.late_ns += round(values["ms"] * 1_000_000)
+    elif fault.name == "noise":
+        chunks.insert(0, rng.randbytes(values.get("bytes", _NOISE)))
+    elif fault.name == "duplicate":
+        chunks.append(chunks[-1])
+    elif fault.name == "drop":
+        chunks.clear()
+    else:
+        change = {"corrupt": _flip, "truncate": _truncate, "wrong-id": _readdress}[fault.name]
+        chunks[-1] = change(chunks[-1], fault, rng)
+
+
+def id_of(wire: bytes) -> int | None:
+    """Return the id in a frame's bytes; None where they do not begin with a header."""
+    return wire[_ID] if wire.startswith(HEADER) and len(wire) > _ID else None
+
+
+def _flip(wire: bytes, fault: Fault, rng: Random) -> bytes:
+    """Flip distinct bits, each with equal probability."""
+    damaged = bytearray(wire)
+    count = min(fault.values.get("flips", 1), 8 * len(wire))
+    for bit in rng.sample(range(8 * len(wire)), count):
+        damaged[bit // 8] ^= 1 << bit % 8
+    return bytes(damaged)
+
+
+def _truncate(wire: bytes, fault: Fault, rng: Random) -> bytes:
+    """Keep the first bytes: the given number, else from one to all but one."""
+    keep = fault.values.get("keep")
+    return wire[: rng.randint(1, max(1, len(wire) - 1)) if keep is None else keep]
+
+
+def _readdress(wire: bytes, fault: Fault, rng: Random) -> bytes:
+    """Replace the id and adapt the CRC; bytes that are no whole frame stay."""
+    own = id_of(wire)
+    if own is None or len(wire) < _SHORTEST:
+        return wire
+    other = fault.values.get("to")
+    if other is None:
+        other = rng.choice([id_ for id_ in range(MAX_ID + 1) if id_ != own])
+    frame = wire[:_ID] + bytes([other]) + wire[_ID + 1 : -2]
+    return frame + crc16(frame).to_bytes(2, "little")
+
 
 _HELD = ("stuck", "stuffing", "supply", "ambient", "unplug", "unplug-adapter")
 """Faults with a duration; a jump only if one is given"""
@@ -167,3 +237,36 @@ class Faults:
     def _plan(self, time_ns: int, acting: _Acting, *, begins: bool) -> None:
         heapq.heappush(self._due, _Due(time_ns, self._order, acting, begins))
         self._order += 1
+
+
+SILENCING = ("brown-out", "unplug")
+"""Faults that truncate a reply on its way"""
+
+
+def apply_fault(event: FaultEvent, servo: EmulatedServo, now_ns: int) -> None:
+    """Begin or end the fault on ``servo`` at ``now_ns`` [ns]."""
+    fault, begins = event
+    servo.keep_up(now_ns)
+    match fault.name:
+        case "stuck" if begins:
+            servo.mechanism.advance(now_ns)
+            servo.drive.stuck_at = servo.drive.counts()
+        case "stuck":
+            servo.drive.stuck_at = None
+        case "stuffing":
+            servo.drive.held_pose = begins
+        case "jump":
+            counts: int = fault.values["counts"]
+            servo.drive.shifted += counts if begins else -counts
+        case "hardware-error" if not servo.unplugged:
+            servo.latch_errors(fault.values["bits"], now_ns)
+        case "supply":
+            servo.set_supply(fault.values["volts"] if begins else servo.true_supply, now_ns)
+        case "ambient":
+            servo.set_ambient(fault.values["celsius"] if begins else servo.true_ambient, now_ns)
+        case "unplug" if begins:
+            servo.unplug(now_ns)
+        case "unplug":
+            servo.reboot(now_ns)
+        case "brown-out" if not servo.unplugged:
+            servo.reboot(now_ns)

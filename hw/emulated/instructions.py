@@ -34,18 +34,6 @@ def carry_out(frame: Frame, servo: EmulatedServo, now_ns: int) -> _Done:
     return (ErrorCode.INSTRUCTION, b"") if act is None else act(frame, servo, now_ns)
 
 
-def carry_out_as_secondary(frame: Frame, servo: EmulatedServo, now_ns: int) -> None:
-    """Execute ``frame`` for the servo's Secondary ID, which reaches RAM alone.
-
-    Only writes, reg writes and actions are executed. The manual does not describe the other
-    instructions: they are useless without a reply, or affect more than a group should.
-    """
-    if frame.instruction == Instruction.ACTION:
-        servo.act(now_ns)
-    elif frame.instruction in (Instruction.WRITE, Instruction.REG_WRITE):
-        _write(frame, servo, now_ns, ram_only=True)
-
-
 def _ping(_frame: Frame, servo: EmulatedServo, _now_ns: int) -> _Done:
     return ErrorCode.NONE, servo.model.number.to_bytes(2, "little") + bytes([servo.firmware])
 
@@ -59,14 +47,14 @@ def _read(frame: Frame, servo: EmulatedServo, now_ns: int) -> _Done:
     return (ErrorCode.ACCESS, b"") if data is None else (ErrorCode.NONE, data)
 
 
-def _write(frame: Frame, servo: EmulatedServo, now_ns: int, *, ram_only: bool = False) -> _Done:
+def _write(frame: Frame, servo: EmulatedServo, now_ns: int) -> _Done:
     params = frame.params
     if len(params) < 3:
         return ErrorCode.DATA_LENGTH, b""
     address, data = int.from_bytes(params[:2], "little"), params[2:]
     if frame.instruction == Instruction.REG_WRITE:
-        return servo.register(address, data, ram_only=ram_only), b""
-    return servo.write(address, data, now_ns, ram_only=ram_only), b""
+        return servo.register(address, data), b""
+    return servo.write(address, data, now_ns), b""
 
 
 def _action(_frame: Frame, servo: EmulatedServo, now_ns: int) -> _Done:

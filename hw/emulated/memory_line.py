@@ -25,32 +25,20 @@ class MemoryLine:
         self._times_unplugged = bus.times_unplugged
 
     def write(self, data: bytes) -> None:
-        """Send ``data`` from the present time on.
-
-        Raises:
-            ServoLostError: The adapter was unplugged.
-        """
+        """Send ``data`` from the present time on."""
         self._check()
         self.bus.receive(data, self.clock.now_ns())
         self._check()
 
     def read(self) -> bytes:
-        """Return the bytes that have arrived.
-
-        Raises:
-            ServoLostError: The adapter was unplugged.
-        """
+        """Return the bytes that have arrived."""
         data = self._arrived + self.bus.transmit(self.clock.now_ns())
         self._check()
         self._arrived = b""
         return data
 
     def wait(self, deadline_ns: int) -> bool:
-        """Let time pass until bytes arrive or ``deadline_ns`` [ns]; return whether there are any.
-
-        Raises:
-            ServoLostError: The adapter was unplugged.
-        """
+        """Let time pass until bytes arrive, or ``deadline_ns`` [ns]; return whether any have."""
         while True:
             now_ns = self.clock.now_ns()
             self._arrived += self.bus.transmit(now_ns)

@@ -114,30 +114,20 @@ class ControlTable:
         wanted = min(max(memory["goal_current"], -limit), limit)
         return -wanted if self.inverts_current else wanted
 
-    def check(
-        self, address: int, data: bytes, *, ram_only: bool = False
-    ) -> list[tuple[Register, int]] | ErrorCode:
-        """Check a write: return what it would store, or why it is refused; all of it or nothing.
-
-        Args:
-            address: Address of the first byte.
-            data: The bytes.
-            ram_only: EEPROM is out of reach, as for instructions to the Secondary ID.
-        """
+    def check(self, address: int, data: bytes) -> list[tuple[Register, int]] | ErrorCode:
+        """Check a write: return what it would store, or why it is refused; all of it or nothing."""
         values = self.memory.split(address, data)
         if isinstance(values, ErrorCode):
             return values
         for register, value in values:
-            if ram_only and register.eeprom:
-                return ErrorCode.ACCESS
             error = self._refusal(register, value)
             if error:
                 return error
         return values
 
-    def write(self, address: int, data: bytes, *, ram_only: bool = False) -> ErrorCode:
+    def write(self, address: int, data: bytes) -> ErrorCode:
         """Store the data, with its consequences for other registers."""
-        values = self.check(address, data, ram_only=ram_only)
+        values = self.check(address, data)
         if isinstance(values, ErrorCode):
             return values
         for register, value in values:

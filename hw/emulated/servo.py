@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final, NamedTuple
 
-from haptic_wall.hw.dynamixel.codec import ALERT, MAX_ID, ErrorCode
+from haptic_wall.hw.dynamixel.codec import ALERT, ErrorCode
 from haptic_wall.hw.dynamixel.registers import (
     BAUD_RATES,
     COUNTS_PER_REV,
@@ -20,7 +20,6 @@ from haptic_wall.hw.dynamixel.registers import (
 from haptic_wall.hw.dynamixel.tables import Model
 from haptic_wall.hw.emulated.control_modes import EXTENDED_MODE, POSITION_MODE
 from haptic_wall.hw.emulated.drive import Drive
-from haptic_wall.hw.emulated.measured import measured
 from haptic_wall.hw.emulated.motor import motor_of
 from haptic_wall.hw.emulated.rules import ControlTable
 from haptic_wall.hw.errors import SpecError
@@ -107,8 +106,7 @@ class EmulatedServo:
             own, start_ns, winding=motor.winding(model.voltage), operator_waits=True
         )
         self.mechanism.feed(motor.winding(self.true_supply).stall_torque)
-        self._hand: SharedHand | None = None
-        self._held = False
+        self._held = self._by_hand = False
         self.registered: tuple[int, bytes] | None = None
         """The write that a reg write has stored for the next action"""
         self.answers_from_ns = start_ns
@@ -125,12 +123,6 @@ class EmulatedServo:
     def id(self) -> int:
         """Return its present id."""
         return self.memory["id"]
-
-    @property
-    def secondary_id(self) -> int | None:
-        """Return the id it obeys without a reply; None: it has none, or it is its own id."""
-        value = self.memory["secondary_id"]
-        return None if value > MAX_ID or value == self.memory["id"] else value
 
     @property
     def baud(self) -> int:
@@ -173,9 +165,7 @@ class EmulatedServo:
         open whether packets for other servos count too, and here they do not.
         """
         self._heard_ns = now_ns
-        if self._hand is not None:
-            self._feel(self._hand, now_ns)
-        if now_ns >= self.drive.next_ns:
+        if now_ns >= self.drive.next_ns or self._by_hand:
             self.keep_up(now_ns)
 
     def keep_up(self, now_ns: int) -> None:
@@ -183,21 +173,15 @@ class EmulatedServo:
 
         Apart from faults and errors this has no effect on the results.
         """
-        if self._hand is not None:
-            self._feel(self._hand, now_ns)
-        mechanism = self.drive.mechanism
+        mechanism = self.mechanism
         behind = mechanism.flexible and now_ns - mechanism.time_ns > _BEHIND_NS
-        if behind or now_ns >= self.drive.next_ns:
+        if behind or now_ns >= self.drive.next_ns or self._by_hand:
             self.drive.advance(now_ns)
 
     def take_hand(self, hand: SharedHand) -> None:
         """Let a person hold the shaft from now on, whenever the hand holds on."""
-        self._hand = hand
-
-    def _feel(self, hand: SharedHand, now_ns: int) -> None:
-        """Look whether a person's hand holds on, and where it is."""
-        self.drive.advance(now_ns)
-        self.mechanism.grasp(hand.look(now_ns))
+        self._by_hand = True
+        self.mechanism.take_hand(hand)
 
     def set_supply(self, volts: float, now_ns: int) -> None:
         """Set the supply voltage [V] from ``now_ns`` [ns] on; out of limits it is an error."""
@@ -229,13 +213,13 @@ class EmulatedServo:
             self._refresh(now_ns)
         return self.memory.read(address, size)
 
-    def write(self, address: int, data: bytes, now_ns: int, *, ram_only: bool = False) -> ErrorCode:
+    def write(self, address: int, data: bytes, now_ns: int) -> ErrorCode:
         """Write, with every consequence, at ``now_ns`` [ns]."""
         drive = self.drive
         if now_ns >= drive.next_ns:
             drive.advance(now_ns)
         mode = self.memory["operating_mode"] if address < EEPROM_END else None
-        error = self.table.write(address, data, ram_only=ram_only)
+        error = self.table.write(address, data)
         if error == ErrorCode.NONE:
             now = self.memory["operating_mode"]
             if mode not in (None, now) and now in (POSITION_MODE, EXTENDED_MODE):
@@ -249,9 +233,9 @@ class EmulatedServo:
             drive.update(now_ns)
         return error
 
-    def register(self, address: int, data: bytes, *, ram_only: bool = False) -> ErrorCode:
+    def register(self, address: int, data: bytes) -> ErrorCode:
         """Store a write for the next ``act``."""
-        checked = self.table.check(address, data, ram_only=ram_only)
+        checked = self.table.check(address, data)
         if isinstance(checked, ErrorCode):
             return checked
         self.registered = (address, data)
@@ -331,4 +315,4 @@ class EmulatedServo:
         """Store the measurements of ``now_ns`` in the registers."""
         self.drive.advance(now_ns)
         tick = (self._tick + (now_ns - self._boot_ns) // 1_000_000) % TICK_MODULUS
-        self.memory.overwrite(measured(self.drive, tick))
+        self.memory.overwrite(self.drive.measured(tick))

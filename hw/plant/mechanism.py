@@ -11,7 +11,7 @@ import math
 from collections import deque
 from dataclasses import replace
 
-from haptic_wall.hw.hand import Grasp
+from haptic_wall.hw.hand import SharedHand
 from haptic_wall.hw.plant.current_loop import CurrentLoop, Winding, drive_of
 from haptic_wall.hw.plant.encoder import EncoderErrors
 from haptic_wall.hw.plant.mechanics import mechanics_of
@@ -68,6 +68,7 @@ class Mechanism:
         self._true = true
         scripted = None if operator_waits else operator_of(true)
         self._operator: OperatorModel | None = scripted if operator is None else operator
+        self._hand: SharedHand | None = None
         self._grasped: Grasped | None = None
         self._operator_ns: int | None = None
         self._start_ns = start_ns
@@ -119,13 +120,12 @@ class Mechanism:
         """Whether something lies between a commanded torque and the one that acts."""
         return self._loop is not None
 
-    def grasp(self, grasp: Grasp | None) -> None:
-        """Let a person's hand hold the shaft from now on, in place of the scripted operator.
+    def take_hand(self, hand: SharedHand) -> None:
+        """Let a person hold the shaft from now on, whenever the hand holds on.
 
-        Args:
-            grasp: On the clock of ``time_ns``; None: it lets go.
+        It does so in place of the scripted operator, on the clock of ``time_ns``.
         """
-        self._grasped = None if grasp is None else Grasped(grasp)
+        self._hand = hand
 
     def engage_operator(self, now_ns: int) -> None:
         """Let the scripted operator take the shaft, ``OPERATOR_WAIT_S`` after ``now_ns`` [ns].
@@ -162,6 +162,9 @@ class Mechanism:
                 self._move(now_ns)
             else:
                 self._pass(now_ns)
+        if self._hand is not None:
+            grasp = self._hand.look(now_ns)
+            self._grasped = None if grasp is None else Grasped(grasp)
 
     def command(self, torque: float, now_ns: int, braking: float = 0.0) -> float:
         """Command a torque that arrives at ``now_ns`` [ns] and acts the servo's delay later.

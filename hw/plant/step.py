@@ -144,20 +144,8 @@ def move(  # noqa: PLR0912, PLR0915 - in one piece for speed: every period takes
         length = min(left, grain)
         viscous = (p.forth if direction > 0.0 else p.back) + braking
         if uneven:
-            push, length = _held(
-                p,
-                x,
-                v,
-                direction,
-                torque,
-                braking,
-                viscous,
-                stiffness,
-                grip,
-                slope,
-                outside,
-                length,
-            )
+            motor, operator = (torque, braking, viscous), (stiffness, grip, slope)
+            push, length = _held(p, x, v, direction, motor, operator, outside, length)
             push /= inertia
         else:
             push = (torque + outside - direction * p.coulomb) / inertia
@@ -214,14 +202,7 @@ def _leaves(
 ) -> tuple[float, float]:
     """Return in which direction a body at rest breaks away, and when [s]; 0: it stays so long.
 
-    Args:
-        p: The servo.
-        x: Position [rad].
-        torque: Of the motor [N·m].
-        outside: Of the operator [N·m].
-        ramp: Growth of that [N·m/s].
-        left: Rest of the step [s].
-        grain: Longest substep [s].
+    The operator's torque ``outside`` grows by ``ramp`` [N·m/s] for the rest of the step.
     """
     push = torque + outside
     external = outside
@@ -255,12 +236,8 @@ def _held(
     x: float,
     v: float,
     direction: float,
-    torque: float,
-    braking: float,
-    viscous: float,
-    stiffness: float,
-    grip: float,
-    slope: float,
+    motor: tuple[float, float, float],
+    operator: tuple[float, float, float],
     outside: float,
     most: float,
 ) -> tuple[float, float]:
@@ -268,6 +245,8 @@ def _held(
 
     The torque is at the start, for the operator's part; friction and the others as in the middle.
     """
+    torque, braking, viscous = motor
+    stiffness, grip, slope = operator
     weight, cogs = weight_at(p, x), cogging_at(p, x)
     friction = friction_at(p, abs(v), torque - braking * v, outside - grip * v + weight)
     push = torque + outside + weight + cogs - direction * friction

@@ -168,18 +168,7 @@ def _series(
 ) -> int:
     """Compute the motion as powers of the share of ``length`` that has passed.
 
-    Args:
-        p: The servo.
-        z: The state at the start; behind it this puts the terms.
-        side: Where the transmission pushes; 0: it does not.
-        stuck: The motor's side stands still.
-        viscous: Friction of the motor [N·m·s/rad].
-        stiffness: Of the operator [N·m/rad].
-        grip: Damping of the operator [N·m·s/rad].
-        on_motor: Held torque [N·m]; the other one on the output.
-        on_output: See above.
-        slope: Speed of the reference [rad/s].
-        length: [s].
+    The terms are put behind the state in ``z``. The torques on motor and output are held.
 
     Returns:
         The number of terms.

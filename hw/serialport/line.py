@@ -23,7 +23,10 @@ _WRITE_PATIENCE_S: Final = 0.02
 
 
 class Line(Protocol):
-    """One end of a half-duplex bus: a port, or memory."""
+    """One end of a half-duplex bus: a port, or memory.
+
+    Where it is gone, each method raises ``ServoLostError``, and so does all that uses a line.
+    """
 
     @property
     def clock(self) -> Clock:

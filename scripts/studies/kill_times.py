@@ -25,7 +25,6 @@ from haptic_wall.controller.cli.interrupt import INTERRUPTED
 from haptic_wall.controller.emulated_bus.record import BusRow, read_rows
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.runtime.telemetry import Word
-from haptic_wall.hw.dynamixel.codec import Instruction
 from scripts.run_faults import FAULTS, Fault, target
 from scripts.study import Found, Given, Option, Part, Study, table
 from scripts.whole_program import emulated_bus, with_sets
@@ -48,12 +47,11 @@ SETTINGS = (
 PATIENT = ("servo.watchdog_s=0.5", "safety.max_silence_s=0.25", "safety.heartbeat_s=2")
 """Besides, where the run must go on: a stall of the machine is no reason to end it"""
 TRUTH = ("servo.position=2.9", "servo.hand=lean", "servo.hand_origin=3.14159")
-ENDED_BY: dict[int | None, str] = {
-    Instruction.SYNC_WRITE: "goal current 0",
-    Instruction.WRITE: "Torque Enable 0",
-}
-TORQUE_OFF = bytes((64, 0, 0))
-"""Write that ends the torque: 0 at address 64, Torque Enable"""
+TORQUE_OFF = bytes((64, 0, 1, 0, 1, 0))
+"""Write that ends the torque: 0 at address 64, Torque Enable, of id 1"""
+GOAL = bytes((102, 0))
+"""Begin of a write of goal currents"""
+ENDED_BY = {GOAL: "goal current 0", TORQUE_OFF[:2]: "Torque Enable 0"}
 LEANING_ROWS = 2500
 """When so many rows are recorded the warm-up is over and the hand leans on the wall"""
 AFTER_S = 1.5
@@ -158,7 +156,7 @@ def until_no_torque(record: Path, struck_s: float) -> tuple[float, str] | None:
     if last + 1 == len(rows):
         return float("inf"), "nothing"
     end = rows[last + 1]
-    by = ENDED_BY.get(end.instruction) if end.event == "rx" else None
+    by = ENDED_BY.get(end.params[:2]) if end.event == "rx" else None
     return (end.time_s - struck_s) * 1e3, by or "Bus Watchdog"
 
 
@@ -166,7 +164,7 @@ def spoke_after_the_cut(rows: list[BusRow], struck_s: float) -> bool:
     """Whether a goal came after Torque Enable 0."""
     asked = [row for row in rows if row.time_s > struck_s and row.event == "rx"]
     cuts = [i for i, row in enumerate(asked) if row.params == TORQUE_OFF]
-    return bool(cuts) and any(row.instruction == Instruction.SYNC_WRITE for row in asked[cuts[0] :])
+    return bool(cuts) and any(row.params[:2] == GOAL for row in asked[cuts[0] :])
 
 
 def as_wanted(fault: Fault, hit: Hit) -> bool:

@@ -13,6 +13,7 @@ from haptic_wall.hw.dynamixel.codec.frames import (
     BROADCAST,
     HEADER,
     MARK,
+    PREAMBLE,
     Instruction,
     crc16,
     encode,
@@ -32,24 +33,19 @@ class ExpectedReplies:
         joint: They reply to a fast sync read.
     """
 
-    __slots__ = ("_begin", "_ids", "_layout", "_marks", "_prefixes", "_size", "_total", "_unpack")
-
     def __init__(self, ids: Sequence[int], size: int, fields: str, *, joint: bool = False) -> None:
         rest = size - calcsize("<" + fields) + 2
-        if joint:  # each part: error, id, data, CRC
-            self._begin = _FIXED
-            self._size = size + 4
-            self._prefixes = [_reply_prefix(BROADCAST, 1 + len(ids) * self._size)]
-            self._layout = Struct(f"<Bx{fields}{rest}x")
-        else:
-            self._begin = 0
-            self._size = _FIXED + size + 3
-            self._prefixes = [_reply_prefix(id_, size + 4) for id_ in ids]
-            self._layout = Struct(f"<{_FIXED}xB{fields}{rest}x")
-        self._unpack = self._layout.unpack
-        self._ids = bytes(ids) if joint else None
-        self._marks = len(ids)
-        self._total = self._begin + len(ids) * self._size
+        part = size + 4  # of a joint reply: error, id, data, CRC
+        self._ids = bytes(ids)
+        self._joint = joint
+        lengths = {BROADCAST: 1 + len(ids) * part} if joint else dict.fromkeys(ids, part)
+        self._prefixes = [
+            HEADER + bytes((id_, length & 0xFF, length >> 8, Instruction.STATUS))
+            for id_, length in lengths.items()
+        ]
+        self._size = part if joint else PREAMBLE + part
+        self._total = PREAMBLE + lengths[BROADCAST] if joint else len(ids) * self._size
+        self._layout = Struct(f"<{'Bx' if joint else f'{_FIXED}xB'}{fields}{rest}x")
 
     def match(self, data: bytes) -> Iterable[tuple[Any, ...]] | None:
         """Return error and fields of each if ``data`` is exactly these replies.
@@ -59,14 +55,13 @@ class ExpectedReplies:
         """
         if len(data) != self._total or not data.startswith(self._prefixes[0]):
             return None
-        if self._ids is not None:  # the last CRC covers all parts
+        if self._joint:  # the last CRC covers all parts
             right = data[_FIXED + 1 :: self._size] == self._ids and _crc_is_right(data)
             return self._layout.iter_unpack(data[_FIXED:]) if right else None
-        if data.count(MARK) != self._marks:
+        if data.count(MARK) != len(self._ids):
             return None
-        if self._marks == 1:
-            right = crc16(data[:-2]) == data[-2] | data[-1] << 8
-            return (self._unpack(data),) if right else None
+        if len(self._ids) == 1:  # in one step: a loop takes a tenth of the cycle
+            return (self._layout.unpack(data),) if _crc_is_right(data) else None
         size = self._size
         for at, prefix in zip(range(0, self._total, size), self._prefixes, strict=True):
             if not data.startswith(prefix, at) or not _crc_is_right(data[at : at + size]):
@@ -76,8 +71,6 @@ class ExpectedReplies:
 
 class SyncWrite:
     """Builds the sync writes that send a 16-bit value to each of some servos."""
-
-    __slots__ = ("_fields", "_head", "_shares")
 
     def __init__(self, address: int, ids: Sequence[int]) -> None:
         self._shares = Struct("<" + "Bh" * len(ids))
@@ -98,8 +91,3 @@ class SyncWrite:
 
 def _crc_is_right(frame: bytes) -> bool:
     return crc16(frame[:-2]) == frame[-2] | frame[-1] << 8
-
-
-def _reply_prefix(id_: int, length: int) -> bytes:
-    """Return the beginning of a reply, up to its instruction."""
-    return HEADER + bytes((id_, length & 0xFF, length >> 8, Instruction.STATUS))

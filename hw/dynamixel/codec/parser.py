@@ -31,18 +31,6 @@ class Parser:
     are valid, and none after it is.
     """
 
-    __slots__ = (
-        "_buffer",
-        "_parts",
-        "_report_crc",
-        "_skipping",
-        "_unstuffed",
-        "corrupt",
-        "idle",
-        "joint",
-        "partial",
-    )
-
     def __init__(
         self, *, report_crc: bool = False, unstuffed: bool = False, joint: int = 0
     ) -> None:
@@ -65,8 +53,6 @@ class Parser:
         self._skipping = False
         self.idle = True
         """Nothing is waiting for its rest"""
-        self.partial = False
-        """A frame, or a servo's part of one, has begun and not ended"""
         self.corrupt = 0
         """Frames with a wrong CRC, truncated frames, and runs of bytes that belong to none."""
 
@@ -74,7 +60,7 @@ class Parser:
         """Discard a partial frame. Does not count as corrupt."""
         self._buffer.clear()
         self._parts = 0
-        self._skipping = self.partial = False
+        self._skipping = False
         self.idle = True
 
     def feed(self, data: bytes) -> list[Frame]:
@@ -85,7 +71,6 @@ class Parser:
         frames: list[Frame] = []
         at = 0
         size = len(buffer)
-        self.partial = True
         while True:
             start = buffer.find(HEADER, at)
             if start < 0:
@@ -112,7 +97,6 @@ class Parser:
                 break
         del buffer[:at]
         self.idle = not buffer and not self._skipping
-        self.partial &= not self.idle
         return frames
 
     def _take_frame(self, start: int, end: int, frames: list[Frame]) -> int:
@@ -163,7 +147,6 @@ class Parser:
         if self._frame_behind(at, seen) >= 0:
             return at if buffer.startswith(HEADER, at) else self._reject(start)
         self._parts = parts
-        self.partial = at < len(buffer)
         return start
 
     def _skip(self, count: int) -> None:

@@ -12,6 +12,7 @@ from haptic_wall.controller.runtime.session import Result, Surroundings, run_ses
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.dynamixel.group import DynamixelGroup
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.errors import (
@@ -90,7 +91,7 @@ def test_an_error_between_the_start_and_the_run_ends_with_torque_off_or_says_so(
             scene.go_deaf()
         raise ServoLostError("The serial port has sent nothing.")
 
-    monkeypatch.setattr(DynamixelServo, "request", lost)
+    monkeypatch.setattr(DynamixelGroup, "request", lost)
     with pytest.raises(ServoLostError):
         scene.run()
     assert scene.words[Word.STATE] == (LoopState.TORQUE_UNKNOWN if deaf else LoopState.TORQUE_OFF)

@@ -57,11 +57,10 @@ class ClockLine:
                     reply = encode_fast_status(parts)
             else:
                 self.written.append((frame.instruction, frame.id, frame.params))
-                if frame.instruction != Instruction.WRITE:
-                    continue
-                address = int.from_bytes(frame.params[:2], "little")
-                self.registers[address : address + len(frame.params) - 2] = frame.params[2:]
-                reply = encode_status(frame.id, 0)
+                if frame.instruction == Instruction.SYNC_WRITE:
+                    address, size = struct.unpack("<HH", frame.params[:4])
+                    self.registers[address : address + size] = frame.params[-size:]
+                continue
             self._replies.append((now + self.reply_ns, reply))
 
     def block(self, id_: int, params: bytes, now: int) -> bytes:

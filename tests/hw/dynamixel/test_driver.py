@@ -101,8 +101,8 @@ def test_the_position_is_the_true_one_and_counts_on_over_turns() -> None:
         bench.servo.request()
         reading = bench.servo.collect(begun + 900_000)
         truth = bench.state
-        # The sample is taken while its bytes travel: at most 0.1 ms before.
-        tolerance = COUNT / 2 + 1e-4 * abs(truth.velocity)
+        # The sample is taken while its bytes travel, at most 0.3 ms before in a wide block.
+        tolerance = COUNT / 2 + 3e-4 * abs(truth.velocity)
         assert reading.position == pytest.approx(truth.position, abs=tolerance)
         assert reading.counts == round(reading.position / COUNT)
         assert reading.sampled_ns == begun
@@ -167,10 +167,9 @@ def test_stopping_zeroes_the_torque_first_and_reads_back_that_it_is_off() -> Non
     begun = bench.clock.now_ns()
     assert bench.servo.stop() is True
     (goal,) = Parser().feed(bench.line.frames[frames])
-    off, again = (Parser().feed(bench.line.frames[frames + n])[0] for n in (1, 2))
+    (off,) = Parser().feed(bench.line.frames[frames + 1])
     assert (goal.instruction, goal.params[-2:]) == (Instruction.SYNC_WRITE, b"\0\0")
     assert (off.instruction, off.params) == (Instruction.SYNC_WRITE, bytes([64, 0, 1, 0, 1, 0]))
-    assert again == off
     assert bench.clock.now_ns() - begun < 1_000_000
     assert bench.truth.memory["torque_enable"] == 0
     assert bench.state.torque == 0.0
@@ -294,7 +293,7 @@ def test_a_start_that_cannot_confirm_torque_off_says_so() -> None:
         return b"" if deaf else data
 
     bench.line.read = deaf_once_torque_is_on  # type: ignore[method-assign]
-    with pytest.raises(ServoLostError, match="could not be read back: switch the servo's power"):
+    with pytest.raises(ServoLostError, match="could not be read back: switch the power off"):
         bench.servo.start()
 
 
@@ -413,7 +412,7 @@ def test_a_watchdog_that_trips_at_the_end_of_the_start_costs_no_torque() -> None
 
     def stall_while_braking(data: bytes) -> None:
         (frame,) = Parser().feed(data)
-        if frame.instruction == Instruction.SYNC_WRITE:
+        if frame.params[:1] == bytes([102]):
             goals.append(int.from_bytes(frame.params[5:7], "little", signed=True))
             if goals[-1] > 0 and goals[-2] < 0:
                 bench.wait(0.06)

@@ -79,7 +79,7 @@ class Started:
             for _ in range(3):
                 bench.cycle(0.0)
         except ServoError as error:
-            self.text = str(error).partition(" Torque off could not")[0]
+            self.text = str(error).partition(" Torque off of")[0]
             self.outcome = self.text
             return
         self.text = ""
@@ -87,12 +87,12 @@ class Started:
         found = {each.name: each.found.split("set to ")[-1] for each in checks}
         values = {name: value for name, value in found.items() if name not in ignored}
         truth = [bench.truth.memory[name] for name in SET], bench.truth.table.tripped
-        self.outcome = values, servo._one.health.bounds, servo.facts.torque_limit, truth
+        self.outcome = values, servo._one.bounds, servo.facts.torque_limit, truth
 
     @property
     def names_the_line(self) -> bool:
         """Whether it is a refusal for the line."""
-        return "emulated bus runs" in self.text
+        return "emulated bus runs" in self.text or "latency timer" in self.text
 
 
 def event(random: Random) -> list[int]:

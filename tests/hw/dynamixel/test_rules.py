@@ -7,7 +7,7 @@ import random
 import pytest
 
 from haptic_wall.hw.dynamixel.register_access import Table
-from haptic_wall.hw.dynamixel.rules import RULES, checked, judge, read_servo
+from haptic_wall.hw.dynamixel.rules import RULES, Verdict, judge, read_servo
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.errors import UnfitServoError
 from tests.cases import sampled
@@ -62,6 +62,5 @@ def test_every_fault_has_a_remedy_and_every_repair_is_of_a_register_that_is_read
     for rule in RULES:
         assert set(rule.reads) <= registers.keys()
         assert not rule.register or rule.register in rule.reads
-    assert checked("count", False, "2", "1", "It has two", "take one").fix == "It has two: take one"
-    assert checked("count", True, "1", "1", "It has two", "take one").fix == ""
-    assert checked("count", True, "1", "1", "", "have two").fix == "have two"
+    assert Verdict("2", "1", "It has two", "take one").check("count").fix == "It has two: take one"
+    assert Verdict("1", "1", advice="have two").check("count").ok

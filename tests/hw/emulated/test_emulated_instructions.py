@@ -178,52 +178,11 @@ def test_lists_of_reads_are_answered_but_at_return_level_0(level: int) -> None:
     assert len(client.replies()) == (3 if level else 0)
 
 
-# Secondary ids
-
-
-def grouped() -> Client:
-    """The manual's example: five servos, all with the Secondary ID 5."""
-    client = Client(*((X, i) for i in range(1, 6)))
-    for i in client.servos:
-        assert client.write(i, SECONDARY_ID, 5, 1) == 0
-    return client
+# Two servos with one id
 
 
 def leds(client: Client) -> list[int]:
     return [servo.memory["led"] for servo in client.servos.values()]
-
-
-def test_a_secondary_id_is_obeyed_by_all_and_answered_by_the_one_whose_own_it_is() -> None:
-    client = grouped()
-    assert client.answer(1, Instruction.WRITE, words(LED) + b"\x01").id == 1
-    assert leds(client) == [1, 0, 0, 0, 0]
-    client.send(5, Instruction.WRITE, words(LED) + b"\x01")
-    assert [reply.id for reply in client.replies()] == [5]
-    assert leds(client) == [1, 1, 1, 1, 1]
-    for i in client.servos:
-        client.write(i, SECONDARY_ID, 100, 1)
-    client.send(100, Instruction.WRITE, words(LED) + b"\x00")
-    assert client.replies() == []
-    assert leds(client) == [0, 0, 0, 0, 0]
-
-
-def test_a_secondary_id_reaches_ram_alone_and_is_never_answered() -> None:
-    client = Client()
-    client.write(1, SECONDARY_ID, 100, 1)
-    client.send(100, Instruction.WRITE, words(HOMING) + bytes([1, 0, 0, 0]))
-    client.send(100, Instruction.READ, words(LED, 1))
-    client.send(100, Instruction.PING)
-    client.send(100, Instruction.FACTORY_RESET, b"\x02")
-    assert client.replies() == []
-    assert client.read(1, HOMING, 4) == 0
-    assert client.read(1, SECONDARY_ID, 1) == 100
-    assert client.write(1, SECONDARY_ID, 253, 1) == 0  # off
-    client.send(100, Instruction.WRITE, words(LED) + b"\x01")
-    client.replies()
-    assert client.read(1, LED, 1) == 0
-
-
-# Two servos with one id
 
 
 def test_two_of_a_kind_with_one_id_cannot_be_told_from_one_by_a_ping() -> None:

@@ -7,7 +7,6 @@ import fcntl
 import grp
 import os
 import pty
-import resource
 import select
 import stat
 import subprocess
@@ -20,7 +19,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_wall.hw.clock import MonotonicClock, ready
+from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.errors import BaudRefusedError, PortBusyError, PortError, ServoLostError
 from haptic_wall.hw.serialport import port
 from haptic_wall.hw.serialport.line import FdLine
@@ -209,27 +208,6 @@ def test_a_port_by_another_name_gets_advice_that_fits(
         open_port(name, 1_000_000)
     assert advice in str(caught.value)
     assert "plug" not in str(caught.value)
-
-
-def test_a_line_works_where_1100_files_are_open(ends: Ends) -> None:
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, min(hard, 4096)), hard))
-    near, clock = open_port(ends.path, 1_000_000), MonotonicClock()
-    try:
-        high = fcntl.fcntl(near, fcntl.F_DUPFD_CLOEXEC, 1100)
-        line, began_ns = FdLine(high, clock), clock.now_ns()
-        assert not line.wait(began_ns + 2_500_000)
-        assert clock.now_ns() >= began_ns + 2_500_000
-        os.write(ends.far, b"x")
-        assert line.wait(clock.now_ns() + 1_000_000_000)
-        assert line.read() == b"x"
-        assert ready((), 1.0, (high,)) == [high]
-        line.close()
-        with pytest.raises(ServoLostError):
-            line.wait(0)
-    finally:
-        os.close(near)
-        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
 @pytest.mark.parametrize("kind", ["file", "directory", "null"])
