@@ -26,8 +26,8 @@ from haptic_wall.controller.experiments.sweep.plan import (
     Options,
     PlanePoint,
     Reach,
-    hold_spring,
     reach,
+    soft_spring,
     trial_phase,
 )
 from haptic_wall.controller.experiments.sweep.result import PointResult
@@ -183,7 +183,7 @@ def excursion(config: Config, settings: tuple[PlanePoint, ...], options: Options
     device = Device.of(config)
     furthest = 0.0
     for setting, at, phase in _predicted(device, settings, options):
-        hold = hold_spring(device, setting.delay_steps, device.period, at.kick)
+        hold = soft_spring(config, device, setting.delay_steps)
         ratio = (at.predicted / hold.stiffness) ** 0.5
         furthest = max(furthest, (phase.reach or 0.0) * (1.0 + ratio) ** 0.5 + at.kick)
     return furthest
