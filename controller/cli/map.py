@@ -14,7 +14,6 @@ import click
 from haptic_wall.controller.cli.experiment import (
     Asked,
     carry_out,
-    dask_option,
     experiment,
     folder_option,
 )
@@ -74,7 +73,11 @@ _ROWS = "map.rows"
     metavar="N",
     help="Parallel processes; default: one per core.",
 )
-@dask_option
+@click.option(
+    "--dask",
+    metavar="ADDRESS",
+    help="Compute on the cluster of this Dask scheduler, such as tcp://127.0.0.1:8786.",
+)
 @click.option("--resume", is_flag=True, help="Continue the unfinished map in DIR.")
 @experiment(
     folder_option("Folder for map.csv, map.json and map.png; default: a new one in ./runs/."),
