@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from haptic_wall.controller.experiments.maps.maps import (
         CriticalMap,
         MapQuestion,
-        MapSettings,
         Progress,
     )
+    from haptic_wall.controller.experiments.maps.servo import MapSettings
 
 _POINT_S = 0.05
 """Approximate duration of a point on one core [s]"""
@@ -100,7 +100,8 @@ def command(
     guard, safety and model.* are not used. In a two-sided wall the shaft is kicked; the shaft hits
     a one-sided wall, which returns it.
     """
-    from haptic_wall.controller.experiments.maps.maps import MapQuestion, MapSettings
+    from haptic_wall.controller.experiments.maps.maps import MapQuestion
+    from haptic_wall.controller.experiments.maps.servo import MapSettings
     from haptic_wall.controller.report.maps import plot_map
 
     setting = MapSettings.of(asked.config)
