@@ -200,6 +200,7 @@ class Testbed:
             duration_s=sum(phase.seconds for phase in phases) + 1.0,
             log=log,
             metadata=metadata,
+            witness=None,
             program=tuple(phases),
             force=True,
         )
