@@ -1,8 +1,7 @@
-"""``haptic-wall acceptance``: predicts and measures a real servo, and packs all into one file."""
+"""``haptic-wall acceptance``: measures a real servo and its twin, and packs all into one file."""
 
 from __future__ import annotations
 
-import hashlib
 import json
 import sys
 from dataclasses import replace
@@ -35,27 +34,26 @@ _EMULATED_S = 60.0
 
 @click.command()
 @click.option("--plan", "only_plan", is_flag=True, help="Only announce the steps.")
-@click.option("--fresh", is_flag=True, help="Measure again. The predictions stay.")
+@click.option("--fresh", is_flag=True, help="Replace an earlier acceptance in DIR.")
 @experiment(
     folder_option(
-        "Folder for predictions.json, report.html, acceptance.zip and the measurements. The command"
+        "Folder for report.html, acceptance.json, acceptance.zip and the measurements. The command"
         " continues an interrupted acceptance in DIR."
     ),
     force=False,
     of_walls=True,
 )
 def command(asked: Asked, only_plan: bool, fresh: bool) -> None:
-    """Commission CONFIG's servo and an emulated one beside it, and judge predictions by both.
+    """Commission CONFIG's servo and an emulated one beside it, and judge the belief by both.
 
-    The command writes predictions with bounds before the shaft moves. Then it takes the steps of
-    commission, and repeats them with an emulated servo that is what CONFIG believes.
-    DIR/acceptance.zip has all results, without personal data, to be sent back.
+    The command takes the steps of commission, and repeats them with an emulated servo that is what
+    CONFIG believes. DIR/acceptance.zip has all results, without personal data, to be sent back.
 
     Exit status: that of the first step that failed.
     """
     from haptic_wall.controller.experiments import acceptance, bundle
     from haptic_wall.controller.experiments.commission.plan import announce
-    from haptic_wall.controller.experiments.commission.sequence import run_steps
+    from haptic_wall.controller.experiments.commission.sequence import ROWS, run_steps
     from haptic_wall.controller.experiments.commission.steps import StepContext
     from haptic_wall.controller.experiments.kept import refuse_foreign
     from haptic_wall.controller.report.commission.picture import PLOTS
@@ -66,14 +64,13 @@ def command(asked: Asked, only_plan: bool, fresh: bool) -> None:
     if out is None:
         return
     take_folder("--out", out, (), force=False)
-    refuse_foreign(out, acceptance.FILE, (_JSON, _PAGE, bundle.FILE, _MEASURED, _EMULATED))
+    mark = f"{_MEASURED}/{ROWS}"
+    refuse_foreign(out, mark, (_JSON, _PAGE, bundle.FILE, _MEASURED, _EMULATED))
     announced(asked, announcement)
 
     bench = StepContext(config, asked.name, REACH, out / _MEASURED, say, fresh, PLOTS)
     bench = replace(bench, points=acceptance.points(config))
     with writing("--out", out):
-        predicted = acceptance.keep(out, config)
-        say(f"the predictions are written: {out / acceptance.FILE}")
         with moving(config, announcement.seconds):
             real = run_steps(bench)
         written(real, asked.name, bench.folder)
@@ -101,26 +98,23 @@ def command(asked: Asked, only_plan: bool, fresh: bool) -> None:
             kept = Problem("interrupted: finished steps are kept", advice=advice)
             raise EndedEarlyError(kept, INTERRUPTED)
         with working("writing the report", DRAWING_S):
-            report = _packed(asked, out, predicted, real, twin)
+            report = _packed(asked, out, real, twin)
     asked.answer(report, lambda: _text(report))
     sys.exit(real.exit_status)
 
 
-def _packed(
-    asked: Asked, out: Path, predicted: dict[str, Any], real: Ended, twin: Ended
-) -> dict[str, Any]:
+def _packed(asked: Asked, out: Path, real: Ended, twin: Ended) -> dict[str, Any]:
     """Write report and bundle; return the report's data."""
     from haptic_wall.controller.experiments import acceptance, bundle
     from haptic_wall.controller.report.acceptance.page import page
 
-    found = acceptance.rows(predicted, real, twin)
+    config = asked.config
+    found = acceptance.rows(config, real, twin)
     holds, fails = (
         sum(row["verdict"] == verdict for row in found)
         for verdict in (acceptance.HOLDS, acceptance.FAILS)
     )
     scrubber = bundle.Scrubber([out])
-    config = asked.config
-    before = (out / acceptance.FILE).read_bytes()
     report = {
         **RESULT_MARK,
         "name": Path(asked.name).name,
@@ -129,7 +123,6 @@ def _packed(
         "model": config.servo.model,
         "clock": config.loop.clock,
         "rate_hz": config.loop.rate_hz,
-        "predictions_sha256": hashlib.sha256(before).hexdigest(),
         "rows": found,
         "steps": real.steps(),
         "emulated_steps": twin.steps(),
@@ -140,7 +133,7 @@ def _packed(
     write_all(out, own)
     folders = {name: out / name for name in (_MEASURED, _EMULATED)}
     with whole(out / bundle.FILE) as part:
-        bundle.pack(part, folders, {**own, acceptance.FILE: before.decode()}, scrubber)
+        bundle.pack(part, folders, own, scrubber)
     return clean | {"bundle": str(out / bundle.FILE), "report": str(out / _PAGE)}
 
 

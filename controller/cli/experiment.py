@@ -158,15 +158,6 @@ def folder_option(text: str) -> Callable[[Any], Any]:
     return click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help=text)
 
 
-def dask_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add ``--dask``, passed to the command as ``dask``."""
-    return click.option(
-        "--dask",
-        metavar="ADDRESS",
-        help="Compute on the cluster of this Dask scheduler, such as tcp://127.0.0.1:8786.",
-    )(command)
-
-
 def carry_out(
     asked: Asked,
     what: str,

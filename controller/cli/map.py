@@ -14,7 +14,6 @@ import click
 from haptic_wall.controller.cli.experiment import (
     Asked,
     carry_out,
-    dask_option,
     experiment,
     folder_option,
 )
@@ -30,9 +29,9 @@ if TYPE_CHECKING:
     from haptic_wall.controller.experiments.maps.maps import (
         CriticalMap,
         MapQuestion,
-        MapSettings,
         Progress,
     )
+    from haptic_wall.controller.experiments.maps.servo import MapSettings
 
 _POINT_S = 0.05
 """Approximate duration of a point on one core [s]"""
@@ -73,7 +72,11 @@ _ROWS = "map.rows"
     metavar="N",
     help="Parallel processes; default: one per core.",
 )
-@dask_option
+@click.option(
+    "--dask",
+    metavar="ADDRESS",
+    help="Compute on the cluster of this Dask scheduler, such as tcp://127.0.0.1:8786.",
+)
 @click.option("--resume", is_flag=True, help="Continue the unfinished map in DIR.")
 @experiment(
     folder_option("Folder for map.csv, map.json and map.png; default: a new one in ./runs/."),
@@ -96,7 +99,8 @@ def command(
     guard, safety and model.* are not used. In a two-sided wall the shaft is kicked; the shaft hits
     a one-sided wall, which returns it.
     """
-    from haptic_wall.controller.experiments.maps.maps import MapQuestion, MapSettings
+    from haptic_wall.controller.experiments.maps.maps import MapQuestion
+    from haptic_wall.controller.experiments.maps.servo import MapSettings
     from haptic_wall.controller.report.maps import plot_map
 
     setting = MapSettings.of(asked.config)

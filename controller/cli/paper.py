@@ -1,4 +1,4 @@
-"""``haptic-wall paper``: reproduces the paper's table and figures, as CSV, PNG and a page."""
+"""``haptic-wall paper``: reproduces the paper's table and figures, as CSV and PNG."""
 
 from __future__ import annotations
 
@@ -31,15 +31,14 @@ _ITEM_S = 2.0
 @json_option
 def command(item: str, out: Path | None, force: bool, as_json_wanted: bool) -> None:
     """Reproduce the paper's results: CSV and PNG of ITEM, one of table2, fig3, fig4, fig5, fig6,
-    fig8, fig9, fig10 or all (the default), which also writes a page with all of them.
+    fig8, fig9, fig10 or all (the default).
 
     Source: Gil et al., "Stability Boundary for Haptic Rendering: Influence of Damping and Delay",
     ICRA 2007.
     """  # noqa: D205 - the first paragraph is the help's summary
     from haptic_wall.controller.paper.items import ITEMS, make
-    from haptic_wall.controller.paper.page import PAGE, write_page
 
-    names = [entry.name for entry in ITEMS]
+    names = list(ITEMS)
     if item not in (*names, _ALL):
         raise _unknown(item, [*names, _ALL])
     if out is None:
@@ -51,15 +50,13 @@ def command(item: str, out: Path | None, force: bool, as_json_wanted: bool) -> N
         )
     wanted = names if item == _ALL else [item]
     files = [f"{name}{end}" for name in wanted for end in (".csv", ".png")]
-    take_folder("--out", out, [*files, *([PAGE] if item == _ALL else [])], force=force)
+    take_folder("--out", out, files, force=force)
     made = []
     with working("computing", _ITEM_S * len(wanted)), writing("--out", out):
         for name in wanted:
             say(f"{name} ...")
             made.append(make(name, out))
-        paths = [path for entry in made for path in (entry.csv, entry.png)]
-        if item == _ALL:
-            paths.append(write_page(made, out))
+    paths = [path for entry in made for path in (entry.csv, entry.png)]
     answer(as_json(_report(made, paths)) if as_json_wanted else _text(made, paths))
 
 

@@ -12,7 +12,6 @@ import click
 from haptic_wall.controller.cli.experiment import (
     Asked,
     carry_out,
-    dask_option,
     experiment,
     folder_option,
     say_swing,
@@ -20,7 +19,6 @@ from haptic_wall.controller.cli.experiment import (
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
 from haptic_wall.controller.cli.numbers import Number, Numbers
 from haptic_wall.controller.cli.options import say
-from haptic_wall.controller.errors import UserError
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint
@@ -76,7 +74,6 @@ _MOST_STEPS = 1000
 )
 @click.option("--workers", type=Number(1, whole=True), metavar="N",
               help="Parallel processes on the simulated clock; default: one per core.")  # fmt: skip
-@dask_option
 @experiment(
     folder_option(
         "Folder for sweep.csv, sweep.json, sweep.png and logs/; default: a new one in ./runs/. The"
@@ -94,7 +91,6 @@ def command(
     repeats: int,
     tolerance: float,
     workers: int | None,
-    dask: str | None,
 ) -> None:
     """Measure the stiffness above which CONFIG's servo oscillates, at each damping and delay.
 
@@ -102,29 +98,15 @@ def command(
     still, then the wall takes over, and its first cycles are observed. A real shaft moves by
     itself!
     """
-    from haptic_wall.controller.experiments.cluster import cluster
     from haptic_wall.controller.experiments.holding import without_hand
     from haptic_wall.controller.experiments.sweep.device import Device
     from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint
-    from haptic_wall.controller.experiments.sweep.sweep import (
-        ROWS,
-        Sweep,
-        expected_s,
-        sweep,
-    )
+    from haptic_wall.controller.experiments.sweep.sweep import ROWS, Sweep, expected_s, sweep
     from haptic_wall.controller.experiments.testbed import ExperimentTrippedError
     from haptic_wall.controller.processes.run_report import exit_status
     from haptic_wall.controller.report.sweep import plot_sweep
 
     effective = without_hand(asked.config)
-    if dask is not None and effective.loop.clock != "simulated":
-        raise UserError(
-            "found a run in real time",
-            field="--dask",
-            given=dask,
-            wanted="a simulated one",
-            advice="add --set loop.clock=simulated, or leave --dask out",
-        )
     options = Options(kick, repeats, tolerance)
     # Each once: results are kept by point.
     settings = tuple(dict.fromkeys(PlanePoint(b, n) for n in steps for b in dampings))
@@ -143,14 +125,8 @@ def command(
         question = Sweep(effective, settings, options, folder)
         kept = question.kept(fresh)
         try:
-            finished = sweep(
-                question,
-                kept,
-                tell=say,
-                progress=_Progress(len(settings), len(before)).point,
-                workers=workers,
-                pool=None if dask is None else cluster(dask),
-            )
+            progress = _Progress(len(settings), len(before)).point
+            finished = sweep(question, kept, tell=say, progress=progress, workers=workers)
             said, status = "interrupted", INTERRUPTED
         except ExperimentTrippedError as error:
             finished, said = False, f"{error.stop_reason}: {error}"

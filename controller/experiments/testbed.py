@@ -30,18 +30,10 @@ from haptic_wall.controller.system.files import would_be_lost
 from haptic_wall.controller.theory.checks import IntArray
 from haptic_wall.hw.errors import ExplainedError, Problem, ServoLostError, ServoMissingError
 
-_GONE = frozenset(
-    (
-        Trip.SERVO_LOST,
-        Trip.HARDWARE_ERROR,
-        Trip.TORQUE_LOST,
-        Trip.SERVO_HEALTH,
-        Trip.PORT_SHARED,
-        Trip.SUSPENDED,
-    )
-)
-_PASSING = frozenset((Trip.LOSSES_IN_ROW, Trip.LOSS_RATE, Trip.MISSED_PERIODS, Trip.LOOP_HUNG))
-_OF_MOTION = frozenset((Trip.OVERSPEED, Trip.OSCILLATION))
+_GONE = {Trip.SERVO_LOST, Trip.HARDWARE_ERROR, Trip.TORQUE_LOST, Trip.SERVO_HEALTH}
+_GONE |= {Trip.PORT_SHARED, Trip.SUSPENDED}
+_PASSING = {Trip.LOSSES_IN_ROW, Trip.LOSS_RATE, Trip.MISSED_PERIODS, Trip.LOOP_HUNG}
+_OF_MOTION = {Trip.OVERSPEED, Trip.OSCILLATION}
 
 
 class ExperimentInterruptedError(ExplainedError):
@@ -88,19 +80,10 @@ class ExperimentTrippedError(ExplainedError):
         late = self.stalled and self.stop_reason in AFTER_STALL
         return (late or self.stop_reason in _PASSING) and self.torque_off
 
-    def __reduce__(
-        self,
-    ) -> tuple[
-        type[ExperimentTrippedError], tuple[StopReason, Problem, Problem | None, bool, bool]
-    ]:
+    def __reduce__(self) -> tuple[type[ExperimentTrippedError], tuple[object, ...]]:
         """Return the parts for pickling, so that the error survives a process boundary."""
-        return type(self), (
-            self.stop_reason,
-            self.problem,
-            self.fault,
-            self.torque_off,
-            self.stalled,
-        )
+        rest = (self.fault, self.torque_off, self.stalled)
+        return type(self), (self.stop_reason, self.problem, *rest)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +116,6 @@ class Testbed:
         config: The servo and its settings.
         folder: Folder for the logs; made if necessary.
         tell: Called with messages for a person.
-        witness: The emulated bus keeps its record of each run beside the log.
         option: Command-line option of the folder, for error messages.
 
     Attributes:
@@ -152,14 +134,12 @@ class Testbed:
         config: Config,
         folder: Path,
         tell: Callable[[str], None] = lambda _text: None,
-        witness: bool = False,
         option: str = "--out",
     ) -> None:
         self.config = changed(config, guard={"mode": "off"}, wall={"side": "both"})
         self.folder = folder
         self.tell = tell
         self._start_told = ""
-        self._witness = witness
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -220,7 +200,7 @@ class Testbed:
             duration_s=sum(phase.seconds for phase in phases) + 1.0,
             log=log,
             metadata=metadata,
-            witness=log.with_suffix(".witness.csv") if self._witness else None,
+            witness=None,
             program=tuple(phases),
             force=True,
         )

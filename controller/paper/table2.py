@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -17,8 +16,6 @@ from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.hw.truth import TrueServo
 
 FloatArray = NDArray[np.float64]
-Simulate = Callable[[FloatArray, FloatArray], FloatArray]
-"""Returns the simulated critical stiffness [N/m] for arrays of virtual damping and delay [s]"""
 
 INERTIA = 1.0
 """[kg]"""
@@ -74,16 +71,12 @@ class Table2:
         )
 
 
-def compare(simulate: Simulate | None = None) -> Table2:
-    """Compute all 36 cells.
-
-    Args:
-        simulate: None: the simulation of ``haptic_wall.controller.experiments.maps``.
-    """
+def compare() -> Table2:
+    """Compute all 36 cells."""
     delay_samples, virtual_damping, printed = _printed()
     delay, virtual = np.meshgrid(delay_samples * PERIOD, virtual_damping, indexing="ij")
     theory = critical_stiffness(INERTIA, DAMPING, virtual, PERIOD, delay)
-    simulation = (simulate or _simulate)(virtual, delay)
+    simulation = _simulate(virtual, delay)
     return Table2(delay_samples, virtual_damping, printed, np.asarray(theory), simulation)
 
 

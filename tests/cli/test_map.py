@@ -19,6 +19,7 @@ from typing import Any, NoReturn
 import pytest
 
 from haptic_wall.controller.experiments.maps import maps
+from haptic_wall.controller.experiments.maps.servo import MapSettings
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, flexible_boundary
 from tests.cases import whole_only
@@ -196,7 +197,7 @@ class _Counting(Here):
 
 def _unfinished(folder: Path) -> None:
     """Leave what a map that is killed in its third task leaves."""
-    setting = maps.MapSettings.of(load_config("simulated", ("servo.torque_step=0",)).config)
+    setting = MapSettings.of(load_config("simulated", ("servo.torque_step=0",)).config)
     question = maps.MapQuestion(setting, [0.0, 0.1], [0, 1, 2], [0.1])
     kept = question.kept(folder / ROWS, resume=False, fresh=False)
     for task in question.tasks()[:2]:

@@ -17,7 +17,6 @@ BOUNDARY = ["boundary", "--servo=MX-64", "--period=0.001", "--delay=0.002"]
 FOLDERS = [
     (["map", "simulated"], "map.json"),
     (["paper", "fig3"], "fig3.csv"),
-    (["paper"], "index.html"),
     (["delay", *SIMULATED], "delay.json"),
     (SWEEP, "sweep.csv"),
     (SWEEP, "sweep.json"),

@@ -22,8 +22,9 @@ from haptic_wall.controller.experiments.sweep.plan import (
     KICK,
     Options,
     PlanePoint,
-    hold_spring,
     reach,
+    soft_phase,
+    soft_spring,
     trial_phase,
 )
 from haptic_wall.controller.experiments.sweep.result import (
@@ -132,9 +133,7 @@ class PointSearch:
             result.reason = unstable_text(loop, damping, result.delay_s)
             return result
         self._kick_by(self._options.kick)
-        self._hold = hold_spring(
-            self._device, self._setting.delay_steps, self._longest_age, self._kick
-        )
+        self._hold = soft_spring(self._bed.config, self._device, self._setting.delay_steps)
         if self._reach.top <= _SOFTEST * self._reach.predicted:
             result.reason = out_of_reach_text(self._reach, "nothing was tried")
             return result
@@ -273,11 +272,11 @@ class PointSearch:
         for asked in batch:
             centre = asked.sign * (asked.aim + self._offset[asked.sign])
             phases += [
-                self._hold.phase(centre, asked.sign, kick),
+                soft_phase(self._hold, self._device, centre, kick),
                 trial_phase(self._device, setting, result.delay_s, asked.stiffness, kick),
             ]
         # Back to the start: the next batch begins where this one leaves the shaft.
-        phases.append(self._hold.phase(0.0, -batch[-1].sign, kick))
+        phases.append(soft_phase(self._hold, self._device, 0.0, kick))
         name = f"B{setting.virtual_damping:g}-n{setting.delay_steps}-{len(result.logs) + 1}"
         soft, stiff = batch[0].stiffness, max(asked.stiffness for asked in batch)
         self._tell(

@@ -7,12 +7,14 @@ worst corner, and no stiffness is tried at which torque or speed would exceed it
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from haptic_wall.controller.experiments.holding import Hold, hold_of, sample_age
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.laws.program import Phase
+from haptic_wall.controller.settings.config import Config
 
 KICK = 0.1
 """Largest default kick [rad]"""
@@ -22,18 +24,9 @@ _KICKS = 60
 """Number of kicks from which the default is chosen"""
 _KICK_TORQUE = 0.5
 """Fraction of the torque limit that the spring may command at such a kick"""
-_QUICK = 0.15
-"""Largest product of the soft spring's angular frequency and the delay"""
-_QUICKEST = 60.0
-"""Largest angular frequency of the soft spring [rad/s]"""
-_RATIO = 0.5
-"""Its damping ratio"""
-_CALM = 0.05
-"""Fraction of the torque limit that one encoder count may command through its damping"""
-_UNDER = 0.5
-"""Largest fraction of the ceiling in that corner that it damps with"""
 _SURE = 0.3
-"""Largest fraction of the critical stiffness at the belief's worst corner"""
+"""Fractions of ceiling and limit that the soft spring of a servo with a load has at most, at the
+worst corner of its belief"""
 _GROWN = 1.6
 """Growth at which a trial ends [kicks]"""
 _ROOM = 1.15
@@ -148,59 +141,28 @@ def reach(device: Device, setting: PlanePoint, delay: float, kick: float | None)
     return Reach(kick, swing.balanced(kick), min(by_torque, by_speed), bound_by)
 
 
-@dataclass(frozen=True, slots=True)
-class HoldingSpring:
-    """The soft spring that moves the shaft and holds it before the release."""
-
-    stiffness: float
-    damping: float
-    torque: float
-    """Additional torque in the direction of travel against friction [N·m]"""
-    still_s: float
-    still_band: float
-
-    def phase(self, center: float, sign: float, kick: float) -> Phase:
-        """Move the shaft to ``center`` [rad], from the other side or from the middle."""
-        speed = kick / _TRAVEL_S
-        return Phase(
-            seconds=4.0 + 2.0 * abs(center) / speed,
-            stiffness=self.stiffness,
-            damping=self.damping,
-            center=center,
-            speed=speed,
-            torque=sign * self.torque,
-            still_s=self.still_s,
-            still_band=self.still_band,
-        )
-
-
-def hold_spring(device: Device, delay_steps: int, age: float, kick: float) -> HoldingSpring:
-    """Return a surely stable spring: far below the limit in the belief's worst corner.
+def soft_spring(config: Config, device: Device, delay_steps: int) -> Hold:
+    """Return the spring that moves the shaft and holds it: far below any limit of the belief.
 
     Args:
-        device: The belief.
+        config: The effective configuration.
+        device: Its belief.
         delay_steps: Inserted.
-        age: Longest assumed age of a sample [s].
-        kick: [rad]
     """
-    worst = device.worst
-    delay = delay_steps * device.period + device.longest_lag + age
-    step = device.position_step
-    most = np.inf if step == 0.0 else _CALM * device.torque_limit * device.period / step
-    rate = min(_QUICK / (delay + 0.5 * device.period), _QUICKEST)
-    most = min(most, _UNDER * worst.ceiling(delay))
-    rate = min(rate, (worst.damping + most) / (2.0 * _RATIO * worst.inertia))
-    added = max(2.0 * _RATIO * worst.inertia * rate - worst.damping, 0.0)
-    limit = float(worst.critical(added, delay).stiffness)
-    stiffness = min(worst.inertia * rate * rate, _SURE * limit)
-    rate = float(np.sqrt(stiffness / device.heaviest))
-    return HoldingSpring(
-        stiffness=stiffness,
-        damping=added,
-        torque=device.coulomb,
-        still_s=max(0.1, 1.5 / rate),
-        still_band=max(1.5 * step, 1e-3 * kick),
-    )
+    hold = hold_of(config, device.torque_limit, delay_steps)
+    if device.worst.load is None:
+        return hold
+    delay = delay_steps * device.period + device.longest_lag + sample_age(config)
+    damping = min(hold.damping, _SURE * device.worst.ceiling(delay))
+    limit = float(device.worst.critical(damping, delay).stiffness)
+    return replace(hold, stiffness=min(hold.stiffness, _SURE * limit), damping=damping)
+
+
+def soft_phase(hold: Hold, device: Device, center: float, kick: float) -> Phase:
+    """Return the phase that moves the shaft to a place [rad] and lets it rest there."""
+    speed = kick / _TRAVEL_S
+    still = max(_LEAST_STILL_S, 1.5 * math.sqrt(device.heaviest / hold.stiffness))
+    return hold.phase(4.0 + 2.0 * abs(center) / speed, center, speed, still)
 
 
 def trial_phase(

@@ -9,8 +9,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor
-from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -26,8 +24,8 @@ from haptic_wall.controller.experiments.sweep.plan import (
     Options,
     PlanePoint,
     Reach,
-    hold_spring,
     reach,
+    soft_spring,
     trial_phase,
 )
 from haptic_wall.controller.experiments.sweep.result import PointResult
@@ -114,7 +112,6 @@ def sweep(
     tell: Callable[[str], None] = lambda _text: None,
     progress: Progress = lambda _setting, _result: None,
     workers: int | None = None,
-    pool: AbstractContextManager[Executor] | None = None,
 ) -> bool:
     """Measure the unfinished points; keep each at once.
 
@@ -124,7 +121,6 @@ def sweep(
         tell: Called with each trial, where points are measured in sequence.
         progress: Called after each point.
         workers: Processes on the simulated clock; None: one for each core.
-        pool: Measures the points on the simulated clock instead; its processes share the folder.
 
     Returns:
         False when a person has interrupted it.
@@ -137,18 +133,16 @@ def sweep(
     left = [setting for setting in asked.settings if setting not in kept.done]
     bed = Testbed(asked.config, asked.folder / LOGS, tell)
     count = min(workers or cores(), len(left))
-    if pool is None and count > 1:
-        pool = processes(count)
 
     def add(setting: PlanePoint, result: PointResult) -> None:
         progress(setting, kept.add(setting, result))
 
     try:
         with interrupting():
-            if asked.config.loop.clock == "simulated" and pool is not None:
+            if asked.config.loop.clock == "simulated" and count > 1:
                 text, folder = asked.config.model_dump_json(), bed.folder.resolve()
                 tasks = [(at, partial(measure, text, folder, at, asked.options)) for at in left]
-                with pool as executor, results(executor, tasks) as found:
+                with processes(count) as pool, results(pool, tasks) as found:
                     for setting, result in found:
                         add(setting, result)
             else:
@@ -183,7 +177,7 @@ def excursion(config: Config, settings: tuple[PlanePoint, ...], options: Options
     device = Device.of(config)
     furthest = 0.0
     for setting, at, phase in _predicted(device, settings, options):
-        hold = hold_spring(device, setting.delay_steps, device.period, at.kick)
+        hold = soft_spring(config, device, setting.delay_steps)
         ratio = (at.predicted / hold.stiffness) ** 0.5
         furthest = max(furthest, (phase.reach or 0.0) * (1.0 + ratio) ** 0.5 + at.kick)
     return furthest

@@ -10,7 +10,6 @@ import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -20,7 +19,8 @@ from distributed import Client
 from haptic_wall.controller.errors import PlatformError, UserError
 from haptic_wall.controller.experiments import cluster as module
 from haptic_wall.controller.experiments.cluster import Cluster, checked, cluster
-from haptic_wall.controller.experiments.maps.maps import MapQuestion, MapSettings, critical_map
+from haptic_wall.controller.experiments.maps.maps import MapQuestion, critical_map
+from haptic_wall.controller.experiments.maps.servo import MapSettings
 from haptic_wall.controller.settings.load import load_config
 
 _WORKERS = 2
@@ -62,8 +62,8 @@ def test_a_map_is_the_same_although_a_worker_is_killed(address: str) -> None:
             next(killing, int)()
 
         found = critical_map(asked, executor=pool, progress=progress)
-    alone = [replace(asked, delay_steps=[steps]).compute() for steps in asked.delay_steps]
-    np.testing.assert_array_equal(found.stiffness, alone)
+    for task in asked.tasks():
+        np.testing.assert_array_equal(found.stiffness[task], asked.compute(task)())
     assert next(killing, None) is None
 
 

@@ -13,7 +13,7 @@ from haptic_wall.controller.experiments.sweep.critical import PointSearch
 from haptic_wall.controller.experiments.sweep.decrement import Growth
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.growth_fit import Trial
-from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint, hold_spring
+from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint, soft_spring
 from haptic_wall.controller.experiments.sweep.result import PointResult
 from haptic_wall.controller.experiments.sweep.sweep import excursion
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed
@@ -219,10 +219,10 @@ def test_the_soft_spring_is_stable_in_the_worst_corner() -> None:
         "model.torque_gain={value: 1, low: 0.7, high: 1.35}",
     )
     device = Device.of(effective)
-    hold = hold_spring(device, 5, 1e-3, 0.1)
+    hold = soft_spring(effective, device, 5)
     gain = 1.35
-    limit = critical_stiffness(0.008, 0.001, gain * hold.damping, 1e-3, 8e-3) / gain
-    assert 0.0 < hold.stiffness < 0.35 * float(limit)
+    limit = critical_stiffness(0.008, 0.001, gain * hold.damping, 1e-3, 7e-3) / gain
+    assert 0.0 < hold.stiffness < 0.45 * float(limit)
 
 
 def test_a_servo_without_a_known_torque_limit_is_refused() -> None:

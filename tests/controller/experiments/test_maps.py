@@ -14,9 +14,9 @@ from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.maps.maps import (
     CriticalMap,
     MapQuestion,
-    MapSettings,
     critical_map,
 )
+from haptic_wall.controller.experiments.maps.servo import MapSettings
 from haptic_wall.controller.settings.load import load_config
 from tests.support.simulated_limits import simulated_critical_stiffness
 

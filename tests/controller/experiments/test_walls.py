@@ -14,7 +14,8 @@ from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.experiments.maps import loop, search, walls
 from haptic_wall.controller.experiments.maps.bounce import returned
 from haptic_wall.controller.experiments.maps.compiled import _fingerprint, compiled
-from haptic_wall.controller.experiments.maps.maps import MapQuestion, MapSettings, critical_map
+from haptic_wall.controller.experiments.maps.maps import MapQuestion, critical_map
+from haptic_wall.controller.experiments.maps.servo import MapSettings
 from haptic_wall.controller.experiments.maps.walls import Loop, buffers, noise_of, wall_of
 from haptic_wall.controller.laws.velocity import velocity_estimator
 from haptic_wall.controller.laws.wall import Side
