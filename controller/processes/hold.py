@@ -1,8 +1,8 @@
 """The dead man, a switch that must be held: a key or pedal, or a button on the live page.
 
-``Word.HELD_NS`` is the instant until which it counts as held, on the system's monotonic clock; the
-loop compares it with its own time in every tick. The loop itself reads a key, the page's process
-writes for its button. A silent source therefore acts as a release.
+``Word.HELD_NS`` is the instant until which it counts as held, on the clock of the loop, which looks
+at it in every tick. The loop itself reads a key, the page's process writes for
+its button. A silent source therefore acts as a release.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class KeySource:
         """Return until when the key counts as held [ns]; 0: it is released.
 
         Args:
-            now_ns: The present time on the monotonic clock [ns].
+            now_ns: The present time on the loop's clock [ns].
 
         Raises:
             OSError: The device is gone.
@@ -138,7 +138,7 @@ def key_reader(
 ) -> Callable[[int], float]:
     """Return what the loop calls to read a key into ``Word.HELD_NS``.
 
-    It takes the present time, and returns when to look again, both on the monotonic clock [ns].
+    It takes the present time, and returns when to look again, both on the loop's clock [ns].
 
     Args:
         source: The key.
