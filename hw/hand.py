@@ -91,7 +91,7 @@ class SharedHand:
             target: Of the hand [rad].
             stiffness: Of the spring between hand and shaft [N·m/rad].
             shaft: Position of the shaft, where the hand takes it [rad].
-            now_ns: The present time on the monotonic clock [ns].
+            now_ns: The present time on the servo's clock [ns].
         """
         last = self._last
         held = last is not None and now_ns < last.until_ns

@@ -27,7 +27,7 @@ class DeadMan:
         self._holder: object = None
 
     def beat(self, now_ns: int) -> int:
-        """Return the beat of a time on the monotonic clock [ns], for the pages that may answer."""
+        """Return the beat of a time on the loop's clock [ns], for the pages that may answer."""
         return now_ns // _MS_NS
 
     def answer(self, page: object, beat: int, now_ns: int) -> None:
@@ -36,7 +36,7 @@ class DeadMan:
         Args:
             page: Whose answer.
             beat: As from ``beat``; one that lies in the future counts as that of now.
-            now_ns: The present time on the monotonic clock [ns].
+            now_ns: The present time on the loop's clock [ns].
         """
         if self._holder not in (None, page) and now_ns <= self._words[Word.HELD_NS]:
             return

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import socket
+import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -56,7 +57,8 @@ class News:
     def _show(self, news: dict[str, Any]) -> None:
         view, origin_ns = self._view, self._words[Word.BEGAN_NS]
         if "note" in news and origin_ns:
-            view.add([Mark((news["at_ns"] - origin_ns) * 1e-9, "note", news["note"])])
+            at_ns = news["at_ns"] - self._words[Word.OFFSET_NS]
+            view.add([Mark((at_ns - origin_ns) * 1e-9, "note", news["note"])])
         elif "ended" in news:
             view.end(f"the run is over: {news['ended']}")
         elif "change" in news:
@@ -83,5 +85,6 @@ def view_of(orders: Mapping[str, Any]) -> tuple[View, News, Telemetry]:
         recorded=False,
         hand=None if orders["hand"] is None else SharedHand(orders["hand"]),
         dead_man=DeadMan(telemetry.words) if orders["dead_man"] else None,
+        now_ns=lambda: time.monotonic_ns() - telemetry.words[Word.OFFSET_NS],
     )
     return view, News(socket.socket(fileno=orders["news"]), telemetry, view), telemetry

@@ -85,7 +85,7 @@ class LiveServer:
                 if draws is None or draws.done():
                     draws = asyncio.create_task(view.draw_map())
             man = view.dead_man
-            beat = None if man is None else man.beat(time.monotonic_ns())
+            beat = None if man is None else man.beat(view.now_ns())
             new = Messages(view.source)
             for client in tuple(view.clients):
                 client.serve(new, beat, last=over)

@@ -6,7 +6,7 @@ import asyncio
 import math
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -43,9 +43,11 @@ class View:
         recorded: Whether the run is a log.
         hand: A person's hand on the simulated servo; None: the run has none.
         dead_man: The dead man; None: no page holds it.
+        now_ns: The present time on the loop's clock [ns].
 
     Attributes:
         dead_man: See above.
+        now_ns: See above.
     """
 
     def __init__(
@@ -57,7 +59,9 @@ class View:
         recorded: bool,
         hand: SharedHand | None = None,
         dead_man: DeadMan | None = None,
+        now_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
+        self.now_ns = now_ns
         self._hand = hand
         self.dead_man = dead_man
         self._holds: object = None
@@ -145,7 +149,7 @@ class View:
         Returns:
             False: that is no wish.
         """
-        hand, now_ns = self._hand, time.monotonic_ns()
+        hand, now_ns = self._hand, self.now_ns()
         if hand is None:
             return False
         if wish is None:
@@ -177,7 +181,7 @@ class View:
         if beat is None:
             self.dead_man.release(client)
         elif type(beat) is int:
-            self.dead_man.answer(client, beat, time.monotonic_ns())
+            self.dead_man.answer(client, beat, self.now_ns())
         else:
             return False
         return True

@@ -90,6 +90,10 @@ class Child:
         *lines, self._heard = self._heard.split(b"\n")
         return [line.decode(errors="replace") for line in lines]
 
+    def said(self) -> list[dict[str, Any]]:
+        """Return the messages that it has sent since the last call; never waits."""
+        return [json.loads(line) for line in self.lines()]
+
     def ended(self) -> bool:
         """Whether it has ended."""
         return self._process.poll() is not None

@@ -51,7 +51,7 @@ class Door:
         self._path = socket_of(plan.log)
         self._child: Child | None = None
         self._news: socket.socket | None = None
-        self._over = self._closed = False
+        self._over = self._closed = self._stopped = False
         self.changes: list[dict[str, Any]] = []
         self.unlogged: list[dict[str, Any]] = []
         self.hand: SharedHand | None = None
@@ -94,8 +94,7 @@ class Door:
         door = self._child
         if door is None:
             return
-        for line in door.lines():
-            said = json.loads(line)
+        for said in door.said():
             if "change" not in said:
                 self._tell(said.get("trouble") or f"--live: {said['page']}")
                 if "page" in said:
@@ -107,6 +106,10 @@ class Door:
                 self.unlogged = [*self.unlogged, change][-MOST_KEPT:]
             self._tell(change_text(change))
             self._send({"change": change})
+        stopped = not self._over and "stopped" in door.doing()
+        if stopped and not self._stopped:
+            self._tell(f"the process for changes and page {door.doing()}; the run goes on")
+        self._stopped = stopped
         if door.ended() and not self._over:
             self._over = True
             remove_if_dead(self._path)

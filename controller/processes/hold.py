@@ -1,8 +1,8 @@
 """The dead man, a switch that must be held: a key or pedal, or a button on the live page.
 
-``Word.HELD_NS`` is the instant until which it counts as held, on the system's monotonic clock; the
-loop compares it with its own time in every tick. The loop itself reads a key, the page's process
-writes for its button. A silent source therefore acts as a release.
+``Word.HELD_NS`` is the instant until which it counts as held, on the clock of the loop, which looks
+at it in every tick. The loop itself reads a key, the page's process writes for
+its button. A silent source therefore acts as a release.
 """
 
 from __future__ import annotations
@@ -48,31 +48,6 @@ _EVIOCGVERSION = _ioctl_read(0x01, 4)
 _EVIOCGKEY = _ioctl_read(0x18, _KEY_BYTES)
 _EVIOCGBIT_KEY = _ioctl_read(0x20 + _EV_KEY, _KEY_BYTES)
 
-KEYS = {
-    "KEY_ESC": 1,
-    "KEY_ENTER": 28,
-    "KEY_LEFTCTRL": 29,
-    "KEY_A": 30,
-    "KEY_LEFTSHIFT": 42,
-    "KEY_C": 46,
-    "KEY_B": 48,
-    "KEY_RIGHTSHIFT": 54,
-    "KEY_LEFTALT": 56,
-    "KEY_SPACE": 57,
-    "KEY_F12": 88,
-    "KEY_RIGHTCTRL": 97,
-    "KEY_RIGHTALT": 100,
-    "KEY_F13": 183,
-    "BTN_0": 256,
-    "BTN_LEFT": 272,
-    "BTN_RIGHT": 273,
-    "BTN_MIDDLE": 274,
-    "BTN_TRIGGER": 288,
-    "BTN_SOUTH": 304,
-}
-"""Codes of keys that pedals and keyboards have; other keys are given as numbers. Source:
-linux/input-event-codes.h."""
-
 
 class KeySource:
     """Reads a key, or any key, of an input device, from the kernel's events.
@@ -95,7 +70,7 @@ class KeySource:
         """Return until when the key counts as held [ns]; 0: it is released.
 
         Args:
-            now_ns: The present time on the monotonic clock [ns].
+            now_ns: The present time on the loop's clock [ns].
 
         Raises:
             OSError: The device is gone.
@@ -138,7 +113,7 @@ def key_reader(
 ) -> Callable[[int], float]:
     """Return what the loop calls to read a key into ``Word.HELD_NS``.
 
-    It takes the present time, and returns when to look again, both on the monotonic clock [ns].
+    It takes the present time, and returns when to look again, both on the loop's clock [ns].
 
     Args:
         source: The key.
@@ -241,15 +216,14 @@ def _codes(descriptor: int, request: int) -> set[int]:
     return {8 * n + k for n, byte in enumerate(bits) if byte for k in range(8) if byte >> k & 1}
 
 
-def _code(name: str) -> int:
-    code = KEYS.get(name.upper(), -1)
-    if name.isascii() and name.isdigit():
-        code = int(name)
+def _code(text: str) -> int:
+    code = int(text) if text.isascii() and text.isdigit() else -1
     if not 0 <= code < 8 * _KEY_BYTES:
         raise UserError(
-            f"found the key {name!r}",
+            f"found the key {text!r}",
             field="--hold",
-            wanted=f"its code as a number, or one of {', '.join(KEYS)}",
+            wanted="its code as a number",
+            advice="`evtest` prints it",
         )
     return code
 

@@ -94,7 +94,7 @@ class Plan:
 
     @property
     def elastic(self) -> bool:
-        """Whether loop and emulated bus wait for each other: nobody else shares their time."""
-        config, alone = self.config, not (self.hold or self.live)
+        """Whether loop and emulated bus wait for each other."""
+        config = self.config
         real = config.loop.clock == "monotonic" and config.realtime.profile != "strict"
-        return config.servo.kind == "emulated" and real and alone
+        return config.servo.kind == "emulated" and real

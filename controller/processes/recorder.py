@@ -32,8 +32,6 @@ PAUSE_S = 0.25
 SYNC_S = 0.75
 """Time that blocks gather between two syncs to the disk [s]; a power cut loses no more than both
 times, and what the disk itself takes."""
-BEHIND = 8192
-"""Waiting rows that mean that the recorder before did not keep up"""
 BLOCK = 500
 """Largest number of rows in a block. A backlog from a full disk is written in parts that fit; a
 copy of these 80 kB reuses the process's memory, that of a larger block would be fetched page by
@@ -200,23 +198,12 @@ class _Attempts:
         return f"{self._orders['log']}: {error.strerror or error}"
 
 
-def may_stand_back(words: memoryview[int]) -> bool:
-    """Whether a new recorder may run at lowest priority.
-
-    A recorder that takes over the backlog of another must not starve: on a busy machine a process
-    at lowest priority may not run for seconds. Raising the priority again needs rights that few
-    users have.
-    """
-    return not words[Word.FINISHED] and words[Word.HEAD] - words[Word.TAIL] <= BEHIND
-
-
 def main() -> None:
     """Record until the supervisor reports that no more rows will come."""
     orders = read_orders()
     orphaned = ended_by(signal.SIGUSR1)
     telemetry = Telemetry(orders["telemetry"])
-    if may_stand_back(telemetry.words):
-        stand_back()
+    stand_back()
     die_with_parent(orders["parent"], signal.SIGUSR1)
     attempts = _Attempts(telemetry, orders)
     while True:

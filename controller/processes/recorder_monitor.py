@@ -5,7 +5,6 @@ Shared memory holds the rows of the last minute, so that no row is lost in betwe
 
 from __future__ import annotations
 
-import json
 import signal
 import time
 from collections import Counter
@@ -51,7 +50,6 @@ class RecorderMonitor:
         self._begun = now
         self._moved = now
         self._kept_up = now
-        self._hurried = False
         self._dying: Child | None = None
         self._tail = 0
         self._trouble: str | None = None
@@ -83,21 +81,11 @@ class RecorderMonitor:
         if self._recorder is not None:
             if self._recorder.ended():
                 self._abandon(self._recorder.exit_text())
-            elif now - max(self._kept_up, self._begun) > STUCK_S:
-                self._replace(now)
+            elif now - max(self._moved, self._kept_up, self._begun) > STUCK_S:
+                self._abandon(f"had written nothing for {now - self._moved:.0f} s")
         pause = min(AGAIN_MOST_S, AGAIN_S * self._deaths.total())
         if self._recorder is None and self._is_dead(0.0) and now - self._begun > pause:
             self._start_another(now)
-
-    def _replace(self, now: float) -> None:
-        """End a recorder that leaves half of the memory full."""
-        if now - max(self._moved, self._begun) > STUCK_S:
-            self._abandon(f"had written nothing for {now - self._moved:.0f} s")
-        elif not self._hurried:
-            # A recorder at low priority may have been starved; if the next one is slow too, the
-            # disk is.
-            self._hurried = True
-            self._abandon(f"did not keep up for {now - self._kept_up:.0f} s")
 
     def end(self) -> list[str]:
         """Have the last rows of the run written; return messages for a person."""
@@ -168,8 +156,7 @@ class RecorderMonitor:
 
     def _hear(self) -> None:
         """Process the recorder's messages about its trouble with the disk."""
-        for line in [] if self._recorder is None else self._recorder.lines():
-            said = json.loads(line)
+        for said in [] if self._recorder is None else self._recorder.said():
             if "lost" in said:
                 self._note_loss(said["lost"])
                 continue

@@ -8,7 +8,6 @@ but Torque Enable 0. The recorder and, where requested, the emulated bus are pro
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import signal
 import time
@@ -365,8 +364,7 @@ class Supervisor:
         return f"torque off could not be read back: switch the servo's power off{watchdog}"
 
     def _hear(self, loop: Child) -> None:
-        for line in loop.lines():
-            event = json.loads(line)
+        for event in loop.said():
             match event.pop("event"):
                 case "realtime":
                     self._realtime = event["settings"]

@@ -38,13 +38,13 @@ def die_with_parent(parent: int, signal_number: int) -> None:
 
 
 def stand_back() -> None:
-    """Take the lowest priority: the kernel threads that carry the loop's bytes need a core too.
+    """Take a low priority: the kernel threads that carry the loop's bytes need a core too.
 
-    It does not use SCHED_IDLE: on a busy machine that gets three thousandths of a core, too little
-    to write a log, or even to exit. Raising the priority again needs rights that few users have.
+    It is a tenth of the normal one, enough to write a log on a busy machine. The lowest would not
+    be, and raising the priority again needs rights that few users have.
     """
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
-    os.nice(19)
+    os.nice(10)
 
 
 def pick_cores(wanted: int | None = None) -> tuple[int, set[int]]:

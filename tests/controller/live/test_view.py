@@ -14,13 +14,16 @@ import pytest
 from haptic_wall.controller import live as room
 from haptic_wall.controller.guard.limits import BY_NAME
 from haptic_wall.controller.live.client import Client
+from haptic_wall.controller.live.dead_man import SILENCE_NS, DeadMan
 from haptic_wall.controller.live.relay import OFFERED, sets_of
 from haptic_wall.controller.live.source import LoggedSource, RunningSource
 from haptic_wall.controller.live.view import MOST_LAWS, View
 from haptic_wall.controller.runtime.telemetry import FLAG_OFF, ROW, Telemetry, Word
 from haptic_wall.controller.settings.changes import changed
 from haptic_wall.controller.settings.load import load_config
+from haptic_wall.hw.hand import SharedHand
 from tests.support.rows import row
+from tests.typed import not_none
 
 PAGE = Path(str(room.__file__)).parent / "page"
 CONFIG = load_config("simulated", ()).config
@@ -59,6 +62,19 @@ def move(view: View, telemetry: Telemetry, *positions: float, stiffness: float =
         telemetry.write(*row(deadline_ns=1, position=position, stiffness=stiffness))
     view.look(1000)
     view.draw_law()
+
+
+def test_hand_and_dead_man_are_on_the_clock_of_the_loop() -> None:
+    """An elastic clock is behind the system's: a hand would hold on longer, or not at all."""
+    telemetry, hand = Telemetry.create(), SharedHand.create()
+    source, man = RunningSource(telemetry, 1_000_000), DeadMan(telemetry.words)
+    telemetry.words[Word.HELD_NS] = 0
+    view = View(CONFIG, "a", source, recorded=False, hand=hand, dead_man=man, now_ns=lambda: 5000)
+    view.shaft = 0.1
+    assert view.grasp(object(), {"position": 0.2, "stiffness": 1.0})
+    assert not_none(hand.look(5000)).begin_ns == 5000
+    assert view.hold(cast("Client", object()), 0)
+    assert telemetry.words[Word.HELD_NS] == SILENCE_NS
 
 
 def test_a_law_that_was_in_force_keeps_its_curve(running: tuple[View, Telemetry]) -> None:

@@ -40,16 +40,21 @@ def opened(plan: Plan, told: list[str], monkeypatch: pytest.MonkeyPatch, code: s
     return Door(plan, Telemetry.create(), told.append, set(), 0)
 
 
-def test_a_stopped_door_is_killed_after_its_time(
+def test_a_stopped_door_is_told_and_killed_after_its_time(
     plan: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(door, "_END_S", 0.1)
-    made = opened(plan, [], monkeypatch, "import time; time.sleep(60)")
+    told: list[str] = []
+    made = opened(plan, told, monkeypatch, "import time; time.sleep(60)")
     child = made._child
     assert child is not None
     os.kill(child.pid, signal.SIGSTOP)
     while child.doing() != "was stopped by a signal":
         time.sleep(0.001)
+    made.look()
+    made.look()
+    (said,) = told
+    assert said == "the process for changes and page was stopped by a signal; the run goes on"
     began_s = time.monotonic()
     for _ in range(300):  # nothing waits for one that does not read
         made.pass_on("x" * 1000)

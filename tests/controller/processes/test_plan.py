@@ -1,11 +1,9 @@
-"""Loop and emulated bus wait for each other where no person and no other bus is in their time."""
+"""Loop and emulated bus wait for each other where no other bus is in their time."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from haptic_wall.controller.processes.hold import Hold
 from haptic_wall.controller.processes.plan import Plan
 from haptic_wall.controller.settings.load import load_config
 
@@ -25,4 +23,3 @@ from haptic_wall.controller.settings.load import load_config
 def test_only_a_bus_of_ones_own_is_waited_for(preset: str, sets: list[str], elastic: bool) -> None:
     plan = Plan(load_config(preset, sets).config, None, Path("x"), {}, None)
     assert plan.elastic is elastic
-    assert not replace(plan, hold=Hold("page")).elastic

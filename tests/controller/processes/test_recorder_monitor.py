@@ -2,7 +2,6 @@
 
 import errno
 import itertools
-import json
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -35,7 +34,7 @@ class Child:
         log = LogWriter(path, {}, resume=resume)
         self._recorder = Recorder(telemetry, log, resumes=resume)
         self._words = telemetry.words
-        self._said: list[str] = []
+        self._said: list[dict[str, object]] = []
         self.writes = True
         self.mortal = True
         self.code: int | None = None
@@ -47,17 +46,17 @@ class Child:
                 self.end(0)
 
     def say(self, trouble: str | None, *, full: bool = True) -> None:
-        self._said.append(json.dumps({"trouble": trouble, "full": full}))
+        self._said.append({"trouble": trouble, "full": full})
 
     def lose(self, lost: str) -> None:
-        self._said.append(json.dumps({"lost": lost}))
+        self._said.append({"lost": lost})
 
     def end(self, code: int) -> None:
         if self.code is None:
             self.code = code
             self._recorder.close()
 
-    def lines(self) -> list[str]:
+    def said(self) -> list[dict[str, object]]:
         said, self._said = self._said, []
         return said
 

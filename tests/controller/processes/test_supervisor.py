@@ -65,9 +65,9 @@ class Child:
             self.code = code
             os.close(self._end)
 
-    def lines(self) -> list[str]:
+    def said(self) -> list[Any]:
         try:
-            return os.read(self.output, 65536).decode().splitlines()
+            return [json.loads(line) for line in os.read(self.output, 65536).splitlines()]
         except BlockingIOError:
             return []
 
