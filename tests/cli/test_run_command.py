@@ -46,7 +46,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (["--log", "a", "--plot", "./a"], "--log and --plot both name a"),
         (
             ["--set=loop.clock=monotonic", "--hold", "a", "--hold", "b"],
-            "--hold: found 2 sources (a, b), wanted one",
+            "--hold: found two sources, wanted one",
         ),
         (["--set=loop.clock=monotonic", "--hold", "page"], "add --live --live-control"),
         (["--plot", "a.svg"], "--plot a.svg: found a name ending in .svg"),
