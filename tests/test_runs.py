@@ -383,6 +383,7 @@ sys.stdin.read()
 """
 
 
+@pytest.mark.whole
 def test_another_run_finds_the_port_busy_and_a_program_that_opens_it_ends_the_run_by_name(
     tmp_path: Path, refused: Refused
 ) -> None:
@@ -440,6 +441,7 @@ def without_rights(tmp_path: Path, *arguments: str) -> subprocess.CompletedProce
     )
 
 
+@pytest.mark.whole
 def test_strict_refuses_without_rights_and_names_the_command(tmp_path: Path) -> None:
     done = without_rights(tmp_path, "--set", "realtime.profile=strict", "--duration", "1")
     assert done.returncode == 4
@@ -522,6 +524,7 @@ def test_the_wall_is_on_only_while_the_dead_man_is_held(
     assert np.any(rows["torque"][~is_off]), "it pulls the shaft, and friction keeps it beside"
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("pedal")
 def test_a_run_without_its_dead_man_never_comes_on(tmp_path: Path, servo: str) -> None:
     arguments = run_arguments("--hold", "pedal", "--duration", "0.5", servo=servo)
