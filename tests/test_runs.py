@@ -384,6 +384,7 @@ sys.stdin.read()
 """
 
 
+@pytest.mark.whole
 def test_another_run_finds_the_port_busy_and_a_program_that_opens_it_ends_the_run_by_name(
     tmp_path: Path, refused: Refused
 ) -> None:
@@ -441,6 +442,7 @@ def without_rights(tmp_path: Path, *arguments: str) -> subprocess.CompletedProce
     )
 
 
+@pytest.mark.whole
 def test_strict_refuses_without_rights_and_names_the_command(tmp_path: Path) -> None:
     done = without_rights(tmp_path, "--set", "realtime.profile=strict", "--duration", "1")
     assert done.returncode == 4

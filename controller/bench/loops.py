@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
+from haptic_wall.controller.emulated_bus.bus import PROGRAM
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.processes import emulator
 from haptic_wall.controller.processes.children import Child, first_line
@@ -65,20 +66,20 @@ Loop = Callable[[str, float, float], Ran]
 
 @contextmanager
 def emulated_bus(
-    *options: str, ids: Sequence[int] = (1,), cores: set[int] | None = None
+    *, ids: Sequence[int] = (1,), cores: set[int] | None = None, **plan: object
 ) -> Iterator[str]:
     """Start an emulated bus in a process of its own; yield the path of its pseudo-terminal.
 
     Args:
-        options: Further options of ``haptic-wall emulate``.
         ids: Ids of its servos.
         cores: Cores on which it runs; None: those that a loop does not use.
+        plan: Further fields of its ``Plan``.
 
     Raises:
         ServoError: It did not start.
     """
-    servos = [word for i in ids for word in ("--servo", f"XM430-W350:{i}")]
-    arguments = [*emulator.EMULATE, "--baud", str(BAUD), *servos, *options]
+    servos = [f"XM430-W350:{i}" for i in ids]
+    arguments = [PROGRAM, json.dumps({"servos": servos, "baud": BAUD, **plan})]
     apart = pick_cores()[1] if cores is None else cores
     with emulator.emulated_bus(arguments, apart) as (_, path):
         assert path is not None

@@ -58,7 +58,7 @@ def measure() -> Section:
     if _rustypot() is None:
         notes.append("rustypot is not installed, so nothing is compared with it")
     rows = _whole_program()
-    with emulated_bus("--fault", f"drop:every={_EVERY},way=reply") as path, ExitStack() as stack:
+    with emulated_bus(faults=[f"drop:every={_EVERY},way=reply"]) as path, ExitStack() as stack:
         waits = waits_ns(_clients(path, stack), _ROUNDS)
     for name, each in waits.items():
         if not each:
@@ -104,7 +104,7 @@ def _whole_program() -> list[Measurement]:
     with tempfile.TemporaryDirectory() as folder:
         record = Path(folder) / "bus.csv"
         fault = f"drop:every={_RARELY},way=reply"
-        with emulated_bus("--fault", fault, "--record", str(record)) as path:
+        with emulated_bus(faults=[fault], record=str(record)) as path:
             ran = ours(path, _RUN_S, 1e9 / _PERIOD_NS)
         seen = read_rows(record)
     torques = [row.time_s for row in seen if row.instruction == Instruction.SYNC_WRITE]

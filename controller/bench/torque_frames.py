@@ -46,7 +46,7 @@ def measure() -> Section:
     turns: dict[str, list[tuple[float, float]]] = {name: [] for name in LOOPS}
     with tempfile.TemporaryDirectory() as folder:
         record = Path(folder) / "bus.csv"
-        with emulated_bus("--record", str(record)) as path:
+        with emulated_bus(record=str(record)) as path:
             for _ in range(_ROUNDS):
                 for name, loop in LOOPS.items():
                     began_s = time.monotonic()

@@ -26,7 +26,7 @@ from haptic_wall.controller.cli.places import force_option, take_file
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.guard.belief import Belief, Bounded
-from haptic_wall.controller.guard.boundary_curve import Load, Question, default_dampings
+from haptic_wall.controller.guard.boundary_curve import Load, Question, WallSide, default_dampings
 from haptic_wall.controller.guard.boundary_report import report
 from haptic_wall.controller.guard.delay_parts import DelayParts
 from haptic_wall.controller.guard.types import Situation
@@ -130,7 +130,7 @@ def _of_config(name: str, sets: tuple[str, ...], given: dict[str, Any]) -> Quest
     before, lag = config.delay.steps * period + config.guard.sample_age, belief.delay
     usual = Bounded(before + lag.value, before + lag.low, before + lag.high)
     filtered = config.velocity_filter()
-    side = given["side"] or ("both" if config.wall.side == "both" else "one")
+    side: WallSide = given["side"] or ("both" if config.wall.side == "both" else "one")
     if filtered is not None and side == "one":
         raise UserError(
             "the limit of a one-sided wall with a velocity filter is not known",

@@ -9,7 +9,7 @@ from typing import Any, Final
 import click
 
 from haptic_wall.controller.cli import interrupt
-from haptic_wall.controller.cli.numbers import Number
+from haptic_wall.controller.cli.numbers import AnyType, Number
 from haptic_wall.controller.cli.options import refuse_same_file, say
 from haptic_wall.controller.cli.places import force_option, take_file
 from haptic_wall.controller.emulated_bus.program import NAMES, PRIORITY, Plan, run_bus, servo_of
@@ -23,7 +23,7 @@ from haptic_wall.hw.truth import read
 _TERMINALS: Final = Path("/dev/pts")
 
 
-class _TrueValue(click.ParamType):  # type: ignore[type-arg] - generic in newer versions only
+class _TrueValue(AnyType):
     """``servo.NAME=VALUE``, as name and value."""
 
     name = "true parameter"
@@ -105,8 +105,9 @@ def command(
         take_file("--record", record, force=force)
     if link is not None:
         _refuse_foreign(link, force=force)
-    places = {name: str(path) for name, path in (("link", link), ("record", record)) if path}
-    plan = Plan(servos, dict(sets), **places, **given)
+    for name, path in (("link", link), ("record", record)):
+        given[name] = path and str(path)
+    plan = Plan(servos, dict(sets), **given)
     for setting in realtime.apply("best-effort", PRIORITY, os.sched_getaffinity(0)):
         if setting.name == "scheduler" and not setting.ok:
             say(f"replies may be late on a busy machine: {setting.wanted} was {setting.found}; "

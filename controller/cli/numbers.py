@@ -10,12 +10,12 @@ import click
 from haptic_wall.controller.guard.belief import Bounded
 
 if TYPE_CHECKING:
-    _Type = click.ParamType[Any]
+    AnyType = click.ParamType[Any]
 else:
-    _Type = click.ParamType  # generic in newer versions only
+    AnyType = click.ParamType  # generic in newer versions only
 
 
-class Number(_Type):
+class Number(AnyType):
     """A finite number within bounds, of which each may be left out.
 
     Args:
@@ -62,7 +62,7 @@ class Number(_Type):
         return int(number) if self._is_whole else number
 
 
-class Numbers(_Type):
+class Numbers(AnyType):
     """Numbers with commas between, also negative ones: ``-0.01,0.2``.
 
     Args:
@@ -84,7 +84,7 @@ class Numbers(_Type):
         return [self._of.convert(part, param, ctx) for part in str(value).split(",")]
 
 
-class Span(_Type):
+class Span(AnyType):
     """A number, or a range ``LOW:HIGH`` whose middle is the estimate.
 
     Args:

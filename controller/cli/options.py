@@ -7,7 +7,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePath
 from typing import Any, TypeVar
@@ -162,17 +162,10 @@ def answer(text: str) -> None:
 
     Where a file goes there (``-``), the answer goes to standard error.
     """
-    answer_in_parts([text])
-
-
-def answer_in_parts(parts: Iterable[str]) -> None:
-    """Print an answer whose text is made in parts, as ``answer``; they end where lines may."""
     interrupt.owe(False)
     try:
         with aside():
-            for part in parts:
-                click.echo(printable(part), err=_output_taken[0], nl=False)
-            click.echo(err=_output_taken[0])
+            click.echo(printable(text), err=_output_taken[0])
             sys.stdout.flush()
     except OSError as error:
         # ``| head``, or a closed terminal: the exit status remains

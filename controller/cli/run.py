@@ -6,7 +6,7 @@ import math
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -26,6 +26,7 @@ from haptic_wall.controller.cli.options import (
     refuse_same_file,
     say,
     set_option,
+    writing,
 )
 from haptic_wall.controller.cli.places import force_option, new_stem, take_file
 from haptic_wall.controller.cli.text import brief_text, report_text
@@ -41,10 +42,6 @@ if TYPE_CHECKING:
     from haptic_wall.controller.live.place import Live
     from haptic_wall.controller.processes.hold import Hold
 
-MUCH = 1e8
-"""Size of a log from which it is announced before the run [bytes]"""
-ROW_BYTES = 115.0
-"""Usual size of a row in a log [bytes]"""
 SIMULATED_S = 5.0
 """Default duration [s]; hardware runs until Ctrl-C."""
 
@@ -53,46 +50,25 @@ SIMULATED_S = 5.0
 @config_argument(default="simulated")
 @set_option
 @click.option("--duration", type=float, metavar="S", help="Time for which the wall is on [s].")
-@click.option(
-    "--log",
-    "log_path",
-    type=click.Path(path_type=Path),
-    help="Write the log to this path; default: in ./runs/.",
-)
-@click.option(
-    "--plot",
-    "plot_path",
-    type=FileToWrite(),
-    help="Draw the run as PNG to this path; default: beside the log.",
-)
+@click.option("--log", "log_path", type=click.Path(path_type=Path),
+              help="Write the log to this path; default: in ./runs/.")  # fmt: skip
+@click.option("--plot", "plot_path", type=FileToWrite(),
+              help="Draw the run as PNG to this path; default: beside the log.")  # fmt: skip
 @click.option("--no-plot", is_flag=True, help="Draw no picture.")
-@click.option(
-    "--witness",
-    type=click.Path(path_type=Path),
-    help="Record every frame of the emulated bus and the true motion to this CSV file.",
-)
-@click.option(
-    "--live",
-    metavar="[HOST:PORT]",
-    is_flag=False,
-    flag_value="localhost:0",
-    help="Show the run in a browser; prints the address. Default: a free port, for this machine.",
-)
-@click.option(
-    "--live-control",
-    is_flag=True,
-    help="With --live: whoever has the page's address may change the wall.",
-)
-@click.option(
-    "--hold",
-    metavar="SOURCE",
-    multiple=True,
-    help="Dead man: the wall is on only while SOURCE is held: /dev/input/eventN[:KEY], a key or"
-    " pedal (default: any key); or page, a button on the page of --live-control.",
-)
-@click.option(
-    "-v", "--verbose", is_flag=True, help="Print the whole report instead of about eight lines."
-)
+@click.option("--witness", type=click.Path(path_type=Path),
+              help="Record every frame of the emulated bus and the true motion to this CSV "
+              "file.")  # fmt: skip
+@click.option("--live", metavar="[HOST:PORT]", is_flag=False, flag_value="localhost:0",
+              help="Show the run in a browser; prints the address. Default: a free port, for this "
+              "machine.")  # fmt: skip
+@click.option("--live-control", is_flag=True,
+              help="With --live: whoever has the page's address may change the wall.")  # fmt: skip
+@click.option("--hold", metavar="SOURCE", multiple=True,
+              help="Dead man: the wall is on only while SOURCE is held: /dev/input/eventN[:KEY], a "
+              "key or pedal (default: any key); or page, a button on the page of "
+              "--live-control.")  # fmt: skip
+@click.option("-v", "--verbose", is_flag=True,
+              help="Print the whole report instead of about eight lines.")  # fmt: skip
 @force_option
 @json_option
 def command(
@@ -124,15 +100,19 @@ def command(
     loaded = load_config(config, sets, runs=True)
     effective = loaded.config
     seconds = _duration(effective, duration)
-    if no_plot and plot_path is not None:
-        raise UserError("found with --plot", field="--no-plot", advice="leave one of them out")
-    if witness is not None and (effective.servo.kind != "emulated" or _in_memory(effective)):
+    memory = effective.loop.clock == "simulated"
+    if witness is not None and (effective.servo.kind != "emulated" or memory):
         raise UserError(
             "only an emulated bus in its own process keeps a record",
             field="--witness",
             advice="run emulated-xm430 on the monotonic clock, or leave the option out",
         )
-    _refuse_unseen(effective, {"--live": live is not None, "--hold": bool(hold)})
+    if memory and (live or hold):
+        raise UserError(
+            "on the simulated clock a run is over before it can be watched",
+            field="--live" if live else "--hold",
+            advice="leave it out, or run with --set loop.clock=monotonic",
+        )
     shown_live = _live(live, control=live_control)
     held = _hold(hold, page=shown_live is not None and bool(shown_live.token))
     log, plot = _places(log_path, plot_path, witness, loaded.name, draws=not no_plot, force=force)
@@ -151,10 +131,10 @@ def command(
         changeable=True,
         force=force,
     )
-    say(f"{loaded.name}: {_length(effective, seconds)}")
+    say(f"{loaded.name}: {'until Ctrl-C' if seconds is None else f'{seconds:g} s'}")
     if shown_live is not None:
         say(f"live: {shown_live.address}")
-    if not as_json_wanted and is_shown(sys.stdout) and not _in_memory(effective):
+    if not as_json_wanted and is_shown(sys.stdout) and not memory:
         shown: Shown = live_line
     else:
         shown = partial(_progress, effective, seconds)
@@ -175,21 +155,6 @@ def command(
         answer(as_json(report) if as_json_wanted else as_text(report))
     no_wall = report["waited_for"] or report["no_stiffness"]
     sys.exit(reports.exit_status(ended.stop_reason, no_wall, ended.log))
-
-
-def _refuse_unseen(config: Config, options: Mapping[str, bool]) -> None:
-    """Refuse options for a person beside the run where it is over before anybody can act.
-
-    Raises:
-        UserError: One is given on the simulated clock.
-    """
-    given = [option for option, is_given in options.items() if is_given and _in_memory(config)]
-    if given:
-        raise UserError(
-            "on the simulated clock a run is over before it can be watched",
-            field=given[0],
-            advice="leave it out, or run with --set loop.clock=monotonic",
-        )
 
 
 def _live(place: str | None, *, control: bool) -> Live | None:
@@ -213,20 +178,17 @@ def _hold(sources: tuple[str, ...], *, page: bool) -> Hold | None:
         page: Whether there is a page that may change the wall.
 
     Raises:
-        UserError: There is more than one source, or it cannot serve as a dead man.
+        UserError: There is more than one, or it cannot serve as a dead man.
     """
     if not sources:
         return None
-    if len(sources) > 1:
-        raise UserError(
-            f"found {len(sources)} sources ({', '.join(sources)})",
-            field="--hold",
-            wanted="one: a run has one dead man",
-        )
+    source, *others = sources
+    if others:
+        raise UserError("found two sources", field="--hold", wanted="one: a run has one dead man")
     from haptic_wall.controller.processes.hold import PAGE, Hold, hold_by
 
-    if sources[0] != PAGE:
-        return hold_by(sources[0])
+    if source != PAGE:
+        return hold_by(source)
     if not page:
         raise UserError(
             f"a {PAGE} can hold the dead man only if it may change the wall",
@@ -234,10 +196,6 @@ def _hold(sources: tuple[str, ...], *, page: bool) -> Hold | None:
             advice="add --live --live-control",
         )
     return Hold(PAGE)
-
-
-def _in_memory(config: Config) -> bool:
-    return config.loop.clock == "simulated"
 
 
 def _duration(config: Config, asked: float | None) -> float | None:
@@ -264,21 +222,6 @@ def _progress(
         yield tell
 
 
-def _length(config: Config, seconds: float | None) -> str:
-    """Describe the run's duration, and the size of its log if large."""
-    rate = config.loop.rate_hz * ROW_BYTES
-    if seconds is None:
-        clock = "simulated minute" if _in_memory(config) else "minute"
-        return f"until Ctrl-C; the log grows by {_size(60.0 * rate)} a {clock}"
-    whole = rate * seconds
-    return f"{seconds:g} s" + (f"; the log will have {_size(whole)}" if whole > MUCH else "")
-
-
-def _size(count: float) -> str:
-    """Format bytes with two digits."""
-    return f"{count / 1e9:.2g} GB" if count >= 1e9 else f"{float(f'{count / 1e6:.2g}'):g} MB"
-
-
 def _places(
     log: Path | None,
     plot: Path | None,
@@ -290,7 +233,9 @@ def _places(
 ) -> tuple[Path, Path | None]:
     """Return the paths of log and picture; by default in ./runs/, the picture beside the log."""
     if draws and plot is None and log is not None:
-        plot = _beside(log)
+        with writing("--log", log):
+            if log.is_file() or not log.exists():
+                plot = log.with_suffix(".png") if log.suffix == SUFFIX else Path(f"{log}.png")
     if plot is not None:
         refuse_other_pictures("--plot", plot)
     refuse_same_file({"CONFIG": file_of(name), "--log": log, "--plot": plot, "--witness": witness})
@@ -317,34 +262,14 @@ def _refuse_no_log(path: Path) -> None:
     Raises:
         UserError: It is such a place.
     """
-    if path.exists() and not (path.is_file() or path.is_dir()):
+    if path.exists() and not path.is_file():
         raise UserError(f"{path} is a device", field="--log", advice="name a file")
-    if path.is_file() and is_held(path):
-        raise UserError(
-            f"another program has {path} open, such as the run that writes it",
-            field="--log",
-            advice="wait for its end, or name another place",
-        )
     if not path.exists() and not os.access(path.parent, os.W_OK | os.X_OK):
         say(f"--log {path}: its folder cannot be written: unless that changes, there is no log")
-    other = foreign_beside(path)
-    if other is not None:
-        raise UserError(
-            f"{other} is in the way: SQLite keeps files of such names beside a log",
-            field="--log",
-            advice="name another place",
-        )
-
-
-def _beside(log: Path) -> Path | None:
-    """Return the path of the picture beside a log; None if the log is no file."""
-    try:
-        usable = log.is_file() or not log.exists()
-    except OSError:
-        return None  # and the log is refused
-    if not usable:
-        return None
-    return log.with_suffix(".png") if log.suffix == SUFFIX else Path(f"{log}.png")
+    held = path.is_file() and is_held(path)
+    if held or (other := foreign_beside(path)) is not None:
+        what = f"another program has {path} open" if held else f"{other} is in the way"
+        raise UserError(what, field="--log", advice="name another place")
 
 
 def _draw(log: Path, plot: Path, stop_reason: str) -> str:

@@ -120,7 +120,7 @@ def run_bus(
     with ExitStack() as stack:
         try:
             faults = Faults(plan.faults, plan.seed)
-            terminal = stack.enter_context(PseudoTerminal(plan.link and Path(plan.link)))
+            terminal = stack.enter_context(PseudoTerminal(Path(plan.link) if plan.link else None))
             witness = None
             if plan.record is not None:
                 file = Path(plan.record).open("w", encoding="utf-8", newline="\n")  # noqa: SIM115

@@ -24,7 +24,6 @@ from tests.cli.caller import Cli
         (["sweep", "simulated", "--delay-steps=0.5"], "wanted a whole number from 0"),
         (["scan", "--port", "/dev/null"], "no serial port, wanted the adapter's device"),
         (["run", "--log", "-"], "--log -: found standard output, wanted a file"),
-        (["run", "--no-plot", "--plot", "a.png"], "--no-plot: found with --plot"),
     ],
 )
 def test_advice_fits_the_command(

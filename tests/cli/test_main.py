@@ -1,7 +1,6 @@
 """Every error has its exit status and one clear message; standard output is the answer's alone."""
 
 import errno
-import json
 import os
 import shlex
 import subprocess
@@ -15,7 +14,6 @@ import pytest
 from haptic_wall.controller.cli import main as program
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.hw.errors import PortBusyError
-from tests.cases import whole_only
 from tests.cli.caller import Cli
 
 PYTHON = shlex.quote(sys.executable)
@@ -73,15 +71,6 @@ def test_every_command_has_help(cli: Cli, name: str) -> None:
     assert "\\b" not in out, "click's mark for lines to be left alone, shown as text"
 
 
-def test_all_this_holds_for_the_process_too() -> None:
-    wrong = shell("config", "simulated", "--set", "wall.side=x", "--set", "guard.margin=2")
-    assert (wrong.returncode, wrong.stdout) == (2, "")
-    assert len(wrong.stderr.splitlines()) == 3
-    right = shell("presets", "--json")
-    assert (right.returncode, right.stderr) == (0, "")
-    assert json.loads(right.stdout)["presets"]
-
-
 @pytest.mark.parametrize(
     ("error", "status"),
     [
@@ -111,15 +100,12 @@ def test_the_exit_status_of_a_command_is_the_programs(
     assert cli("presets")[0] == 3
 
 
-@pytest.mark.parametrize("name", sorted(program.NEEDS_LINUX))
-def test_another_system_is_told_in_a_sentence(
-    monkeypatch: pytest.MonkeyPatch, cli: Cli, name: str
-) -> None:
+def test_another_system_is_told_in_a_sentence(monkeypatch: pytest.MonkeyPatch, cli: Cli) -> None:
     monkeypatch.setattr(sys, "platform", "darwin")
-    status, _, err = cli(name)
+    status, _, err = cli("run")
     assert status == 4
     assert err == (
-        f"haptic-wall: this machine runs darwin, but {name} needs Linux: use a Linux machine or a "
+        "haptic-wall: this machine runs darwin, but run needs Linux: use a Linux machine or a "
         "virtual one\n"
     )
 
@@ -140,41 +126,7 @@ def test_the_exit_status_is_the_commands_own_when_the_reader_has_left() -> None:
 
 
 @pytest.mark.whole
-@pytest.mark.parametrize(
-    ("words", "status"),
-    [
-        (["run", "nosuch"], 2),
-        (["run", "--set=loop.clock=simulated", "--duration=0.1", "--no-plot"], 0),
-        whole_only(["run", "--nosuch"], 2),
-        whole_only(
-            ["delay", "simulated", "--set=loop.clock=simulated", "--bursts=1", "--out=there"], 0
-        ),
-        whole_only(
-            ["map", "paper-table2", "--virtual-damping=0", "--delay-steps=0", "--workers=1"], 0
-        ),
-    ],
-)
-def test_the_exit_status_is_the_commands_own_when_nobody_reads_its_messages(
-    words: list[str], status: int, tmp_path: Path
-) -> None:
-    script = (
-        "import os, sys; from haptic_wall.controller.cli.main import main;"
-        "end, other = os.pipe(); os.close(end); os.dup2(other, 2);"
-        "sys.exit(main(sys.argv[1:]))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script, *words], stdout=subprocess.PIPE, check=False, cwd=tmp_path
-    )
-    assert done.returncode == status
-    assert bool(done.stdout) == (status == 0)
-
-
-@pytest.mark.whole
-@pytest.mark.parametrize(
-    "encoding",
-    ["ascii", *(whole_only(each) for each in ("koi8-r", "utf-8"))],
-)
-def test_a_terminal_that_lacks_a_character_costs_no_answer(encoding: str, tmp_path: Path) -> None:
+def test_a_terminal_that_lacks_a_character_costs_no_answer(tmp_path: Path) -> None:
     brief = ["--set=loop.clock=simulated", "--set=wall.stiffness=1e6", "--duration=0.1"]
     brief.append("--no-plot")
     done = subprocess.run(
@@ -182,7 +134,7 @@ def test_a_terminal_that_lacks_a_character_costs_no_answer(encoding: str, tmp_pa
         capture_output=True,
         check=False,
         cwd=tmp_path,
-        env=os.environ | {"PYTHONIOENCODING": encoding},
+        env=os.environ | {"PYTHONIOENCODING": "ascii"},
     )
     assert done.returncode == 0
     assert b"the guard allows" in done.stdout
@@ -216,8 +168,6 @@ def test_a_limit_of_the_system_is_told_in_a_sentence(
     ("closed", "clock", "picture"),
     [
         ("<&- >&- 2>&-", "monotonic", "--no-plot"),
-        whole_only("<&-", "simulated", "--plot run.png"),
-        whole_only(">&-", "simulated", "--no-plot"),
     ],
 )
 def test_closed_standard_streams_do_not_disturb_a_run(
@@ -238,6 +188,5 @@ def test_closed_standard_streams_do_not_disturb_a_run(
     assert (tmp_path / "run.hwlog").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize("words", [["paper"], ["map", "simulated"], ["delay", "simulated"]])
-def test_a_folder_whose_name_is_too_long_is_told_in_a_sentence(cli: Cli, words: list[str]) -> None:
-    assert "File name too long; name another place" in cli.refused(*words, "--out", 300 * "x")
+def test_a_folder_whose_name_is_too_long_is_told_in_a_sentence(cli: Cli) -> None:
+    assert "File name too long; name another place" in cli.refused("paper", "--out", 300 * "x")

@@ -5,8 +5,6 @@ from pathlib import Path
 import pytest
 
 from haptic_wall.controller.cli import main as cli
-from haptic_wall.controller.cli.run import _length
-from haptic_wall.controller.settings.load import load_config
 from tests.typed import status_of
 
 BRIEF = ["--set=loop.clock=simulated", "--duration=0.05"]
@@ -55,12 +53,3 @@ def test_a_foreign_picture_beside_the_log_is_kept(
     assert cli.main(["run", *BRIEF, "--log", "a.hwlog"]) == 2
     assert "--plot a.png" in capsys.readouterr().err
     assert (tmp_path / "a.png").read_text() == "mine"
-
-
-def test_a_long_run_says_how_much_it_will_write() -> None:
-    config = load_config("simulated").config
-    assert _length(config, 5.0) == "5 s"
-    assert _length(config, 3600.0) == "3600 s; the log will have 410 MB"
-    assert _length(config, None) == "until Ctrl-C; the log grows by 6.9 MB a minute"
-    simulated = load_config("simulated", ["loop.clock=simulated"]).config
-    assert _length(simulated, None).endswith("a simulated minute")

@@ -21,19 +21,12 @@ DRAWING = {
     "run": RUN,
     "boundary": ("boundary", "simulated", "--virtual-damping=0.02", "--plot=a.png"),
     "detect": ("detect", LOG, "--plot=a.png"),
-    "delay": ("delay", *SIMULATED, "--bursts=1", "--out=a"),
-    "map": ("map", "simulated", *SWEEP, "--workers=1", "--out=a"),
     "sweep": ("sweep", *SIMULATED, *SWEEP, "--out=a"),
-    "zwidth": ("zwidth", *SIMULATED, "--velocity-samples=1", "--measure=none", "--out=a"),
-    "identify": ("identify", *SIMULATED, "--out=a.yaml"),
 }
-WHOLE = "identify", "delay", "sweep", "zwidth"
 
 
 @pytest.mark.whole
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.whole] * (n in WHOLE)) for n in DRAWING]
-)
+@pytest.mark.parametrize("name", DRAWING)
 def test_no_picture_costs_the_result(
     name: str, cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -15,14 +15,10 @@ SIMULATED = ["simulated", "--set=loop.clock=simulated"]
 SWEEP = ["sweep", *SIMULATED, "--virtual-damping=0.1", "--delay-steps=0"]
 BOUNDARY = ["boundary", "--servo=MX-64", "--period=0.001", "--delay=0.002"]
 FOLDERS = [
-    (["map", "simulated"], "map.json"),
     (["paper", "fig3"], "fig3.csv"),
     (["delay", *SIMULATED], "delay.json"),
     (SWEEP, "sweep.csv"),
-    (SWEEP, "sweep.json"),
     (["commission", *SIMULATED], "report.html"),
-    (["commission", *SIMULATED, "--fresh"], "identify.png"),
-    (["commission", *SIMULATED], "sweep.png"),
 ]
 FILES = [
     (["run", *SIMULATED], "--log"),

@@ -34,7 +34,6 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 @pytest.fixture(autouse=True)
 def never_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
     """The command ends its process, if any test has interrupted this one before."""
-    monkeypatch.setattr("haptic_wall.controller.system.signals._raised", [])
 
 
 def test_rows_are_as_they_were(case: str) -> None:

@@ -77,7 +77,7 @@ def test_both_loops_run_on_one_bus_and_the_bus_ends_whatever_comes(
 
 
 def test_a_machine_where_the_bus_cannot_start_gets_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
-    def none(*_options: object) -> NoReturn:
+    def none(**_plan: object) -> NoReturn:
         raise PlatformError("the emulated bus did not start: it ended with 4")
 
     monkeypatch.setattr(torque_frames, "emulated_bus", none)

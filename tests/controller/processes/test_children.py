@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from haptic_wall.controller.emulated_bus.bus import PROGRAM
 from haptic_wall.controller.processes import emulator
 from haptic_wall.controller.processes.children import Child, first_line
 from haptic_wall.controller.system.signals import on_signals
@@ -82,7 +83,7 @@ def test_a_bus_that_is_stopped_in_its_start_is_not_said_to_run(
     monkeypatch.setattr(emulator, "END_S", 0.1)
     with (
         pytest.raises(ServoError, match="did not start: it was stopped by a signal"),
-        emulator.emulated_bus([*emulator.EMULATE], os.sched_getaffinity(0)),
+        emulator.emulated_bus([PROGRAM, '{"servos": []}'], os.sched_getaffinity(0)),
     ):
         pass
 
