@@ -99,17 +99,6 @@ from haptic_wall.controller.guard.boundary_report import report
 @click.option(
     "--torque-limit", type=Number(0, above=True), metavar="NM", help="Torque limit [N·m]."
 )
-@click.option(
-    "--baud",
-    type=Number(0, above=True),
-    help="Baud rate of a Dynamixel bus; its wire time is part of the delay.",
-)
-@click.option(
-    "--latency-timer",
-    type=Number(0),
-    metavar="MS",
-    help="Latency timer of the USB adapter [ms]; it is part of the delay.",
-)
 @click.option("--plot", type=FileToWrite(), help="Draw the K-B plane as PNG to this path.")
 @force_option
 @json_option

@@ -9,15 +9,12 @@ from typing import Any
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.boundary_curve import Load, Question, WallSide
-from haptic_wall.controller.guard.delay_parts import ADAPTER, WIRE, DelayParts
-from haptic_wall.controller.guard.design import FAST_BAUD
 from haptic_wall.controller.guard.types import Situation
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.settings.rules import MOST_LOWPASS_Q, MOST_OF_RATE
 from haptic_wall.controller.theory.servos import SERVOS, ServoFacts, servo, sister
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.names import did_you_mean
-from haptic_wall.hw.open import backend
 
 LONGEST_PERIOD_S, _LONGEST_DELAY_S = 0.5, 1.0
 """Larger values are probably milliseconds in place of seconds."""
@@ -63,7 +60,6 @@ def of_config(name: str, sets: tuple[str, ...], given: dict[str, Any]) -> Questi
             limit or 1.0,
             config.servo.position_step if limit else 0.0,
         ),
-        delay_parts=_delay_parts(delay.high, period, None, None),
         side=side,
         velocity_samples=config.wall.velocity_samples,
         velocity_filter=filtered,
@@ -98,7 +94,6 @@ def of_options(given: dict[str, Any]) -> Question:
         _check_exact(belief, "a filter")
     return Question(
         situation=Situation(belief, period, limit, 2 * math.pi / counts if counts else 0.0),
-        delay_parts=_delay_parts(delay.high, period, given["baud"], given["latency_timer"]),
         side=side,
         velocity_samples=given["velocity_samples"] or 1,
         load=_load(given, belief),
@@ -189,7 +184,7 @@ def _load(given: dict[str, Any], belief: Belief) -> Load | None:
                 advice="give both --load-inertia and --transmission-stiffness",
             )
     damping = 0.0 if damping is None else damping
-    _check_exact(belief, "a load")
+    _check_exact(belief)
     if not (belief.damping.low > 0 or damping > 0):
         raise UserError(
             "servo and load have no damping",
@@ -200,13 +195,13 @@ def _load(given: dict[str, Any], belief: Belief) -> Load | None:
     return Load(inertia, stiffness, damping, encoder or "output")
 
 
-def _check_exact(belief: Belief, what: str) -> None:
-    """Refuse ranges, for which no limits are known with a load or a filter."""
+def _check_exact(belief: Belief) -> None:
+    """Refuse ranges, for which no limits are known with a load."""
     for name in ("inertia", "damping", "delay", "torque_gain"):
         bounds: Bounded = getattr(belief, name)
         if bounds.low < bounds.high:
             raise UserError(
-                f"with {what} a range has no least safe corner",
+                "with a load a range has no least safe corner",
                 field=f"--{name.replace('_', '-')}",
                 given=_span(bounds),
                 advice="give one number, and run the command once for each end of the range",
@@ -294,30 +289,6 @@ def _encoder(given: dict[str, Any], facts: ServoFacts | None) -> tuple[float, fl
             advice="give --counts-per-rev",
         )
     return counts, limit
-
-
-def _delay_parts(
-    delay: float, period: float, baud: float | None, latency_timer: float | None
-) -> DelayParts:
-    """Return the parts of the delay, as far as the options give them."""
-    named: dict[str, float] = {}
-    quickest = 0.0
-    if baud is not None:
-        cycle_s = backend("dynamixel").cycle_s
-        assert cycle_s is not None
-        named[WIRE], quickest = cycle_s(baud), cycle_s(FAST_BAUD)
-    if latency_timer is not None:
-        named[ADAPTER] = 1e-3 * latency_timer
-    rest = delay - sum(named.values())
-    if rest < -1e-12:
-        raise UserError(
-            f"frames and adapter timer alone take {sum(named.values()):.4g} s",
-            field="--delay",
-            given=f"{delay:g}",
-            advice="give the total delay from sample to torque, or leave out --baud and "
-            "--latency-timer",
-        )
-    return DelayParts(period, {**named, "rest" if named else "delay": max(rest, 0.0)}, quickest)
 
 
 def _span(value: Bounded) -> str:

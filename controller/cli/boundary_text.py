@@ -14,9 +14,6 @@ _LOWER = 0.98
 """Largest factor on the stiffness that is reported separately."""
 _PARTS = {
     "delay": "the delay from sample to torque",
-    "rest": "the rest of the delay",
-    "wire": "frames on the wire",
-    "adapter": "the adapter's timer",
     "hold": "half the period",
 }
 
@@ -140,22 +137,8 @@ def _design(design: Mapping[str, Any], points: int) -> Iterator[str]:
                 for each in changes
             )
             yield from wrapped(f"{what}: {listed}", "", "  ")
-    yield from _not_counted(design)
-
-
-def _not_counted(design: Mapping[str, Any]) -> Iterator[str]:
-    told = {part["name"] for part in design["delay_parts"]}
-    missing = [
-        f"{what} ({options})"
-        for what, options, known in (
-            ("the encoder", "--counts-per-rev, --torque-limit", design["encoder"]),
-            ("the bus", "--baud", "wire" in told),
-            ("its adapter", "--latency-timer", "adapter" in told),
-        )
-        if not known
-    ]
-    if missing:
-        yield from wrapped(f"not examined, because not given: {', '.join(missing)}", "", "  ")
+    if not design["encoder"]:
+        yield "not examined, because not given: the encoder (--counts-per-rev, --torque-limit)"
 
 
 def _aligned(rows: Sequence[Sequence[str]], left: Sequence[int] = ()) -> Iterator[str]:

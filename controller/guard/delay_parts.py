@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-WIRE, ADAPTER, HOLD, SAMPLE_AGE = "wire", "adapter", "hold", "sample_age"
+HOLD, SAMPLE_AGE = "hold", "sample_age"
 """Names of the delay's parts."""
 SHORT_TIMER = 1e-3
 """Shortest latency timer of common USB adapters that is safe to set [s]."""
@@ -19,8 +19,6 @@ class DelayParts:
     """[s]; half of it, the zero-order hold, counts as delay"""
     named: Mapping[str, float]
     """The parts of t_d by name, each >= 0 [s]"""
-    quickest_wire: float = 0.0
-    """The part ``WIRE`` at the fastest rate of the bus [s]"""
 
     @property
     def delay(self) -> float:

@@ -14,11 +14,9 @@ import numpy as np
 
 from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.delay_parts import (
-    ADAPTER,
     HOLD,
     SAMPLE_AGE,
     SHORT_TIMER,
-    WIRE,
     DelayParts,
     ms,
     shorter,
@@ -30,7 +28,6 @@ from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.theory.checks import FloatArray
 
-FAST_BAUD = 4_000_000
 FINER = 4
 WORTH_NAMING = 1.02
 """Smallest factor that counts as an improvement: the limits are accurate to about 1 %."""
@@ -40,8 +37,6 @@ Change = Literal[
     "delay",
     "rate",
     "damping",
-    "baud",
-    "latency_timer",
     "encoder",
     "two_sided",
     "motor_encoder",
@@ -49,11 +44,10 @@ Change = Literal[
     "belief",
 ]
 """Names of the changes: ``virtual_damping`` another B; ``largest_part`` of the delay ``shorter``,
-the hold included; ``delay`` t_d halved; ``rate`` twice; ``damping``, the viscous, twice; ``baud``
-``FAST_BAUD``; ``latency_timer`` ``SHORT_TIMER``; ``encoder`` ``FINER`` times finer; ``two_sided`` a
-wall that also pulls; ``motor_encoder`` on the motor's side of a flexible transmission; ``stiffer``,
-that transmission's vibration at twice its frequency; ``belief`` the servo known exactly, at its
-believed values."""
+the hold included; ``delay`` t_d halved; ``rate`` twice; ``damping``, the viscous, twice;
+``encoder`` ``FINER`` times finer; ``two_sided`` a wall that also pulls; ``motor_encoder`` on the
+motor's side of a flexible transmission; ``stiffer``, that transmission's vibration at twice its
+frequency; ``belief`` the servo known exactly, at its believed values."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,8 +97,7 @@ def improvements(
         wall: The requested wall, whose stiffness has no effect. In mode ``off`` any B may be
             commanded.
         changes: Changes to try, of ``Change``. The answer leaves out changes that do not apply (a
-            finer encoder where there is none, a two-sided wall in place of one, a baud rate without
-            a part ``wire``).
+            finer encoder where there is none, a two-sided wall in place of one).
         exact: Find the limits to 1e-4, and the best virtual damping; else to 5 %, and a good one,
             in a fraction of the time.
         work: What was evaluated before for the same asker.
@@ -126,9 +119,7 @@ def improvements(
     return sorted(found, key=lambda each: -each.stiffness)
 
 
-def _changed(  # noqa: PLR0912 - a table of changes
-    change: str, wall: Wall, exact: bool, work: Work
-) -> tuple[Wall, str] | None:
+def _changed(change: str, wall: Wall, exact: bool, work: Work) -> tuple[Wall, str] | None:
     """Return the wall after a change, and the change in words; None where it does not apply."""
     request, _, situation, parts = wall
     belief, period = situation.belief, situation.period
@@ -147,15 +138,6 @@ def _changed(  # noqa: PLR0912 - a table of changes
         case "rate":
             text = f"twice the rate, {2 / period:.4g} Hz instead of {1 / period:.4g}"
             return _with_period(wall, 0.5 * period), text
-        case "baud" if WIRE in parts.named:
-            fast = min(parts.quickest_wire, parts.named[WIRE])
-            text = f"{FAST_BAUD / 1e6:g} Mbit/s, {ms(parts.quickest_wire)} on the wire instead of"
-            text += f" {ms(parts.named[WIRE])}"
-            return wall._replace(parts=parts.with_part(WIRE, fast)), text
-        case "latency_timer" if ADAPTER in parts.named:
-            short = min(SHORT_TIMER, parts.named[ADAPTER])
-            text = f"an adapter timer of {ms(SHORT_TIMER)} instead of {ms(parts.named[ADAPTER])}"
-            return wall._replace(parts=parts.with_part(ADAPTER, short)), text
         case "encoder" if situation.position_step > 0:
             finer = replace(situation, position_step=situation.position_step / FINER)
             return wall._replace(situation=finer), f"an encoder {FINER} times finer"
