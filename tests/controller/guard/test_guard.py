@@ -124,18 +124,6 @@ def test_doubt_about_a_link_lowers_what_is_commanded() -> None:
     assert one(request, situation(**LINK)).damping < least.damping
 
 
-def test_many_delays_at_once_give_what_each_gives_alone() -> None:
-    delays = [0.0, 0.7e-3, 3e-3, 10e-3]
-    request = Request(1e6, 0.3, "below")
-    together = decide(request, GuardSettings(), situation(COUNT), delays)
-    assert [d.delay for d in together] == pytest.approx([d + 0.5e-3 for d in delays])
-    for decision, delay in zip(together, delays, strict=True):
-        alone = one(request, situation(COUNT), delay=delay)
-        assert decision.stiffness == pytest.approx(alone.stiffness, rel=2e-4)
-        assert decision.damping == pytest.approx(alone.damping)
-    assert sorted((d.stiffness for d in together), reverse=True) == [d.stiffness for d in together]
-
-
 @pytest.mark.parametrize("stiffness", [1e6, 1e12, 1e300])
 def test_absurd_stiffness_is_a_legal_request(stiffness: float) -> None:
     asked, absurd = one(Request(1e5, 0.1, "above")), one(Request(stiffness, 0.1, "above"))
@@ -223,38 +211,6 @@ def test_the_reasons_say_what_was_asked_what_bound_it_and_what_would_raise_it() 
     pulling = next(reason for reason in others if "with a two-sided wall" in reason)
     assert float(pulling.rsplit(" ", 1)[1]) == pytest.approx(two_sided.stiffness, rel=0.05)
     assert len(decision.reasons) == 4
-
-
-def last_number(reason: str) -> float:
-    return float(reason.rsplit(" ", 1)[1])
-
-
-def test_a_finer_encoder_is_named_where_the_encoder_binds() -> None:
-    request = Request(1e6, 0.2, "both")
-    coarse, fine = situation(COUNT), situation(COUNT / 4)
-    decision = one(request, coarse, delay=0.0)
-    assert decision.binding == "quantisation"
-    finer = next(
-        reason for reason in sentences(decision.reasons) if "encoder 4 times finer" in reason
-    )
-    assert last_number(finer) == pytest.approx(one(request, fine, delay=0.0).stiffness, rel=0.07)
-    assert not any("two-sided" in reason for reason in sentences(decision.reasons))
-
-
-@pytest.mark.parametrize(
-    ("delay", "inserted", "lag", "words"),
-    [
-        (4e-3, 4e-3, 0.5e-3, "an inserted delay of 2 ms instead of 4 ms"),
-        (1e-3, 0.0, 5e-3, "a lag of the device of 2.5 ms instead of 5 ms"),
-        (0.0, 0.0, 0.0, "a period of 0.5 ms instead of 1 ms"),
-    ],
-)
-def test_the_largest_part_of_the_delay_is_named(
-    delay: float, inserted: float, lag: float, words: str
-) -> None:
-    where = situation(delay=Bounded.exactly(lag))
-    decision = decide(Request(1e6, 0.05, "both"), GuardSettings(), where, [delay], inserted)[0]
-    assert any(words in reason for reason in sentences(decision.reasons))
 
 
 @pytest.mark.parametrize("mode", ["stable", "passive", "off"])
