@@ -28,7 +28,6 @@ from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.boundary_curve import Load, Question, WallSide, default_dampings
 from haptic_wall.controller.guard.boundary_report import report
-from haptic_wall.controller.guard.delay_parts import DelayParts
 from haptic_wall.controller.guard.types import Situation
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory.servos import SERVOS
@@ -188,7 +187,7 @@ def _question(
             advice="check the period",
         )
     situation = Situation(replace(belief, delay=delay), period, torque_limit, position_step)
-    return Question(situation, DelayParts(period, {"delay": delay.high}))
+    return Question(situation)
 
 
 def _load(given: dict[str, Any], belief: Belief) -> Load | None:

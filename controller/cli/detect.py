@@ -108,7 +108,8 @@ def _judged(
     Raises:
         UserError: There is no stretch that can be judged, and a judgement is ``needed``.
     """
-    from haptic_wall.controller.logs.detected import NO_WALL, detect_all, read_recording
+    from haptic_wall.controller.detector.detection import NO_WALL
+    from haptic_wall.controller.logs.detected import detect_all, read_recording
 
     recording = read_recording(log)
     if not recording.parts and not needed:

@@ -39,9 +39,9 @@ class Work:
     began: float = field(default_factory=time.monotonic)
     drawn: bool = False
 
-    def now(self, label: str, about_s: float | None = None) -> None:
-        """Switch to another activity from now on."""
-        self.label, self.about_s, self.began = label, about_s, time.monotonic()
+    def now(self, label: str) -> None:
+        """Switch to another activity from now on, whose duration is unknown."""
+        self.label, self.about_s, self.began = label, None, time.monotonic()
 
     def text(self) -> str:
         """Return the line."""

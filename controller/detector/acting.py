@@ -29,8 +29,6 @@ class ActingTorque:
         ValueError: The lag is negative or not finite.
     """
 
-    __slots__ = ("_at", "_fraction", "_last", "_ring", "_whole")
-
     def __init__(self, lag_periods: float) -> None:
         self._ring: list[float] = []
         self._at = 0  # index of the next torque

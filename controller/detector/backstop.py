@@ -71,40 +71,6 @@ class Backstop:
             torque: most likely a limit cycle of backlash.
     """
 
-    __slots__ = (
-        "_asked",
-        "_begun",
-        "_bounces",
-        "_cause",
-        "_contacts",
-        "_count",
-        "_elongation",
-        "_hand",
-        "_hold",
-        "_inside",
-        "_settings",
-        "_settled",
-        "_small_cycle",
-        "_step",
-        "_stiffness",
-        "_stop",
-        "_stops",
-        "_thrown",
-        "_time",
-        "_tuning",
-        "alarm",
-        "alarms",
-        "backlash",
-        "derating",
-        "failed",
-        "half_cycles",
-        "hands",
-        "phase",
-        "probe",
-        "probes",
-        "swings",
-    )
-
     def __init__(self, settings: WatchSettings) -> None:
         """Start to watch the whole wall."""
         self._settings = settings

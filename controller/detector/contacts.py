@@ -19,28 +19,6 @@ class Contacts:
     larger motion is no evidence about one that stays within the gate.
     """
 
-    __slots__ = (
-        "_deepest",
-        "_gate",
-        "_impulse",
-        "_inside",
-        "_least",
-        "_moment",
-        "_position",
-        "_rested",
-        "_square",
-        "_time",
-        "_took",
-        "_tuning",
-        "_way_in",
-        "_way_out",
-        "elapsed",
-        "gain",
-        "gaining",
-        "interval",
-        "last",
-    )
-
     def __init__(self, position_step: float, tuning: Tuning) -> None:
         """Start with no contact.
 

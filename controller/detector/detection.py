@@ -119,8 +119,9 @@ class KnownWall:
     """Position of its surface [rad]"""
     side: int = 0
     """0: two-sided; +1 or -1: it fills the positions above or below, and never pulls"""
-    inserted: float = 0.0
-    """Inserted delay, from a sample to commanding its torque [s]"""
+
+
+NO_WALL: Final = KnownWall()
 
 
 def detect(
@@ -130,8 +131,7 @@ def detect(
     settings: Known,
     *,
     lag: float = 0.0,
-    stiffness: ArrayLike = math.nan,
-    wall: KnownWall | None = None,
+    wall: KnownWall = NO_WALL,
 ) -> DetectionRecord:
     """Judge a whole record by its oscillations; see ``pieces``.
 
@@ -144,7 +144,6 @@ def detect(
         settings: Known values of the servo; its period is the grid's. A missing position step is
             estimated from the record, if it has one.
         lag: Delay from a sample until its torque acts, >= 0 [s]; NaN: not known.
-        stiffness: As in ``wall``, where nothing else is known.
         wall: Known parameters of the wall.
 
     Raises:
@@ -162,9 +161,8 @@ def detect(
     if math.isnan(step):
         step = position_step(positions)
     settings = replace(settings, position_step=step)
-    known = wall or KnownWall(stiffness)
-    stiff = np.broadcast_to(np.asarray(known.stiffness, float), (n,))
-    state, frequency, amplitude, alarm = _ticked(times, positions, torques, settings, known)
+    stiff = np.broadcast_to(np.asarray(wall.stiffness, float), (n,))
+    state, frequency, amplitude, alarm = _ticked(times, positions, torques, settings, wall)
     judged = np.zeros(n, dtype=np.bool_)
     found = []
     growth = np.full(n, np.nan)
@@ -172,7 +170,7 @@ def detect(
         away = [np.abs(x - end) > 1.5 * step for end in (x[0], x[-1])]
         moving = x.size - int(np.argmax(away[0])) - int(np.argmax(away[1][::-1]))
         for piece in pieces(x, u, period, step):
-            pull = piece.pull if u is not None else _rendered(piece, known, stiff[some[0]])
+            pull = piece.pull if u is not None else _rendered(piece, wall, stiff[some[0]])
             verdict = _judged(piece, moving, settings, step, pull, lag)
             inside = _note_growth(growth, piece, some, ticks)
             if verdict or piece.growth < BORDER:
@@ -284,8 +282,7 @@ def _complete(grid: Array, ticks: Array, torques: Array) -> Array | None:
 
 def _rendered(piece: Piece, wall: KnownWall, stiffness: float) -> complex:
     """Return the torque of a known wall over the position, as phasors [N·m/rad]."""
-    late = np.exp(-piece.rate * wall.inserted)
-    return complex(-(stiffness + wall.virtual_damping * piece.rate) * late)
+    return complex(-(stiffness + wall.virtual_damping * piece.rate))
 
 
 def _judged(

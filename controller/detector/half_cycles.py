@@ -66,27 +66,6 @@ class Motion(Protocol):
 class HalfCycles:
     """The last four half-cycles of a motion; attributes as of ``Motion``."""
 
-    __slots__ = (
-        "_direction",
-        "_extreme",
-        "_hysteresis",
-        "_least",
-        "_now",
-        "_period",
-        "_position",
-        "_rested",
-        "_since_extreme",
-        "_start",
-        "_started",
-        "_then",
-        "_tuning",
-        "elapsed",
-        "gain",
-        "gaining",
-        "interval",
-        "last",
-    )
-
     def __init__(self, period: float, position_step: float, tuning: Tuning) -> None:
         """Start with no half-cycle.
 

@@ -29,26 +29,6 @@ class LoadHold:
         one_sided: The wall has an outside, where nothing is held.
     """
 
-    __slots__ = (
-        "_high",
-        "_least",
-        "_limit",
-        "_load",
-        "_low",
-        "_motion",
-        "_place",
-        "_rested",
-        "_since_rest",
-        "_tuning",
-        "deep",
-        "inside",
-        "one_sided",
-        "permitted",
-        "reach",
-        "torque",
-        "whole",
-    )
-
     def __init__(self, motion: HalfCycles, settings: WatchSettings) -> None:
         """Hold nothing.
 

@@ -44,8 +44,6 @@ class Probe:
         before: The motion before the probe.
     """
 
-    __slots__ = ("_count", "_first", "_tuning", "before")
-
     def __init__(self, tuning: Tuning) -> None:
         """Start without a probe."""
         self._tuning = tuning

@@ -132,22 +132,6 @@ class Regularity:
         grows: The believed servo makes it, and it becomes larger, evenly.
     """
 
-    __slots__ = (
-        "_even",
-        "_first",
-        "_settings",
-        "_sizes",
-        "_streak_sizes",
-        "_way",
-        "contacts",
-        "decays",
-        "grows",
-        "motion",
-        "since",
-        "steady",
-        "streak",
-    )
-
     def __init__(self, motion: Motion, settings: WatchSettings, *, contacts: bool) -> None:
         """Start without a motion."""
         self.motion, self.contacts = motion, contacts

@@ -43,27 +43,6 @@ class Watch:
         spanned: Periods between them.
     """
 
-    __slots__ = (
-        "_acting",
-        "_mean",
-        "_period",
-        "_periods",
-        "_sent",
-        "_settings",
-        "_ticks",
-        "acted",
-        "alarm",
-        "amplitude",
-        "backstop",
-        "commanded",
-        "current",
-        "failed",
-        "first_alarm_s",
-        "frequency_hz",
-        "spanned",
-        "state",
-    )
-
     def __init__(self, settings: WatchSettings) -> None:
         self._settings = settings
         self._period = settings.period

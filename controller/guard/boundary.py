@@ -17,7 +17,6 @@ from haptic_wall.controller.guard.boundary_curve import (
     default_dampings,
     highest,
 )
-from haptic_wall.controller.guard.delay_parts import DelayParts
 from haptic_wall.controller.guard.types import Situation
 from haptic_wall.controller.theory.checks import FloatArray
 
@@ -90,7 +89,6 @@ def boundary(
     )
     question = Question(
         situation=Situation(belief, period, 1.0, 0.0),
-        delay_parts=DelayParts(period, {"delay": whole.high}),
         velocity_samples=velocity_samples,
     )
     try:

@@ -53,8 +53,6 @@ class Question:
 
     situation: Situation
     """Servo, with bounds where a value is uncertain, and loop; its delay is the whole t_d."""
-    delay_parts: DelayParts
-    """The parts of the longest t_d, as far as they are known"""
     side: WallSide = "one"
     """``one``: the wall never pulls; ``both``: it also pulls"""
     velocity_samples: int = 1
@@ -69,6 +67,11 @@ class Question:
         """Return the wall to evaluate; its stiffness has no effect on the limits."""
         side: Side = "both" if self.side == "both" else "above"
         return Request(0.0, 0.0, side, self.velocity_samples, velocity_filter=self.velocity_filter)
+
+    @property
+    def delay_parts(self) -> DelayParts:
+        """Return the longest t_d, and half the period."""
+        return DelayParts(self.situation.period, {"delay": self.situation.belief.delay.high})
 
     @property
     def is_exact(self) -> bool:

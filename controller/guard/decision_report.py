@@ -6,9 +6,15 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from haptic_wall.controller.guard.belief import Belief
 from haptic_wall.controller.guard.reasons import sentences
 from haptic_wall.controller.guard.types import Decision
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
+
+_MEASURE = (
+    "identify the servo with its link on, and set model.inertia, model.load_inertia and"
+    " model.flexible_hz"
+)
 
 
 def decision_report(
@@ -58,3 +64,29 @@ def filter_report(velocity_filter: VelocityFilter | None, period: float) -> dict
         return None
     hertz = velocity_filter.w0 / (math.tau * period)
     return {"kind": velocity_filter.kind, "frequency_hz": hertz, "q": velocity_filter.q}
+
+
+def assumed(belief: Belief, decision: Decision) -> str:
+    """Return in words which gear train and horn are assumed, and what a link would change.
+
+    Args:
+        belief: One without a measured vibration.
+        decision: Decision in force.
+    """
+    if not belief.transmission_stiffness.high > 0.0:
+        return (
+            "no vibration is known (model.flexible_hz is not set): a rigid servo without a link is"
+            " assumed. A link on the horn may vibrate at a virtual damping far below the ceiling of"
+            f" {decision.damping_ceiling:.3g} N·m·s/rad: {_MEASURE}"
+        )
+    train, load = belief.transmission_stiffness, belief.load_inertia
+    said = (
+        "no vibration is known (model.flexible_hz is not set): a gear train of"
+        f" {train.low:g} to {train.high:g} N·m/rad is assumed"
+    )
+    if load.high > 0.0:
+        said += (
+            f", and on it a load of at most {load.high:.2g} kg·m², which vibrates at"
+            f" {belief.flexible_hz.low:.2g} Hz or above"
+        )
+    return f"{said}. A heavier one may vibrate at a lower damping: {_MEASURE}"

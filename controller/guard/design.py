@@ -97,8 +97,7 @@ def improvements(
         wall: The requested wall, whose stiffness has no effect. In mode ``off`` any B may be
             commanded.
         changes: Changes to try, of ``Change``. The answer leaves out changes that do not apply (a
-            finer encoder where there is none, a two-sided wall in place of one, a baud rate without
-            a part ``wire``).
+            finer encoder where there is none, a two-sided wall in place of one).
         exact: Find the limits to 1e-4, and the best virtual damping; else to 5 %, and a good one,
             in a fraction of the time.
         work: What was evaluated before for the same asker.

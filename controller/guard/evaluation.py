@@ -15,7 +15,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.guard.flexible import fast_ceiling, flexible_ceiling
+from haptic_wall.controller.guard.flexible import LinkLimits, fast_ceiling
 from haptic_wall.controller.guard.plants import LIGHT, Box, Plants
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.guard.work import Work
@@ -94,17 +94,15 @@ class Evaluation:
             return rigid
         if self.is_starved:
             return np.zeros_like(rigid)
-        found = flexible_ceiling(
-            belief,
-            p.period,
-            p.delay,
-            self.request.velocity_samples,
-            self.situation.inserted,
-            self.request.velocity_filter,
-            self.situation.served,
-            self.work,
-        )
-        return np.minimum(rigid, found)
+        return np.minimum(rigid, self.link.ceiling(p.period, p.delay))
+
+    @property
+    def link(self) -> LinkLimits:
+        """Return the limits of the believed load on its transmission."""
+        situation, request = self.situation, self.request
+        velocity = (request.velocity_samples, request.velocity_filter)
+        rest = (situation.inserted, situation.served, self.work)
+        return LinkLimits(situation.belief, *velocity, *rest)
 
     @property
     def is_fast(self) -> bool:

@@ -12,6 +12,7 @@ box that the guard's walls make vibrate.
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -59,87 +60,161 @@ _FAST_CEILING, _FAST_COST = 0.75, 0.2
 limit that it costs at its ceiling at most"""
 
 
-def flexible_ceiling(
-    belief: Belief,
-    period: FloatArray,
-    delay: FloatArray,
-    samples: int,
-    inserted: float = 0.0,
-    velocity_filter: VelocityFilter | None = None,
-    served: tuple[float, float] = (1.0, 1.0),
-    work: Work | None = None,
-) -> FloatArray:
-    """Return the commanded damping above which the load may vibrate without any stiffness.
+class _Interval(NamedTuple):
+    """An interval between ticks, and what is counted with it."""
+
+    period: float
+    """[s]"""
+    belief: Belief
+    longer: float
+    """Factor on the longest delay"""
+
+
+class Knot(NamedTuple):
+    """A delay of the grid, and the frequencies that are counted there."""
+
+    delay: float
+    """[s]"""
+    low: float
+    """[Hz]"""
+    high: float
+    """[Hz]"""
+
+
+class LinkLimits:
+    """Damping ceiling and limit of the stiffness, at any period and delay.
 
     Args:
         belief: Belief with a load behind a transmission.
-        period: Period of each plant [s].
-        delay: Total, of each plant, at the longest [s].
         samples: Samples of the velocity difference.
-        inserted: The part of it that is neither the sample's age nor the device's own lag [s].
         velocity_filter: Filter of the velocity that damps; None: none.
+        inserted: The part of a delay that is neither the sample's age nor the device's lag [s].
         served: Shortest and longest interval that may take the place of a period, over it.
         work: What was computed before for the same asker.
-
-    Returns:
-        [N·m·s/rad]
     """
-    work = Work() if work is None else work
-    gain = belief.torque_gain.high
-    every = _is_notch(velocity_filter)
 
-    def ceiling(at: _Interval, knot: Knot) -> float:
-        loop = (at.belief, at.period, knot, samples, velocity_filter)
-        return work.once(("ceiling", *loop), lambda: float(_scan(work, *loop).ceilings().min()))
+    def __init__(
+        self,
+        belief: Belief,
+        samples: int,
+        velocity_filter: VelocityFilter | None,
+        inserted: float,
+        served: tuple[float, float],
+        work: Work,
+    ) -> None:
+        self._belief, self._samples, self._inserted = belief, samples, inserted
+        self._filter = velocity_filter
+        self._notch = velocity_filter is not None and velocity_filter.kind == "notch"
+        self._served, self._work = served, work
 
-    for t in np.unique(period).tolist():
-        late = delay[period == t].tolist()
-        for at in _intervals(work, belief, t, served, velocity_filter):
-            grids = (
-                knots(at.belief, at.period, at.longer * t_d, inserted, every, work) for t_d in late
+    def ceiling(self, period: FloatArray, delay: FloatArray) -> FloatArray:
+        """Return the commanded damping above which the load may vibrate without any stiffness.
+
+        Args:
+            period: Period of each plant [s].
+            delay: Total, of each plant, at the longest [s].
+
+        Returns:
+            [N·m·s/rad]
+        """
+        for t in np.unique(period).tolist():
+            late = delay[period == t].tolist()
+            for at in self._intervals(t):
+                grids = (self._knots(at, at.longer * t_d) for t_d in late)
+                self._scan_together(at, [*dict.fromkeys(knot for grid in grids for knot in grid)])
+        found = [
+            min(
+                self._ceiling_at(at, knot)
+                for at in self._intervals(t)
+                for knot in self._knots(at, at.longer * t_d)
             )
-            needed = dict.fromkeys(knot for grid in grids for knot in grid)
-            _scan_together(work, at.belief, at.period, [*needed], samples, velocity_filter)
-    found = [
-        min(
-            ceiling(at, knot)
-            for at in _intervals(work, belief, t, served, velocity_filter)
-            for knot in knots(at.belief, at.period, at.longer * t_d, inserted, every, work)
+            for t, t_d in zip(period.tolist(), delay.tolist(), strict=True)
+        ]
+        return WITHIN * np.array(found) / self._belief.torque_gain.high
+
+    def stiffness(self, period: FloatArray, delay: FloatArray, damping: FloatArray) -> FloatArray:
+        """Return the stiffness up to which every wall from 0 on is stable for the whole belief.
+
+        Args:
+            period: Period of each plant [s].
+            delay: Total, of each plant, at the longest [s].
+            damping: Commanded, of each plant [N·m·s/rad].
+
+        Returns:
+            In commanded units [N·m/rad].
+        """
+        found = [
+            min(
+                (self._limit(at, at.longer * t_d, b) for at in self._intervals(t)), default=_UNBOUND
+            )
+            for t, t_d, b in zip(period.tolist(), delay.tolist(), damping.tolist(), strict=True)
+        ]
+        return np.minimum(WITHIN * np.array(found), _UNBOUND)
+
+    def _intervals(self, period: float) -> list[_Interval]:
+        asked = (self._belief, period, self._served, self._filter)
+        return self._work.once(("intervals", *asked), lambda: _all_intervals(*asked))
+
+    def _knots(self, at: _Interval, delay: float) -> list[Knot]:
+        """Return the grid from below the shortest possible delay to above ``delay`` [s].
+
+        Delays a cycle of the slowest vibration ago are left out: the phases were the same then, and
+        the delay of the stiffness was shorter. With a notch all believed frequencies are counted at
+        each delay: it lets a faster vibration pass where it stops a slower one.
+        """
+        hz = at.belief.flexible_hz
+        most = _QUARTER if _is_quick(at.belief, at.period) else math.inf
+        asked = (hz.low, hz.high, at.period, delay, self._notch, most)
+        grid = self._work.once(("delays", *asked), lambda: _delays(*asked))
+        shortest = min(self._inserted + at.belief.delay.low, delay)
+        if grid[-1].low > 0.0:
+            shortest = max(shortest, delay - 1.0 / grid[-1].low)
+        first = max(
+            i for i, knot in enumerate(grid[:-1]) if i == 0 or knot.delay <= shortest + 1e-12
         )
-        / gain
-        for t, t_d in zip(period.tolist(), delay.tolist(), strict=True)
-    ]
-    return WITHIN * np.array(found)
+        return grid[first:]
 
+    def _limit(self, at: _Interval, delay: float, damping: float) -> float:
+        *shorter, below, above = self._knots(at, delay)
+        found = [self._limit_at(at, knot, damping) for knot in shorter]
+        for knot in (below, above):
+            scale = (0.5 * at.period + knot.delay) / (0.5 * at.period + delay)
+            if _is_quick(at.belief, at.period):
+                scale = min(scale, 1.0)
+            found.append(scale * self._limit_at(at, knot, damping))
+        return min(found)
 
-def flexible_limit(
-    belief: Belief,
-    period: FloatArray,
-    delay: FloatArray,
-    damping: FloatArray,
-    samples: int,
-    inserted: float = 0.0,
-    velocity_filter: VelocityFilter | None = None,
-    served: tuple[float, float] = (1.0, 1.0),
-    work: Work | None = None,
-) -> FloatArray:
-    """Return the stiffness up to which every wall from 0 on is stable for the whole belief.
+    def _limit_at(self, at: _Interval, knot: Knot, damping: float) -> float:
+        gains = {at.belief.torque_gain.low, at.belief.torque_gain.high}
 
-    Arguments as of ``flexible_ceiling``; ``damping`` is the commanded one of each plant
-    [N·m·s/rad]. The result is in commanded units [N·m/rad].
-    """
-    work = Work() if work is None else work
-    every = _is_notch(velocity_filter)
-    found = []
-    for t, t_d, b in zip(period.tolist(), delay.tolist(), damping.tolist(), strict=True):
-        least = _UNBOUND
-        for at in _intervals(work, belief, t, served, velocity_filter):
-            late = at.longer * t_d
-            grid = knots(at.belief, at.period, late, inserted, every, work)
-            limit = _limit(work, at.belief, at.period, grid, late, b, samples, velocity_filter)
-            least = min(least, limit)
-        found.append(least)
-    return np.minimum(WITHIN * np.array(found), _UNBOUND)
+        def least() -> float:
+            scan = self._scan(at, knot)
+            return min(float(scan.limits(gain * damping).min()) / gain for gain in gains)
+
+        return self._work.once((*self._key("limit", at, knot), damping), least)
+
+    def _ceiling_at(self, at: _Interval, knot: Knot) -> float:
+        key = self._key("ceiling", at, knot)
+        return self._work.once(key, lambda: float(self._scan(at, knot).ceilings().min()))
+
+    def _key(self, kind: str, at: _Interval, knot: Knot) -> tuple[Hashable, ...]:
+        return kind, at.belief, at.period, knot, self._samples, self._filter
+
+    def _scan(self, at: _Interval, knot: Knot) -> FlexibleScan:
+        return self._work.once(self._key("scan", at, knot), lambda: self._scans(at, [knot])[0])
+
+    def _scan_together(self, at: _Interval, grid: list[Knot]) -> None:
+        """Compute the scans of many delays at once: most have few servos."""
+        new = [each for each in grid if not self._work.knows(self._key("ceiling", at, each))]
+        for start in range(0, len(new), _TOGETHER):
+            part = new[start : start + _TOGETHER]
+            for knot, scan in zip(part, self._scans(at, part), strict=True):
+                self._work.keep(self._key("scan", at, knot), scan)
+
+    def _scans(self, at: _Interval, grid: list[Knot]) -> list[FlexibleScan]:
+        groups = [_servos(at.belief, at.period, knot, self._filter) for knot in grid]
+        loop = (at.period, self._samples, at.belief.encoder, self._filter)
+        return FlexibleScan.of(groups, *loop)
 
 
 def returned_share(belief: Belief, stiffness: FloatArray) -> FloatArray:
@@ -161,7 +236,7 @@ def returned_share(belief: Belief, stiffness: FloatArray) -> FloatArray:
 
 
 def fast_ceiling(belief: Belief, rigid: FloatArray) -> FloatArray:
-    """Return ``flexible_ceiling`` for a load that vibrates too fast to be sampled.
+    """Return the ceiling for a load that vibrates too fast to be sampled.
 
     With cos <= 1 the formula for two masses is least at ``2 zeta omega`` times the whole inertia.
 
@@ -178,7 +253,7 @@ def fast_ceiling(belief: Belief, rigid: FloatArray) -> FloatArray:
 def fast_limit(
     belief: Belief, exact: FloatArray, of_ceiling: FloatArray, period: FloatArray
 ) -> FloatArray:
-    """Return ``flexible_limit`` for such a load, from the rigid servo's exact limit [N·m/rad].
+    """Return the limit for such a load, from the rigid servo's exact limit [N·m/rad].
 
     The wall's spring also feeds the vibration, by at most ``K / (omega² J)`` a period, of which its
     damping takes up ``zeta omega T``. That binds only where the vibration is hardly damped.
@@ -197,30 +272,9 @@ def fast_limit(
     return found
 
 
-class _Interval(NamedTuple):
-    """An interval between ticks, and what is counted with it."""
-
-    period: float
-    """[s]"""
-    belief: Belief
-    longer: float
-    """Factor on the longest delay"""
-
-
 def _step(high: float, period: float) -> float:
     """Return the step of the phase for vibrations of up to ``high`` [Hz]."""
     return _PHASE if high * period <= _SAMPLED else _FINER
-
-
-def _intervals(
-    work: Work,
-    belief: Belief,
-    period: float,
-    served: tuple[float, float],
-    velocity_filter: VelocityFilter | None,
-) -> list[_Interval]:
-    asked = (belief, period, served, velocity_filter)
-    return work.once(("intervals", *asked), lambda: _all_intervals(*asked))
 
 
 def _all_intervals(
@@ -272,61 +326,6 @@ def _halves(most: float) -> FloatArray:
     return np.arange(0.5, most + 1e-9)
 
 
-class Knot(NamedTuple):
-    """A delay of the grid, and the frequencies that are counted there."""
-
-    delay: float
-    """[s]"""
-    low: float
-    """[Hz]"""
-    high: float
-    """[Hz]"""
-
-
-def _is_notch(velocity_filter: VelocityFilter | None) -> bool:
-    return velocity_filter is not None and velocity_filter.kind == "notch"
-
-
-def _limit(
-    work: Work,
-    belief: Belief,
-    period: float,
-    grid: list[Knot],
-    delay: float,
-    damping: float,
-    samples: int,
-    velocity_filter: VelocityFilter | None,
-) -> float:
-    *shorter, below, above = grid
-    loop = (samples, velocity_filter)
-    at = [_limit_at(work, belief, period, knot, damping, *loop) for knot in shorter]
-    for knot in (below, above):
-        scale = (0.5 * period + knot.delay) / (0.5 * period + delay)
-        if _is_quick(belief, period):
-            scale = min(scale, 1.0)
-        at.append(scale * _limit_at(work, belief, period, knot, damping, *loop))
-    return min(at)
-
-
-def _limit_at(
-    work: Work,
-    belief: Belief,
-    period: float,
-    knot: Knot,
-    damping: float,
-    samples: int,
-    velocity_filter: VelocityFilter | None,
-) -> float:
-    loop = (belief, period, knot, samples, velocity_filter)
-    gains = {belief.torque_gain.low, belief.torque_gain.high}
-
-    def least() -> float:
-        scan = _scan(work, *loop)
-        return min(float(scan.limits(gain * damping).min()) / gain for gain in gains)
-
-    return work.once(("limit", *loop, damping), least)
-
-
 def _is_quick(belief: Belief, period: float) -> bool:
     """Whether friction stops the lightest motor within about a period."""
     lightest = _motor(belief.inertia.low, belief.load_inertia.high)
@@ -336,32 +335,6 @@ def _is_quick(belief: Belief, period: float) -> bool:
 def _motor(whole: float, load: float) -> float:
     """Return the inertia of the motor's side [kg·m²]."""
     return whole - min(load, HEAVIEST * whole)
-
-
-def knots(
-    belief: Belief,
-    period: float,
-    delay: float,
-    inserted: float,
-    every: bool = False,
-    work: Work | None = None,
-) -> list[Knot]:
-    """Return the grid from below the shortest possible delay to above ``delay`` [s].
-
-    Delays a cycle of the slowest vibration ago are left out: the phases were the same then, and the
-    delay of the stiffness was shorter. With ``every`` all believed frequencies are counted at each
-    delay: a notch lets a faster vibration pass where it stops a slower one.
-    """
-    hz = belief.flexible_hz
-    most = _QUARTER if _is_quick(belief, period) else math.inf
-    asked = (hz.low, hz.high, period, delay, every, most)
-    work = Work() if work is None else work
-    grid = work.once(("delays", *asked), lambda: _delays(*asked))
-    shortest = min(inserted + belief.delay.low, delay)
-    if grid[-1].low > 0.0:
-        shortest = max(shortest, delay - 1.0 / grid[-1].low)
-    first = max(i for i, knot in enumerate(grid[:-1]) if i == 0 or knot.delay <= shortest + 1e-12)
-    return grid[first:]
 
 
 def _delays(
@@ -407,46 +380,6 @@ def _counted(low: float, high: float, period: float, delay: float) -> tuple[floa
     return slow, slow + span
 
 
-def _scan(
-    work: Work,
-    belief: Belief,
-    period: float,
-    knot: Knot,
-    samples: int,
-    velocity_filter: VelocityFilter | None,
-) -> FlexibleScan:
-    asked = (belief, period, knot, samples, velocity_filter)
-    return work.once(("scan", *asked), lambda: _scans(belief, period, [knot], *asked[3:])[0])
-
-
-def _scan_together(
-    work: Work,
-    belief: Belief,
-    period: float,
-    grid: list[Knot],
-    samples: int,
-    velocity_filter: VelocityFilter | None,
-) -> None:
-    """Compute the scans of many delays at once: most have few servos."""
-    loop = (samples, velocity_filter)
-    new = [each for each in grid if not work.knows(("ceiling", belief, period, each, *loop))]
-    for start in range(0, len(new), _TOGETHER):
-        part = new[start : start + _TOGETHER]
-        for knot, scan in zip(part, _scans(belief, period, part, *loop), strict=True):
-            work.keep(("scan", belief, period, knot, *loop), scan)
-
-
-def _scans(
-    belief: Belief,
-    period: float,
-    grid: list[Knot],
-    samples: int,
-    velocity_filter: VelocityFilter | None,
-) -> list[FlexibleScan]:
-    groups = [_servos(belief, period, knot, velocity_filter) for knot in grid]
-    return FlexibleScan.of(groups, period, samples, belief.encoder, velocity_filter)
-
-
 def _servos(
     belief: Belief, period: float, knot: Knot, velocity_filter: VelocityFilter | None
 ) -> Servos:
@@ -462,7 +395,7 @@ def _servos(
     # in cycles per period: a vibration just there takes half the damping of those beside it
     halves = _halves(belief.flexible_hz.high * period) / period
     rates = np.unique([*rates, *halves[halves > knot.low]])
-    if velocity_filter is not None and _is_notch(velocity_filter):
+    if velocity_filter is not None and velocity_filter.kind == "notch":
         middle = velocity_filter.w0 / (math.tau * period)
         near = middle * (1.0 + _BESIDE / velocity_filter.q)
         rates = np.unique([*rates, *near[(near > knot.low) & (near < knot.high)]])

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.guard.evaluation import UNBOUND, Evaluation, quantisation_limit
-from haptic_wall.controller.guard.flexible import fast_limit, flexible_limit, returned_share
+from haptic_wall.controller.guard.flexible import fast_limit, returned_share
 from haptic_wall.controller.theory import linear_limit, passive_limit
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.harmonic import backlash_limit
@@ -226,17 +226,7 @@ class Flexible:
             return fast_limit(belief, exact, share, situation.served[0] * p.period)
         if at.is_starved:
             return np.zeros_like(at.damping)
-        found = flexible_limit(
-            belief,
-            p.period,
-            p.delay,
-            at.damping,
-            request.velocity_samples,
-            situation.inserted,
-            request.velocity_filter,
-            situation.served,
-            at.work,
-        )
+        found = at.link.stiffness(p.period, p.delay, at.damping)
         if request.side == "both":
             return found if request.linear else self.ON_A_LINK * found
         return found * returned_share(belief, found) * np.minimum(at.one_sided_share, 1.0)

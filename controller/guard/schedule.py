@@ -141,20 +141,6 @@ class BinFilter:
         settle: Observations that ``settle`` needs before it takes a lower bin.
     """
 
-    __slots__ = (
-        "_counts",
-        "_percent_above",
-        "_raise_bin",
-        "_raise_windows",
-        "_run",
-        "_run_bin",
-        "_run_length",
-        "_seen",
-        "_settle",
-        "_window",
-        "bin",
-    )
-
     def __init__(self, bins: int, percentile: float, window: int, run: int, settle: int) -> None:
         self._counts = [0] * bins
         self._percent_above = 100.0 - percentile
@@ -283,21 +269,6 @@ class ServedInterval:
         window_ns: Length of a window [ns].
     """
 
-    __slots__ = (
-        "_block",
-        "_block_ns",
-        "_edges",
-        "_last_block",
-        "_lower",
-        "_now",
-        "_peak",
-        "_period_ns",
-        "_sums",
-        "_window_ns",
-        "_windows",
-        "bin",
-    )
-
     def __init__(self, intervals_ns: Sequence[int], block_ns: int, window_ns: int) -> None:
         self._edges = [WITHIN * each for each in intervals_ns]
         self._period_ns = intervals_ns[0]
@@ -394,8 +365,6 @@ class GainTable:
     Args:
         gains: Of each bin, and last those of all older ages and longer intervals.
     """
-
-    __slots__ = ("_values",)
 
     def __init__(self, gains: Iterable[Allowed]) -> None:
         self._values = array("d", chain.from_iterable(gains))

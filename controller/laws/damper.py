@@ -8,7 +8,6 @@ from haptic_wall.controller.laws.shape import Grid, Memoryless, Numbers, Shape
 class Damper(Memoryless):
     """A law whose elongation is zero everywhere."""
 
-    __slots__ = ()
     lowest_slope, highest_slope = 0.0, 0.0
 
     def elongation(self, away: float, speed: float, stiffness: float) -> float:  # noqa: ARG002

@@ -13,8 +13,6 @@ class DelayRing:
         steps: Whole periods of delay, 0 or more.
     """
 
-    __slots__ = ("_at", "_last", "_ring", "steps")
-
     def __init__(self, steps: int) -> None:
         self.steps = steps
         self._ring = [0.0] * (steps + 1)

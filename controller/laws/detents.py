@@ -24,18 +24,6 @@ class Detents(Memoryless):
         snap: Distance from a detent to the peak, as a fraction of the width: above 0, below 0.5.
     """
 
-    __slots__ = (
-        "_crest",
-        "_fall",
-        "_half",
-        "_peak",
-        "_rise",
-        "_width",
-        "highest_slope",
-        "lowest_slope",
-        "steepest",
-    )
-
     def __init__(self, width: float, snap: float) -> None:
         self._width = width
         self._half = 0.5 * width

@@ -60,8 +60,6 @@ class Engagement:
             loaded [rad]; infinite: it comes on at once, at any position of the shaft.
     """
 
-    __slots__ = ("_need", "_rested", "_start_room", "limits")
-
     def __init__(self, limits: EngageLimits, *, start_room: float = 0.0) -> None:
         self.limits = limits
         self._need = 0 if math.isinf(start_room) else limits.periods

@@ -19,7 +19,6 @@ class Friction:
         torque: Torque at which it slips [N·m].
     """
 
-    __slots__ = ("_anchor", "_most", "_torque")
     lowest_slope, highest_slope = 0.0, 1.0
     damped_everywhere = True
     stores_work = False

@@ -14,7 +14,6 @@ class OneSided(Memoryless):
         sign: +1: above; -1: below.
     """
 
-    __slots__ = ("_sign",)
     damped_everywhere = False
     stores_work = True
     lowest_slope, highest_slope = 0.0, 1.0

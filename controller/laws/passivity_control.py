@@ -33,17 +33,6 @@ class PassivityControl:
         balance: Energy the wall took and neither stored nor returned [J]; never above 0.
     """
 
-    __slots__ = (
-        "_last",
-        "_last_penetration",
-        "_period",
-        "_slowest",
-        "_speed",
-        "balance",
-        "cap",
-        "injected",
-    )
-
     def __init__(self, period: float, slowest: float) -> None:
         self._period = period
         self._slowest = slowest

@@ -32,17 +32,6 @@ class Profile(Memoryless):
         LawError: The table makes no law.
     """
 
-    __slots__ = (
-        "_elongations",
-        "_positions",
-        "_potentials",
-        "highest_slope",
-        "lowest",
-        "lowest_slope",
-        "steepest",
-        "stiffness",
-    )
-
     def __init__(self, positions: Sequence[float], torques: Sequence[float]) -> None:
         if len(positions) < 2:
             raise LawError("profile", f"found {len(positions)} rows", "two or more")

@@ -78,28 +78,6 @@ class Program:
         ValueError: There is no phase.
     """
 
-    __slots__ = (
-        "_goal",
-        "_integral",
-        "_limit",
-        "_origin",
-        "_period",
-        "_phases",
-        "_resting_at",
-        "_still",
-        "_ticks",
-        "_wall",
-        "_wave_phase",
-        "clip",
-        "damping",
-        "derating",
-        "done",
-        "held",
-        "injected",
-        "phase",
-        "position",
-        "stiffness",
-    )
     name, linear, guarded, one_sided = "program", True, False, False
 
     def __init__(self, phases: Sequence[Phase], period: float, torque_limit: float) -> None:

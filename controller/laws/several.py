@@ -19,17 +19,6 @@ class Sum:
         parts: Name, shape and weight (``share``) of each part; weights are above 0 [1].
     """
 
-    __slots__ = (
-        "_floor",
-        "_parts",
-        "damped_everywhere",
-        "highest_slope",
-        "lowest",
-        "lowest_slope",
-        "steepest",
-        "stores_work",
-    )
-
     def __init__(self, parts: Sequence[tuple[str, Shape, float]]) -> None:
         low = sum(share * shape.lowest_slope for _, shape, share in parts)
         high = sum(share * shape.highest_slope for _, shape, share in parts)

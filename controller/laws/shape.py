@@ -148,7 +148,6 @@ class LawError(ValueError):
 class Memoryless:
     """Base of shapes that have no state and that any encoder resolves."""
 
-    __slots__ = ()
     damped_everywhere: bool = True
     stores_work: bool = True
     steepest: str = ""

@@ -20,19 +20,6 @@ class ShapedLaw:
         clip: Largest torque of spring and damper together [N·m].
     """
 
-    __slots__ = (
-        "_everywhere",
-        "_shape",
-        "clip",
-        "damping",
-        "derating",
-        "held",
-        "injected",
-        "name",
-        "one_sided",
-        "position",
-        "stiffness",
-    )
     linear, guarded, phase, done = False, True, 0, False
 
     def __init__(self, name: str, shape: Shape, position: float, clip: float = math.inf) -> None:

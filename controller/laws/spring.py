@@ -8,7 +8,6 @@ from haptic_wall.controller.laws.shape import Grid, Memoryless, Numbers, Shape
 class Spring(Memoryless):
     """Elongation is the distance from the centre."""
 
-    __slots__ = ()
     lowest_slope, highest_slope = 1.0, 1.0
 
     def elongation(self, away: float, speed: float, stiffness: float) -> float:  # noqa: ARG002

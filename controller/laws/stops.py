@@ -13,7 +13,6 @@ class Stops(Memoryless):
         high: Upper end, above ``low`` [rad].
     """
 
-    __slots__ = ("_high", "_low", "lowest")
     damped_everywhere = False
     stores_work = True
     lowest_slope, highest_slope = 0.0, 1.0

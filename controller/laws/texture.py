@@ -20,7 +20,6 @@ class Texture(Memoryless):
         tick: Sampling period [s].
     """
 
-    __slots__ = ("_amplitude", "_full", "_wave")
     lowest_slope, highest_slope = -1.0, 1.0
     stores_work = False
 

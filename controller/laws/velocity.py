@@ -26,8 +26,6 @@ class BackwardDifference:
         period: Sampling period T [s].
     """
 
-    __slots__ = ("_last", "_period")
-
     def __init__(self, period: float) -> None:
         self._period = period
         self._last: float | None = None
@@ -47,8 +45,6 @@ class SampleDifference:
         period: Sampling period T [s].
         samples: N, at least 1.
     """
-
-    __slots__ = ("_history", "_index", "_period", "_samples")
 
     def __init__(self, period: float, samples: int) -> None:
         self._period = period

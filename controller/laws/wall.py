@@ -141,19 +141,6 @@ class Wall:
     Attributes as of ``Law``.
     """
 
-    __slots__ = (
-        "_sign",
-        "clip",
-        "damping",
-        "derating",
-        "guarded",
-        "held",
-        "injected",
-        "name",
-        "one_sided",
-        "position",
-        "stiffness",
-    )
     linear, phase, done = True, 0, False
 
     def __init__(

@@ -10,7 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from haptic_wall.controller.detector.detection import DetectionRecord, Known, KnownWall, detect
+from haptic_wall.controller.detector.detection import (
+    NO_WALL,
+    DetectionRecord,
+    Known,
+    KnownWall,
+    detect,
+)
 from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.logs.csv_recording import recording_of_csv
 from haptic_wall.controller.logs.file import is_log
@@ -41,9 +47,6 @@ class Detected:
     """[1/s]; NaN: none"""
     first_alarm_s: float
     """NaN: none"""
-
-
-NO_WALL = KnownWall()
 
 
 def read_recording(path: Path) -> Recording:

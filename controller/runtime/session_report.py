@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from haptic_wall.controller.detector.watch import Watch
-from haptic_wall.controller.guard.assumed import assumed
-from haptic_wall.controller.guard.decision_report import decision_report
+from haptic_wall.controller.guard.decision_report import assumed, decision_report
 from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.guard.guard import Decision, Situation
 from haptic_wall.controller.laws.wall import Law
@@ -73,7 +72,7 @@ def guard_report(
     further = list(_besides_the_guard(config, decision, tick, watch, counts))
     return {
         **decision_report(decision, further, now=tick.commanded),
-        "assumed": assumed(belief, decision, config.guard.damping_cap) if unknown else None,
+        "assumed": assumed(belief, decision) if unknown else None,
     }
 
 

@@ -13,11 +13,9 @@ from hypothesis import strategies as st
 from haptic_wall.controller.theory import (
     critical_point,
     critical_stiffness,
-    linear_limit,
     max_virtual_damping,
     peak,
 )
-from tests.cases import sampled
 from tests.theory.extended import DIGITS, Wall, all_inside, characteristic, pole_near
 
 
@@ -93,12 +91,6 @@ def test_a_late_crossing_can_be_the_lowest(wall: Wall) -> None:
         assert not all_inside(characteristic(wall, alpha * (1 + part)))
 
 
-@pytest.mark.parametrize("share", [0.9995, 0.9997, 0.99999, 0.9999999])
-def test_near_the_ceiling_two_crossings_lie_side_by_side(share: float) -> None:
-    top = float(max_virtual_damping(1.0, 0.55, 1.0, 49.0))
-    assert_limit(Wall(0.55, share * top, 49.0), gap=1 - share)
-
-
 def test_any_corner_next_to_the_ceiling_is_safe(thorough: bool, wholly: bool) -> None:
     random = np.random.default_rng(8)
     for _ in range(3_000 if thorough else 60 if wholly else 15):
@@ -127,41 +119,6 @@ def assert_limit(wall: Wall, gap: float) -> None:
         for share in (1e-3, 0.03, 0.3, 0.7, 0.97, 0.999, 1 - part):
             assert all_inside(characteristic(wall, limit * share)), (wall, share)
         assert not all_inside(characteristic(wall, limit * (1 + part))), wall
-
-
-@pytest.mark.parametrize(
-    ("delta", "delay"), sampled([(0.02, 1.0), (0.0, 0.0), (1e-6, 60.0), (0.1, 2.5)], 2)
-)
-def test_a_whole_boundary_of_one_plant_is_the_same_as_its_points(
-    delta: float, delay: float
-) -> None:
-    top = max_virtual_damping(1.0, delta, 1.0, delay)
-    beta = np.linspace(-1.1 * delta, 1.1 * top, 1000)
-    together = critical_point(1.0, delta, beta, 1.0, delay)
-    for i in range(0, 1000, 37):
-        alone = critical_point(1.0, delta, beta[i], 1.0, delay)
-        assert together.stiffness[i] == pytest.approx(alone.stiffness, rel=1e-11)
-        assert together.frequency[i] == pytest.approx(alone.frequency, rel=1e-9)
-    n = critical_stiffness(1.0, delta, beta, 1.0, delay, velocity_samples=2)
-    assert n[400] == pytest.approx(
-        critical_stiffness(1.0, delta, beta[400], 1.0, delay, velocity_samples=2), rel=1e-12
-    )
-
-
-@pytest.mark.whole
-def test_nothing_is_higher_than_the_peak(wholly: bool) -> None:
-    random, count = np.random.default_rng(5), 60 if wholly else 15
-    delta, delay = 10 ** random.uniform(-6, 0.5, count), random.uniform(0, 30, count)
-    samples = random.choice([1.0, 1.0, 1.0, 3.0], count)
-    best = peak(1.0, delta, 1.0, delay, samples)
-    there = critical_point(1.0, delta, best.virtual_damping, 1.0, delay, samples)
-    np.testing.assert_allclose(best.stiffness, there.stiffness, rtol=1e-9)
-    np.testing.assert_allclose(best.frequency, there.frequency, rtol=1e-6)
-    top = max_virtual_damping(1.0, delta, 1.0, delay, samples)
-    for share in np.linspace(0.0, 1.0, 41)[1:-1]:
-        beta = -delta + share * (top + delta)
-        other = critical_stiffness(1.0, delta, beta, 1.0, delay, samples)
-        assert np.all(other <= best.stiffness * (1 + 1e-9))
 
 
 extreme = st.one_of(st.just(0.0), st.floats(1e-12, 100.0), st.floats(1e-3, 1.0))
@@ -212,14 +169,3 @@ def test_numbers_beyond_all_bounds_are_refused_by_name(
     good = {"inertia": 1.0, "damping": 0.1, "virtual_damping": 0.0, "period": 1e-3, "delay": 0.0}
     with pytest.raises(ValueError, match=message):
         critical_stiffness(**{**good, **change})
-
-
-@pytest.mark.parametrize("samples", [1, 2, 3, 20])
-@pytest.mark.parametrize("total", [1e-300, 1e-100, 1e-30, 1e-18, 1e-14])
-@pytest.mark.parametrize("delay", [0.0, 2.5])
-def test_hardly_any_damping_is_the_linear_condition(
-    samples: int, total: float, delay: float
-) -> None:
-    for delta, beta in ((0.0, total), (total, -0.5 * total)):
-        found = critical_stiffness(1.0, delta, beta, 1.0, delay, samples)
-        assert found == pytest.approx(float(linear_limit(delta, beta, 1.0, delay)), rel=1e-9)

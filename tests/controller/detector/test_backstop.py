@@ -9,7 +9,7 @@ import pytest
 from haptic_wall.controller.laws.wall import Side
 from tests.cases import sampled
 from tests.support.judges import called_quiet, own_oscillation
-from tests.support.operators import NOBODY, Operator, draw_operator, operator_of
+from tests.support.operators import NOBODY, Operator, operator_of
 from tests.support.trial import Trial, WallAsked, run_trial
 from tests.support.truth import Truth
 from tests.support.truths_drawn import bench_of
@@ -150,29 +150,6 @@ def test_an_oscillation_under_a_load_decays() -> None:
     assert np.abs(trial.output).max() < 0.5
 
 
-def test_a_load_just_below_a_quarter_of_the_limit_does_not_sink_in_the_probe() -> None:
-    load = operator_of(0.0, 0.0, np.zeros(5000), push=0.235 * 0.52, mass=0.0018142)
-    wall = WallAsked(1e6, 0.01, forced=False)
-    trial = run_trial(
-        XL330, bench_of("xl330-m288").sets, wall, load, duration_s=5.0, position=0.303
-    )
-    asked = int(np.flatnonzero(trial.stiffness < trial.stiffness[0])[0])
-    before, after = np.abs(trial.output[:asked]).max(), np.abs(trial.output[asked:]).max()
-    assert trial.counts[0] == 1
-    assert after < 1.6 * before, "it still grew; it sank by 350 degrees"
-    rests(trial, 0.235 * 0.52)
-
-
-def test_a_heavy_weight_that_swings_at_a_third_of_the_limit_is_seen() -> None:
-    """It has 4.6 times the inertia that is believed, and swung by a whole turn as quiet."""
-    truth = replace(XL330, torque_gain=1.84, stall_torque=0.957, delay=0.0173)
-    load = operator_of(0.0, 0.0, np.zeros(4000), push=0.325, mass=0.01247)
-    wall = WallAsked(1e6, 0.01, forced=False)
-    trial = run_trial(truth, bench_of("xl330-m288").sets, wall, load, duration_s=3.7, position=0.5)
-    assert trial.first_alarm_s < 3.5
-    assert np.abs(trial.output).max() < 2.5
-
-
 def leaning(mean: float, seconds: float) -> Operator:
     """A person who leans with ``mean`` N·m, and sways with half of it at 2.5 Hz."""
     time = np.arange(round(seconds * 1e3)) * 1e-3
@@ -246,24 +223,6 @@ def test_a_load_that_eases_on_a_reduced_wall_stays_at_its_place() -> None:
     assert np.abs(trial.output[2500:]).max() < 0.3
     assert trial.torque[-1] == pytest.approx(-0.129, abs=0.02)
     assert np.abs(np.diff(trial.torque[2500:])).max() < 0.05 * 0.52, "no step"
-
-
-def test_whoever_lets_go_in_a_probe_of_a_damped_wall_is_not_thrown() -> None:
-    """It holds its damping too: with a quarter of it three times as much energy came back."""
-    truth = replace(VALUE, coulomb=0.045195)
-
-    def moved(seconds: float, duration_s: float) -> Trial:
-        time = np.arange(round(seconds * 1e3)) * 1e-3
-        wanted = 0.372 + 0.0868 * np.sin(math.tau * 1.5 * time)
-        holds = operator_of(14.88, 0.42, wanted)
-        wall = WallAsked(7.44, 0.2)
-        sets = BENCH.sets
-        return run_trial(truth, sets, wall, holds, duration_s=duration_s, position=0.248)
-
-    asked = int(np.flatnonzero(moved(9.0, 6.0).stiffness < 7.44)[0])
-    trial = moved(1e-3 * (asked + 333), 1e-3 * asked + 0.8)
-    out = -np.diff(trial.output[asked + 333 :]).min() * 1e3
-    assert out < 1.15 * 5.3, "the whole wall gives 5.3 rad/s from the deepest place, not 7.7"
 
 
 def test_the_log_says_what_was_commanded_while_a_load_is_held() -> None:
@@ -381,21 +340,3 @@ def test_a_damped_wall_that_swings_under_a_load_is_found() -> None:
     trial = run_trial(truth, sets, wall, load, duration_s=3.0, position=0.065)
     assert trial.counts[2] == 1
     assert np.ptp(trial.output[-500:]) < 0.01, "it went on by 3 degrees as a hand's"
-
-
-def test_a_tremor_whose_first_waves_were_small_ends_no_run() -> None:
-    """A stiff wall rings at a few counts; reduced, it is moved by 20 counts by the hand."""
-    truth = Truth(
-        0.0012095,
-        0.0073234,
-        0.025666,
-        torque_gain=0.5,
-        torque_limit=0.52,
-        stall_torque=0.26,
-        no_load_speed=10.786,
-    )
-    wall = WallAsked(44.226, 0.01)
-    tremor = draw_operator("tremor", 0.0012095, 60.0, np.random.default_rng(1349964970))
-    trial = run_trial(truth, bench_of("xl330-m288").sets, wall, tremor, duration_s=3.0)
-    assert trial.trip is None
-    assert trial.stiffness[-1] == trial.stiffness[0]

@@ -38,36 +38,6 @@ def test_the_load_is_the_mean_torque_of_whole_cycles(place: float, friction: flo
     assert hold.acts(place, STIFFNESS, 0.25) == pytest.approx(0.75 * hold.torque)
 
 
-def test_a_motion_before_a_pause_is_no_part_of_the_load() -> None:
-    seen = swung(-0.3, 0.1)
-    seen.forget()
-    for k in range(240):
-        away = 0.2 + 0.1 * math.cos(math.tau * 5.0 * k * 1e-3)
-        seen.update(away, -STIFFNESS * away, 1e-3)
-    assert len(seen.last) == 2
-    assert holding(seen).torque == pytest.approx(-2.0, abs=0.02)
-
-
-def test_a_load_that_has_just_changed_sides_is_not_held() -> None:
-    seen = swung(0.3, 0.1)
-    for k in range(220):
-        away = -0.1 + 0.1 * math.cos(math.tau * 5.0 * (k + 40) * 1e-3)
-        seen.update(away, -STIFFNESS * away, 1e-3)
-    assert holding(seen).torque == 0.0
-
-
-def test_a_shaft_that_swings_about_the_surface_again_has_no_load_to_be_held() -> None:
-    """Somebody pushed in the last cycle, and has let go: the spring does not carry the mean."""
-    seen = swung(0.0, 0.1)
-    assert abs(seen.mean_torque(4)) < 0.02
-    pushed = HalfCycles(1e-3, 0.0, TUNING)
-    for k in range(640):
-        away = 0.1 * math.cos(math.tau * 5.0 * k * 1e-3)
-        pushed.update(away, -STIFFNESS * away - 2.0, 1e-3)
-    assert pushed.mean_torque(4) == pytest.approx(-2.0, abs=0.02)
-    assert abs(holding(pushed).torque) == pytest.approx(0.25, abs=0.02)
-
-
 def test_it_ends_a_quarter_of_the_swing_beyond_the_turning_points() -> None:
     hold = holding(swung(0.2, 0.1))
     assert hold.reach == pytest.approx(0.075, abs=1e-3)
@@ -109,49 +79,6 @@ def test_a_load_at_rest_that_has_changed_is_held_as_it_is_now(eased: float) -> N
     at_rest(seen, 0.1)
     assert followed(hold, 0.1, eased, 0.1) == pytest.approx(-2.0, abs=0.05), "it may move on"
     assert abs(followed(hold, 0.1, eased, 3.0) - eased) < 0.03
-
-
-def test_a_load_at_rest_is_held_up_to_its_place_and_not_as_far_as_an_old_swing() -> None:
-    hold = holding(seen := swung(0.0, 0.3))
-    hold.whole = False
-    at_rest(seen, 0.2)
-    followed(hold, 0.2, -2.0, 8.0)
-    assert hold.torque == pytest.approx(-2.0, abs=0.05)
-    assert hold.reach == pytest.approx(0.2, abs=0.01)
-    assert hold.inside
-
-
-def test_a_shaft_that_turns_around_beyond_the_surface_takes_no_held_torque_there() -> None:
-    hold = holding(seen := swung(0.0, 0.3))
-    hold.whole = False
-    at_rest(seen, 0.2)
-    followed(hold, 0.2, -2.0, 8.0)
-    reach, torque = hold.reach, hold.torque
-    for k in range(150):  # let go, and back from the other side
-        away = 0.2 * math.cos(math.tau * 5.0 * k * 1e-3)
-        ended = seen.update(away, -2.0, 1e-3)
-        hold.follow(away, -2.0, 1e-3, STIFFNESS, 1 / 16, ended=ended, returning=False)
-    assert seen.last[-1].end < -0.15
-    assert hold.reach > 0.5 * reach, "full only where the load was"
-    assert abs(hold.torque) < 0.95 * abs(torque), "the load has gone"
-
-
-def test_a_load_that_came_on_the_softer_wall_is_held_in_the_end() -> None:
-    hold = holding(seen := swung(0.0, 0.1))
-    assert hold.torque == 0.0
-    hold.whole = False
-    at_rest(seen, 0.3)
-    assert followed(hold, 0.3, -1.5, 3.0, returning=True) == pytest.approx(-1.5, abs=0.01)
-
-
-def test_a_shaft_that_swings_on_has_no_torque_of_rest() -> None:
-    hold = holding(seen := swung(0.2, 0.1))
-    for k in range(400):
-        phase = math.tau * 5.0 * k * 1e-3
-        ended = seen.update(0.2 + 0.1 * math.cos(phase), -2.0 - math.cos(phase), 1e-3)
-        away, torque = 0.2 + 0.1 * math.cos(phase), -2.0 - 0.25 * math.cos(phase)
-        hold.follow(away, torque, 1e-3, STIFFNESS, 0.25, ended=ended, returning=False)
-        assert hold.torque == pytest.approx(-2.0, abs=0.05)
 
 
 @pytest.mark.parametrize("scale", [1 / 16, 1 / 64])

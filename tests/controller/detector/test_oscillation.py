@@ -99,22 +99,6 @@ class TestActingTorque:
         wanted = [0.0, *(held[fine * (k - 1) : fine * k].mean() for k in range(1, 40))]
         assert found == pytest.approx(wanted, abs=1e-12)
 
-    def test_skipped_periods_hold_the_last_torque(self) -> None:
-        skipping, steady = ActingTorque(1.5), ActingTorque(1.5)
-        skipping.push(1.0)
-        found = skipping.push(2.0, 4)
-        each = [steady.push(1.0), *(steady.push(1.0) for _ in range(3)), steady.push(2.0)]
-        assert found == pytest.approx(sum(each[1:]) / 4)
-
-    def test_lag_may_grow_while_it_runs(self) -> None:
-        acting = ActingTorque(0.0)
-        for value in range(1, 50):
-            acting.push(float(value))
-        acting.lag = 10.0
-        assert acting.push(50.0) == 39.0
-        acting.lag = 90.0
-        assert acting.push(51.0) == 0.0
-
 
 class TestRecord:
     def test_without_torque_the_motion_alone_is_judged(self) -> None:

@@ -55,18 +55,6 @@ def test_a_wall_comes_back_to_somebody_who_leans_where_it_changes_no_torque(side
     assert 0.1 < scales.count(0.25) * 1e-3 < 0.4, "for two half-cycles, and half of one"
 
 
-def test_a_wall_comes_back_to_somebody_who_leans_more_than_before() -> None:
-    own = Backstop(SETTINGS)
-    leaned_on(own, 0.2, 0.1, 0.72)
-    assert own.derating.scale == 0.25
-    assert own.derating.carried == pytest.approx(-2.0, abs=0.05)
-    assert own.reduced == (1.0, 1.0), "a probe takes nothing"
-    leaned_on(own, 0.3, 0.04, 0.5)
-    assert own.reduced == (0.25, 1.0), "it waits, and the report says so"
-    assert 1.0 in leaned_on(own, 0.3, 0.04, 2.0)
-    assert own.derating.carried == 0.0
-
-
 @pytest.mark.parametrize(("side", "middle"), [(0, 0.0), (1, 0.2), (1, 0.0)])
 def test_a_wall_that_is_moved_again_and_again_is_probed_all_the_same(
     side: int, middle: float
@@ -87,16 +75,6 @@ def test_a_wall_that_is_moved_again_and_again_is_probed_all_the_same(
             break
     assert own.probes == 1
     assert 0.4 < k * 1e-3 < 1.5
-
-
-def test_it_tells_how_fast_the_shaft_turns_around() -> None:
-    own = Backstop(SETTINGS)
-    assert not own.is_faster(math.inf)
-    swing(own, 5 * COUNT, 0.5, 25.0)
-    assert own.is_faster(0.022)
-    assert not own.is_faster(0.018)
-    swing(own, 0.0, 0.05)
-    assert not own.is_faster(0.022)  # at rest: what comes next may be slow
 
 
 def test_where_it_may_not_act_it_neither_probes_nor_reduces() -> None:

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptic_wall.controller.guard.assumed import assumed, largest_link
 from haptic_wall.controller.guard.belief import Belief, Bounded, vibration
-from haptic_wall.controller.guard.decision_report import decision_report
+from haptic_wall.controller.guard.decision_report import assumed, decision_report
 from haptic_wall.controller.guard.guard import (
     Decision,
     GuardSettings,
@@ -125,18 +124,6 @@ def test_doubt_about_a_link_lowers_what_is_commanded() -> None:
     assert one(request, situation(**LINK)).damping < least.damping
 
 
-def test_many_delays_at_once_give_what_each_gives_alone() -> None:
-    delays = [0.0, 0.7e-3, 3e-3, 10e-3]
-    request = Request(1e6, 0.3, "below")
-    together = decide(request, GuardSettings(), situation(COUNT), delays)
-    assert [d.delay for d in together] == pytest.approx([d + 0.5e-3 for d in delays])
-    for decision, delay in zip(together, delays, strict=True):
-        alone = one(request, situation(COUNT), delay=delay)
-        assert decision.stiffness == pytest.approx(alone.stiffness, rel=2e-4)
-        assert decision.damping == pytest.approx(alone.damping)
-    assert sorted((d.stiffness for d in together), reverse=True) == [d.stiffness for d in together]
-
-
 @pytest.mark.parametrize("stiffness", [1e6, 1e12, 1e300])
 def test_absurd_stiffness_is_a_legal_request(stiffness: float) -> None:
     asked, absurd = one(Request(1e5, 0.1, "above")), one(Request(stiffness, 0.1, "above"))
@@ -224,38 +211,6 @@ def test_the_reasons_say_what_was_asked_what_bound_it_and_what_would_raise_it() 
     pulling = next(reason for reason in others if "with a two-sided wall" in reason)
     assert float(pulling.rsplit(" ", 1)[1]) == pytest.approx(two_sided.stiffness, rel=0.05)
     assert len(decision.reasons) == 4
-
-
-def last_number(reason: str) -> float:
-    return float(reason.rsplit(" ", 1)[1])
-
-
-def test_a_finer_encoder_is_named_where_the_encoder_binds() -> None:
-    request = Request(1e6, 0.2, "both")
-    coarse, fine = situation(COUNT), situation(COUNT / 4)
-    decision = one(request, coarse, delay=0.0)
-    assert decision.binding == "quantisation"
-    finer = next(
-        reason for reason in sentences(decision.reasons) if "encoder 4 times finer" in reason
-    )
-    assert last_number(finer) == pytest.approx(one(request, fine, delay=0.0).stiffness, rel=0.07)
-    assert not any("two-sided" in reason for reason in sentences(decision.reasons))
-
-
-@pytest.mark.parametrize(
-    ("delay", "inserted", "lag", "words"),
-    [
-        (4e-3, 4e-3, 0.5e-3, "an inserted delay of 2 ms instead of 4 ms"),
-        (1e-3, 0.0, 5e-3, "a lag of the device of 2.5 ms instead of 5 ms"),
-        (0.0, 0.0, 0.0, "a period of 0.5 ms instead of 1 ms"),
-    ],
-)
-def test_the_largest_part_of_the_delay_is_named(
-    delay: float, inserted: float, lag: float, words: str
-) -> None:
-    where = situation(delay=Bounded.exactly(lag))
-    decision = decide(Request(1e6, 0.05, "both"), GuardSettings(), where, [delay], inserted)[0]
-    assert any(words in reason for reason in sentences(decision.reasons))
 
 
 @pytest.mark.parametrize("mode", ["stable", "passive", "off"])
@@ -410,32 +365,17 @@ def test_a_load_follows_from_the_gear_trains_stiffness() -> None:
         assert found.low * (1 - 1e-12) <= hz <= found.high * (1 + 1e-12)
 
 
-def test_what_is_assumed_names_the_link_that_the_damping_allows() -> None:
+def test_what_is_assumed_of_an_unknown_vibration_is_said() -> None:
     train: dict[str, Any] = {
         "load_inertia": Bounded(3e-7, 1e-7, 1e-6),
         "flexible_hz": Bounded(4100.0, 1125.0, 14_000.0),
         "flexible_damping_ratio": Bounded(0.03, 0.005, 0.1),
         "transmission_stiffness": Bounded(200.0, 50.0, 800.0),
     }
-    where = situation(**train)
-    decision = one(Request(5.0, 0.04, "both"), where)
-    link = largest_link(where.belief, decision, 0.7)
-    assert link is not None
-    said = assumed(where.belief, decision, 0.7)
+    decision = one(Request(5.0, 0.04, "both"), situation(**train))
+    said = assumed(situation(**train).belief, decision)
     assert "a gear train of 50 to 800 N·m/rad is assumed" in said
-    assert f"one of more than {link:.1g} kg·m²" in said
-    # with that link on the least safe gear train the damping is still commanded, with ten times not
-    allowed = []
-    for size in (link, 10.0 * link):
-        rate = math.sqrt(50.0 * (1 / 0.011951 + 1 / size))
-        servo = (0.011951, 0.011692, size, 50.0, 2 * 0.005 * 50.0 / rate)
-        ceilings = flexible_ceiling(*servo, 1e-3, np.linspace(0.0, 9e-3, 90))
-        allowed.append(0.7 * float(ceilings.min()))
-    assert allowed[1] < 0.04 < allowed[0]
-    counted = situation(**{**train, "load_inertia": Bounded(0.002, 0.001, 0.003)}).belief
-    assert "A heavier one changes this" in assumed(counted, decision, 0.7)
-    rigid = assumed(situation().belief, decision, 0.7)
-    assert "a rigid servo without a link is assumed" in rigid
+    assert "a rigid servo without a link is assumed" in assumed(situation().belief, decision)
 
 
 def test_a_shorter_delay_than_the_longest_may_be_the_less_safe_one() -> None:

@@ -13,7 +13,6 @@ from haptic_wall.controller.guard.schedule import (
     RAISE_WINDOWS,
     RUN,
     Allowed,
-    BinFilter,
     GainSchedule,
     GainTable,
     age_bins_ns,
@@ -99,26 +98,6 @@ def test_a_pending_raise_does_not_survive_a_run_that_lowers() -> None:
     assert subject.age_ns == 800_000
     quick = [subject.observe(50_000, may_raise=True) for _ in range((RAISE_WINDOWS - 1) * WINDOW)]
     assert not any(quick), "five whole windows after the lowering, untouched or not"
-
-
-def test_a_run_never_takes_a_stiffer_bin_than_a_window_has_just_asked_for() -> None:
-    subject = Ages()
-    for k in range(WINDOW - RUN + 1):
-        subject.observe(350_000 if k % 5 == 1 else 0, may_raise=False)
-    for _ in range(RUN - 1):
-        subject.observe(150_000, may_raise=False)
-    assert subject.age_ns == 400_000, "the window's end"
-    subject.observe(10**9, may_raise=False)
-    assert subject.age_ns == 400_000
-
-
-def test_a_window_that_asks_for_the_bin_there_is_does_not_interrupt_a_run() -> None:
-    subject = Ages()
-    for k in range(WINDOW):
-        subject.observe(350_000 if k >= WINDOW - RUN // 2 else 0, may_raise=False)
-    for _ in range(RUN - RUN // 2 - 1):
-        assert not subject.observe(350_000, may_raise=False)
-    assert subject.observe(350_000, may_raise=False), "as many in a row as a run takes"
 
 
 @pytest.mark.parametrize("period_ns", [500_000, 1_000_000, 10_000_000, 20_000_000])
@@ -273,16 +252,6 @@ def test_in_the_long_run_no_interval_counts_as_shorter_than_it_is(seed: int) -> 
     assert counted * 1.06 >= worst, "5 % within a bin, and a stall that is not counted"
     above = [each for each in INTERVAL_BINS if 1.05 * each >= 1.03 * worst]
     assert counted <= above[0], "and no further than the next bin"
-
-
-def test_a_high_percentile_covers_blocks_and_not_all_of_them() -> None:
-    chosen = BinFilter(3, 90.0, 20, 2, 1)
-    for k in range(20):
-        chosen.observe(2 if k in (3, 9) else 0)
-    assert chosen.bin == 0
-    for k in range(20):
-        chosen.observe(2 if k in (3, 9, 14) else 0)
-    assert chosen.bin == 2
 
 
 @pytest.mark.parametrize("steps", [1, 3, 7])

@@ -10,7 +10,6 @@ import pytest
 from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.laws.shape import Grid, Shape
 from haptic_wall.controller.laws.shaped import ShapedLaw
-from haptic_wall.controller.laws.stops import Stops
 from haptic_wall.controller.laws.table import EXAMPLES, SUM, facts_of, shape_of
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
@@ -69,11 +68,6 @@ def test_a_law_that_says_so_stores_its_work_on_any_path_at_any_speed(law: str) -
     assert (worst < 1e-5) == made.stores_work
 
 
-@pytest.mark.parametrize("law", [law for law in EXAMPLES if law != SUM])
-def test_the_lowest_potential_is_zero(law: str) -> None:
-    assert min(shape(law).potential(x) for x in PLACES) == pytest.approx(0.0, abs=1e-6)
-
-
 @pytest.mark.parametrize("law", EXAMPLES)
 def test_out_of_contact_nothing_acts_and_nothing_pulls(law: str) -> None:
     made = ShapedLaw(law, shape(law), 0.2)
@@ -130,31 +124,10 @@ def test_friction_slips_at_its_torque_and_starts_anew_at_rest() -> None:
     assert law.torque(0.0, 0.0) == 0.0
 
 
-def test_a_bristle_of_no_stiffness_does_not_bend() -> None:
-    made = shape("friction")
-    made.settle(0.0)
-    assert [made.elongation(x, 0.0, 0.0) for x in (0.1, 3.0)] == [0.0, 0.0]
-    assert made.elongation(3.01, 0.0, 8.0) == pytest.approx(0.01)
-
-
-def test_friction_gives_back_less_than_it_took() -> None:
-    made = shape("friction")
-    places = np.cumsum(np.random.default_rng(3).normal(0.0, 0.01, 4000))
-    e = np.array([made.elongation(x, 0.0, 8.0) for x in places])
-    taken = np.cumsum(0.5 * (e[1:] + e[:-1]) * np.diff(places))
-    assert taken.min() > -1e-4
-
-
 def test_a_texture_fades_with_speed() -> None:
     made, full = shape("texture"), 0.1 / 8e-3
     e = [made.elongation(0.025, speed, 1.0) for speed in (full, 1.5 * full, -2.0 * full)]
     assert e == pytest.approx([0.1 / math.tau, 0.05 / math.tau, 0.0])
-
-
-@pytest.mark.parametrize(("snap", "slopes"), [(0.25, (-1.0, 1.0)), (0.1, (-0.25, 1.0))])
-def test_snap_says_which_side_of_a_detent_is_steep(snap: float, slopes: tuple[float, ...]) -> None:
-    made = shape_of(numbers("detents", snap=snap), GRID)
-    assert (made.lowest_slope, made.highest_slope) == pytest.approx(slopes)
 
 
 def test_parts_of_a_sum_keep_their_shares() -> None:
@@ -255,16 +228,6 @@ def test_a_profile_comes_from_a_file(tmp_path: Any) -> None:
     assert config.request().stiffness == pytest.approx(0.5)
     again = Config.model_validate_json(config.model_dump_json())
     assert again == config
-
-
-def test_an_unknown_position_is_in_no_contact_with_a_stop() -> None:
-    assert not Stops(-1.0, 1.0).in_contact(math.nan)
-
-
-@pytest.mark.parametrize("high", [0.0, 0.5])
-def test_a_kick_out_of_a_stop_loads_no_spring(high: float) -> None:
-    stops = ["wall.law=stops", "wall.low=-1", f"wall.high={high}", "servo.kick=-0.1"]
-    assert load_config("emulated-ideal", stops).config.start_room == 0.0
 
 
 def test_the_encoder_of_the_servo_that_is_there_decides() -> None:
