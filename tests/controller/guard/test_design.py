@@ -28,7 +28,7 @@ M, B_VISCOUS, T = 0.012, 0.0117, 1e-3
 TORQUE = 4.1
 EVERY = GuardSettings(mode="off")
 ALL: tuple[Change, ...] = (
-    "virtual_damping", "largest_part", "delay", "rate", "damping", "baud", "latency_timer",
+    "virtual_damping", "largest_part", "delay", "rate", "damping",
     "encoder", "two_sided", "belief",
 )  # fmt: skip
 
