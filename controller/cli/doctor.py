@@ -20,7 +20,6 @@ from haptic_wall.controller.cli.options import (
 from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.doctor.checkup import examine
 from haptic_wall.controller.doctor.report import Consent, Report
-from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.system.signals import interrupting
 from haptic_wall.hw.servo import Check
@@ -58,11 +57,6 @@ def command(
 
     Exit status: 0 no fault; 1 something is wrong; 4 the port or the servo cannot be reached.
     """
-    for option, given in (("--yes", yes), ("--change-baud", change_baud)):
-        if given and not fix:
-            raise UserError(
-                "found without --fix", field=option, advice=f"add --fix, or leave {option} out"
-            )
     loaded = load_config(config, sets)
     consent = _consent(yes) if fix else None
     with interrupting():  # the port is closed

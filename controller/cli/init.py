@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-from click.shell_completion import CompletionItem
 
 from haptic_wall.controller.cli.options import FileToWrite, answer, say, writing
 from haptic_wall.controller.cli.places import force_option, take_file
@@ -30,12 +29,6 @@ _HINT = """\
 """
 
 
-def _presets(
-    _context: click.Context, _parameter: click.Parameter, begun: str
-) -> list[CompletionItem]:
-    return [CompletionItem(name) for name in preset_names() if name.startswith(begun)]
-
-
 @click.command()
 @click.argument("file", type=FileToWrite())
 @click.option(
@@ -43,8 +36,7 @@ def _presets(
     "preset",
     default=DEFAULT_PRESET,
     show_default=True,
-    metavar="PRESET",
-    shell_complete=_presets,
+    type=click.Choice(preset_names()),
     help="The preset to start from; `haptic-wall presets` lists them.",
 )
 @force_option
@@ -54,13 +46,6 @@ def command(file: Path, preset: str, force: bool) -> None:
     The file contains the preset's settings with their comments. It lists all other settings as
     comments: default, unit, range and meaning. An existing file is kept unless --force is given.
     """
-    if preset not in preset_names():
-        raise UserError(
-            f"found {preset!r}",
-            field="--from",
-            wanted="a preset",
-            advice=f"presets are {', '.join(preset_names())}",
-        )
     if str(file) in preset_names():
         raise UserError(
             "found the name of a preset: as CONFIG it means the preset",

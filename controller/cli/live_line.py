@@ -1,4 +1,4 @@
-"""Displays a run in one line of the terminal, and reads the keys that end it."""
+"""Displays a run in the line of ``working``, and reads the keys that end it."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ import contextlib
 import os
 import sys
 import termios
-import threading
 import tty
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any, Final
 
 import numpy as np
 
-from haptic_wall.controller.cli.working import CLEAR, columns_of
+from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_CONTACT,
@@ -72,59 +71,30 @@ def _state(row: Any, *, loses: bool) -> tuple[str, str]:  # noqa: ANN401 - a rec
 
 
 @contextlib.contextmanager
-def live_line(telemetry: Telemetry, tell: Callable[[str], None]) -> Iterator[Callable[[str], None]]:
+def live_line(telemetry: Telemetry) -> Iterator[None]:
     """Show the run's line until the block ends; space or ``q`` ends the run with torque off.
 
     The terminal is left as it was found, however the block ends.
-
-    Yields:
-        A variant of ``tell`` that does not overwrite the line.
     """
-    done, writing = threading.Event(), threading.Lock()
+    tail = lost = 0
+    colour = not os.environ.get("NO_COLOR")
 
-    def told(text: str) -> None:
-        with writing:
-            _write(CLEAR)
-            tell(text)
+    def text(columns: int) -> str:
+        nonlocal tail, lost
+        if keyboard is not None and ready([keyboard], 0.0):
+            with contextlib.suppress(OSError):  # the terminal has gone
+                if any(key in ENDING_KEYS for key in os.read(keyboard, 64)):
+                    telemetry.words[Word.STOP] = 1
+        rows, tail = telemetry.read(tail)
+        if not len(rows):
+            return ""
+        fine = np.isin(rows["outcome"], (Outcome.OK, Outcome.WAITING))
+        failed = len(rows) - int(np.count_nonzero(fine))
+        lost += failed
+        return line_of(rows[-1], lost, loses=failed > 0, columns=columns, colour=colour)
 
-    def show() -> None:
-        colour, tail, lost = not os.environ.get("NO_COLOR"), 0, 0
-        while not done.is_set():
-            if _pressed(keyboard, done):
-                telemetry.words[Word.STOP] = 1
-            rows, tail = telemetry.read(tail)
-            fine = np.isin(rows["outcome"], (Outcome.OK, Outcome.WAITING))
-            failed = len(rows) - int(np.count_nonzero(fine))
-            lost += failed
-            width = columns_of(sys.stdout.fileno())
-            if len(rows) and width and not done.is_set():
-                with writing:
-                    text = line_of(rows[-1], lost, loses=failed > 0, columns=width, colour=colour)
-                    _write(CLEAR + text)
-
-    with _keys() as keyboard:
-        thread = threading.Thread(target=show, daemon=True)
-        thread.start()
-        try:
-            yield told
-        finally:
-            done.set()
-            thread.join(10.0 * EVERY_S)
-            _write(CLEAR)
-
-
-def _pressed(keyboard: int | None, done: threading.Event) -> bool:
-    """Wait for the next update; return whether a key asked for the end."""
-    if keyboard is None:
-        done.wait(EVERY_S)
-        return False
-    try:
-        keys = os.read(keyboard, 64) if ready([keyboard], EVERY_S) else None
-    except OSError:
-        keys = b""
-    if keys == b"":  # the terminal has gone
-        done.wait(EVERY_S)
-    return any(key in ENDING_KEYS for key in keys or b"")
+    with _keys() as keyboard, working("", text=text, every_s=EVERY_S):
+        yield
 
 
 @contextlib.contextmanager
@@ -145,9 +115,3 @@ def _keys() -> Iterator[int | None]:
     finally:
         with contextlib.suppress(termios.error):
             termios.tcsetattr(keyboard, termios.TCSANOW, before)
-
-
-def _write(text: str) -> None:
-    with contextlib.suppress(OSError, ValueError):
-        sys.stdout.write(text)
-        sys.stdout.flush()

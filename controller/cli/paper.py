@@ -11,44 +11,34 @@ import click
 from haptic_wall.controller.cli.options import answer, as_json, json_option, say, writing
 from haptic_wall.controller.cli.places import force_option, take_folder
 from haptic_wall.controller.cli.working import working
-from haptic_wall.controller.errors import UserError
-from haptic_wall.hw.names import did_you_mean
+from haptic_wall.controller.paper.items import ITEMS
 
 if TYPE_CHECKING:
     from haptic_wall.controller.paper.items import Made
 
+_NAMES = list(ITEMS)
 _ALL = "all"
 _ITEM_S = 2.0
 """Approximate duration of an item [s]"""
 
 
 @click.command()
-@click.argument("item", metavar="[ITEM]", default=_ALL)
+@click.argument("item", metavar="[ITEM]", default=_ALL, type=click.Choice([*_NAMES, _ALL]))
 @click.option(
-    "--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder for the files; required."
+    "--out", type=click.Path(path_type=Path), metavar="DIR", required=True, help="Folder for files."
 )
 @force_option
 @json_option
-def command(item: str, out: Path | None, force: bool, as_json_wanted: bool) -> None:
+def command(item: str, out: Path, force: bool, as_json_wanted: bool) -> None:
     """Reproduce the paper's results: CSV and PNG of ITEM, one of table2, fig3, fig4, fig5, fig6,
     fig8, fig9, fig10 or all (the default).
 
     Source: Gil et al., "Stability Boundary for Haptic Rendering: Influence of Damping and Delay",
     ICRA 2007.
     """  # noqa: D205 - the first paragraph is the help's summary
-    from haptic_wall.controller.paper.items import ITEMS, make
+    from haptic_wall.controller.paper.items import make
 
-    names = list(ITEMS)
-    if item not in (*names, _ALL):
-        raise _unknown(item, [*names, _ALL])
-    if out is None:
-        raise UserError(
-            "found nothing",
-            field="--out",
-            wanted="the folder for the files",
-            advice="give for example --out paper",
-        )
-    wanted = names if item == _ALL else [item]
+    wanted = _NAMES if item == _ALL else [item]
     files = [f"{name}{end}" for name in wanted for end in (".csv", ".png")]
     take_folder("--out", out, files, force=force)
     made = []
@@ -58,14 +48,6 @@ def command(item: str, out: Path | None, force: bool, as_json_wanted: bool) -> N
             made.append(make(name, out))
     paths = [path for entry in made for path in (entry.csv, entry.png)]
     answer(as_json(_report(made, paths)) if as_json_wanted else _text(made, paths))
-
-
-def _unknown(item: str, names: list[str]) -> UserError:
-    a_figure = item.removeprefix("fig").isdigit()  # no other figure is meant by fig7
-    hint = "" if a_figure else did_you_mean(item.lower(), names)
-    return UserError(
-        f"found {item}", field="ITEM", wanted=f"one of {', '.join(names)}", advice=hint
-    )
 
 
 def _report(made: list[Made], files: list[Path]) -> dict[str, Any]:

@@ -6,8 +6,7 @@ import math
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -134,10 +133,10 @@ def command(
     say(f"{loaded.name}: {'until Ctrl-C' if seconds is None else f'{seconds:g} s'}")
     if shown_live is not None:
         say(f"live: {shown_live.address}")
-    if not as_json_wanted and is_shown(sys.stdout) and not memory:
+    if not as_json_wanted and is_shown(sys.stderr) and not memory:
         shown: Shown = live_line
     else:
-        shown = partial(_progress, effective, seconds)
+        shown = partial(_progress, (seconds or math.inf) * effective.loop.rate_hz)
     ended = run(plan, say, shown)
     with on_signals(signal.SIG_IGN):  # a held Ctrl-C must not cost the report
         warning = "" if plot is None else "no picture: there is no log"
@@ -208,18 +207,9 @@ def _duration(config: Config, asked: float | None) -> float | None:
     return asked
 
 
-@contextmanager
-def _progress(
-    config: Config, seconds: float | None, telemetry: Telemetry, tell: Callable[[str], None]
-) -> Iterator[Callable[[str], None]]:
-    """Show the progress of a run without a live line."""
-
-    def share() -> float | None:
-        return None if seconds is None else telemetry.words[Word.HEAD] / rows
-
-    rows = 1.0 if seconds is None else seconds * config.loop.rate_hz
-    with working("running", share=share):
-        yield tell
+def _progress(rows: float, telemetry: Telemetry) -> AbstractContextManager[object]:
+    """Show the progress of a run of so many rows without a live line."""
+    return working("running", share=lambda: telemetry.words[Word.HEAD] / rows)
 
 
 def _places(

@@ -36,6 +36,8 @@ class Work:
     """Expected duration [s]; None: unknown"""
     share: Callable[[], float | None] | None
     """Returns its finished fraction, 0 to 1"""
+    own: Callable[[int], str] | None = None
+    """Returns the line, within a width, in place of label and times; empty: as before"""
     began: float = field(default_factory=time.monotonic)
     drawn: bool = False
 
@@ -62,7 +64,12 @@ def length(seconds: float) -> str:
 
 @contextlib.contextmanager
 def working(
-    label: str, about_s: float | None = None, share: Callable[[], float | None] | None = None
+    label: str,
+    about_s: float | None = None,
+    share: Callable[[], float | None] | None = None,
+    *,
+    text: Callable[[int], str] | None = None,
+    every_s: float = EVERY_S,
 ) -> Iterator[Work]:
     """Show an activity until the block ends; inside another one, in its place.
 
@@ -71,13 +78,15 @@ def working(
         about_s: Expected duration [s]; None: unknown.
         share: Returns its finished fraction, 0 to 1, used to estimate the rest; called in a thread
             of its own.
+        text: Returns the line for a terminal of that many columns, in place of all these.
+        every_s: Time between two of them [s].
     """
-    work = Work(label, about_s, share)
+    work = Work(label, about_s, share, text)
     if not is_shown(sys.stderr):
         yield work
         return
     done = threading.Event()
-    thread = threading.Thread(target=_show, args=(work, done), daemon=True)
+    thread = threading.Thread(target=_show, args=(work, done, every_s), daemon=True)
     with aside():
         _at_work.append(work)
     thread.start()
@@ -125,14 +134,15 @@ def clear() -> None:
 interrupt.do_first(clear)
 
 
-def _show(work: Work, done: threading.Event) -> None:
-    wait = FIRST_S
+def _show(work: Work, done: threading.Event, every_s: float) -> None:
+    wait = min(FIRST_S, every_s)
     while not done.wait(wait):
-        wait = EVERY_S
+        wait = every_s
+        columns = columns_of(2)
+        line = work.text()[: columns - 1] if work.own is None else work.own(columns)
         with _writing:
-            columns = columns_of(2)
-            if _at_work[-1:] == [work] and columns and not done.is_set():
-                _write(CLEAR + work.text()[: columns - 1])
+            if _at_work[-1:] == [work] and columns and line and not done.is_set():
+                _write(CLEAR + line)
                 work.drawn = True
 
 

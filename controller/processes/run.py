@@ -57,8 +57,8 @@ class Notifier:
                 self._tell(text)
 
 
-Shown = Callable[[Telemetry, Tell], AbstractContextManager[Tell]]
-"""Displays a run while it goes on; returns the function to call with messages"""
+Shown = Callable[[Telemetry], AbstractContextManager[object]]
+"""Displays a run while it goes on"""
 
 
 def run(plan: Plan, tell: Tell, shown: Shown | None = None) -> Ended:
@@ -100,14 +100,15 @@ def _run(plan: Plan, tell: Tell, telemetry: Telemetry, shown: Shown | None) -> E
 
     # The display changes the terminal, which must be restored after any signal.
     with on_signals(stop), on_signals(raise_again, (signal.SIGUSR1,)), ExitStack() as stack:
-        told = tell if shown is None else stack.enter_context(shown(telemetry, tell))
+        if shown is not None:
+            stack.enter_context(shown(telemetry))
         if plan.config.loop.clock == "simulated":
-            ended = run_inline(plan, telemetry, told)
+            ended = run_inline(plan, telemetry, tell)
         else:
             with (
                 on_signals(stop, (signal.SIGTSTP,)),  # stopped, it could not watch
                 on_signals(signal.SIG_IGN, (signal.SIGTTOU,)),  # nor may output stop it
-                Notifier(told) as notifier,
+                Notifier(tell) as notifier,
             ):
                 ended = Supervisor(plan, telemetry, notifier).run()
         ended.log = _finished_log(plan, ended, telemetry.words)

@@ -55,11 +55,6 @@ def set_registers(port: str, **values: int) -> None:
             table.write(name, value)
 
 
-@pytest.mark.parametrize("option", ["--yes", "--change-baud"])
-def test_options_of_fix_alone_are_refused(cli: Cli, option: str) -> None:
-    assert "--fix" in cli.refused("doctor", "simulated", option)
-
-
 def test_a_simulated_servo_has_no_bus_to_look_at(cli: Cli) -> None:
     _, checks, wrong, found = report(cli, "simulated")
     assert wrong == set()
