@@ -280,6 +280,7 @@ def assembled(
             else None
         ),
         telemetry=telemetry,
+        period_ns=period_ns,
         wall_from_start=law.guarded and wall.reference == "start",
         engagement=Engagement(
             EngageLimits(

@@ -59,6 +59,8 @@ class Tick:
     passivity: PassivityControl | None
     """Injects damping where the wall generates energy; None: none"""
     telemetry: Telemetry
+    period_ns: int
+    """Of the grid [ns]"""
     wall_from_start: bool
     """The wall's position counts from the first reading"""
     engagement: Engagement
@@ -82,6 +84,8 @@ class Tick:
     _work_ns: int = 0
     _bus_ns: int = 0
     _waited: int = 0
+    _served_ns: int = 0
+    """Wake-up of the last tick with a reading [ns]; 0: none"""
     _offset: int = 0
     """Of an elastic clock, as last seen [ns]"""
     _delay_s: float = 0.0
@@ -102,7 +106,8 @@ class Tick:
         self._bus = self.servo.bus or self._bus
         self._offset, self._raises = words[_OFFSET_NS], words[_RAISE]
         self.law.derating = self.watch.backstop.derating
-        self.sampler.request_ahead()
+        if self.sampler.pipelined:
+            self.servo.request()
 
     def wall_on(self) -> None:
         """End the warm-up: the guard's decision for the measured ages is in force at once."""
@@ -196,11 +201,14 @@ class Tick:
         sent_ns = self._now()
         sent = self.servo.write(torque)
         watch.sent(sent)
-        sampler.request_ahead()
+        if sampler.pipelined:
+            self.servo.request()
 
         age_ns = 0
-        # To the next tick with a sample: a tick with a lost reading is part of the interval.
-        interval_ns = sampler.interval_ns(woke_ns)
+        interval_ns = 0  # to the next tick with a sample: a lost reading is part of the interval
+        if outcome is _OK or outcome is _WAITING:
+            interval_ns = woke_ns - self._served_ns if self._served_ns else self.period_ns
+            self._served_ns = woke_ns
         if sampled_ns is not None:
             age_ns = sent_ns - sampled_ns
             may_raise = not (contact and on) or self._may_rise()
@@ -355,7 +363,7 @@ class Tick:
             gate.restart()
             self.ring.clear()
             law.settle(sampler.position)  # what it has stored is lost with its torque
-        if sampler.known:  # with slow replies the last position counts
+        if sampler.outcome is _OK or sampler.outcome is _WAITING:  # a slow reply: the last position
             gate.sample(self.gains.coming, law.elongation(sampler.position))
         if not (self.gains.in_force and gate.ready) or woke_ns > self._words[_HELD_NS]:
             return False

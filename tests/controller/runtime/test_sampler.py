@@ -51,12 +51,3 @@ def test_the_velocity_is_over_the_time_that_really_passed(passed: float, counted
     made.sample(0)
     made.sample(PERIOD_NS)
     assert made.velocity == pytest.approx(0.01 / (counted * 1e-3))
-
-
-def test_the_served_interval_goes_on_over_readings_that_failed() -> None:
-    made, _ = sampler(good(0.0, 0), failed(Outcome.LOST), good(0.0, 0))
-    intervals = []
-    for k in range(3):
-        made.sample(7 + k * PERIOD_NS)
-        intervals.append(made.interval_ns(7 + k * PERIOD_NS))
-    assert intervals == [PERIOD_NS, 0, 2 * PERIOD_NS]

@@ -138,6 +138,7 @@ class Rig:
             watch=self.watch,
             passivity=None,
             telemetry=self.telemetry,
+            period_ns=PERIOD_NS,
             wall_from_start=wall.get("from_start", False),
             inbox=Inbox(self.telemetry),
             changeover=Changeover(0.1, math.inf, 1e-3),
@@ -514,3 +515,17 @@ def test_what_the_wall_drives_near_the_no_load_speed_trips() -> None:
     assert ran in (11, 12), "the first sample, and 10 ms of torque that acted"
     allowed = on(Rig(positions, stiffness=10.0, driven=6.0))
     assert not any(allowed.run(1).tick.trip for _ in range(30))
+
+
+def test_the_served_interval_goes_on_over_readings_that_failed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    plain, seen = Gains.follow, []
+
+    def follow(self: Gains, age_ns: int, interval_ns: int, may_raise: bool) -> bool:
+        seen.append(interval_ns)
+        return plain(self, age_ns, interval_ns, may_raise)
+
+    monkeypatch.setattr(Gains, "follow", follow)
+    Rig([0.0, LOST, 0.0]).run(3)
+    assert seen == [PERIOD_NS, 0, 2 * PERIOD_NS]
