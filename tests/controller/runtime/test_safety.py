@@ -20,12 +20,6 @@ def reading(position: float, at_ms: int, alert: bool = False) -> Reading:
     return Reading(Outcome.OK, position, 0, at_ms * 1_000_000, math.nan, alert)
 
 
-def test_motion_within_the_speed_limit_passes() -> None:
-    safety = Safety(LIMITS)
-    for k in range(100):
-        assert safety.good(reading(0.0099 * k, k)) is None
-
-
 def test_a_jump_trips_and_the_first_reading_is_none() -> None:
     safety = Safety(LIMITS)
     assert safety.good(reading(500.0, 1)) is None
@@ -37,12 +31,6 @@ def test_the_encoders_rounding_is_no_speed() -> None:
     safety.good(reading(0.0, 1))
     assert safety.good(reading(0.0099 + 2 * 0.0015, 2)) is None
     assert safety.good(reading(0.0129 + 0.0132, 3)) is Trip.OVERSPEED
-
-
-def test_the_time_that_passed_counts() -> None:
-    safety = Safety(LIMITS)
-    safety.good(reading(0.0, 1))
-    assert safety.good(reading(0.04, 6)) is None
 
 
 def test_not_a_number_and_alert_trip() -> None:
@@ -80,19 +68,6 @@ def test_a_stall_of_the_loop_itself_is_no_silence_of_the_bus() -> None:
     assert safety.failed(1032 * MS) is Trip.LOSSES_IN_ROW
 
 
-def test_a_servo_that_was_never_heard_has_the_same_time() -> None:
-    safety = Safety(LIMITS)
-    found = [safety.failed((1000 + k) * MS) for k in range(17)]
-    assert found == [None] * 16 + [Trip.LOSSES_IN_ROW]
-
-
-def test_a_good_reading_begins_the_time_anew() -> None:
-    safety = Safety(replace(LIMITS, max_loss=1.0))
-    for start in range(1000, 2000, 15):
-        safety.good(reading(0.0, start))
-        assert {safety.failed((start + k) * MS) for k in (1, 2, 14)} == {None}
-
-
 def test_loss_rate_over_the_window() -> None:
     safety = Safety(FEW)
     trips = []
@@ -121,12 +96,6 @@ def test_the_value_that_trips_and_its_limit_are_told() -> None:
     safety = Safety(replace(LIMITS, travel=(-1.0, 2.0)))
     safety.good(reading(2.5, 1))
     assert safety.found == "2.5 rad; allowed is -1 to 2"
-
-
-def test_the_ends_of_the_travel_may_be_reached() -> None:
-    safety = Safety(replace(LIMITS, travel=(-1.0, 2.0), max_speed=1e6))
-    assert safety.good(reading(2.0, 1)) is None
-    assert safety.good(reading(-1.0, 2)) is None
 
 
 def test_every_trip_is_explained() -> None:

@@ -1,6 +1,5 @@
 """A position a period, its velocity over the time that really passed, and what a failure leaves."""
 
-import math
 from typing import cast
 
 import pytest
@@ -30,10 +29,6 @@ class Replies:
 
 def good(position: float, at_ns: int) -> Reading:
     return Reading(Outcome.OK, position, 0, at_ns, 0.1, False)
-
-
-def failed(outcome: Outcome) -> Reading:
-    return Reading(outcome, math.nan, 0, 0, math.nan, False)
 
 
 def sampler(*replies: Reading, pipelined: bool = False) -> tuple[Sampler, Replies]:
