@@ -16,9 +16,8 @@ from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.processes.hold import KeySource, key_reader
 from haptic_wall.controller.runtime import realtime
-from haptic_wall.controller.runtime.defect import defect_text
 from haptic_wall.controller.runtime.machine_setup import machine_setup, start_table
-from haptic_wall.controller.runtime.session import Surroundings, run_session
+from haptic_wall.controller.runtime.session import Surroundings, defect_text, run_session
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.config import RUNS, Config
 from haptic_wall.controller.system.orders import read_orders, say

@@ -15,7 +15,6 @@ from haptic_wall.controller.runtime.changeover import Changeover, Obstacle, adop
 from haptic_wall.controller.runtime.checks import Safety
 from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.runtime.handover import Change, Inbox
-from haptic_wall.controller.runtime.missed import MissedPeriods
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.sampler import Sampler
 from haptic_wall.controller.runtime.telemetry import (
@@ -52,9 +51,6 @@ class Tick:
     gains: Gains
     ring: DelayRing
     safety: Safety
-    skipped: MissedPeriods
-    trips_on_missed: bool
-    """Too many missed periods end the run; else they only lower stiffness and damping"""
     watch: Watch
     passivity: PassivityControl | None
     """Injects damping where the wall generates energy; None: none"""
@@ -174,8 +170,8 @@ class Tick:
 
         law, wall_torque = self.law, 0.0
         contact = law.in_contact(position)
-        if missed:
-            self._count_missed(deadline_ns, missed)
+        if missed and self.gains.in_force and self.trip is None:
+            self.trip = self.safety.missed(deadline_ns, missed)
         on = (self._on and woke_ns <= words[_HELD_NS]) or self._engage(woke_ns)
         if not on:
             flags |= FLAG_OFF if self.gains.in_force else FLAG_WARM_UP
@@ -379,10 +375,3 @@ class Tick:
         """Whether K may rise by the largest possible amount although the shaft is in contact."""
         elongation = self.law.elongation(self.sampler.position)
         return self.engagement.may_rise(self.gains.largest_rise, elongation)
-
-    def _count_missed(self, deadline_ns: int, missed: int) -> None:
-        """Count periods without a tick; too many may end the run."""
-        if not self.gains.in_force or self.trip is not None:
-            return
-        if self.skipped.count(deadline_ns, missed) and self.trips_on_missed:
-            self.trip = Trip.MISSED_PERIODS

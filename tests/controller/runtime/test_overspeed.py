@@ -19,6 +19,7 @@ SERVO = SafetyLimits(
     max_loss=0.5,
     loss_window=100,
     max_silence_ns=10**9,
+    period_ns=10**6,
     driven_speed=LIMIT,
     torque_limit=4.1,
     inertia=0.006,

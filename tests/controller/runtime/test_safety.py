@@ -11,7 +11,12 @@ from haptic_wall.hw.servo import Outcome, Reading
 
 MS = 1_000_000
 LIMITS = SafetyLimits(
-    max_speed=10.0, position_step=0.0015, max_loss=0.5, loss_window=100, max_silence_ns=15 * MS
+    max_speed=10.0,
+    position_step=0.0015,
+    max_loss=0.5,
+    loss_window=100,
+    max_silence_ns=15 * MS,
+    period_ns=MS,
 )
 FEW = replace(LIMITS, max_loss=0.05)
 
@@ -119,3 +124,13 @@ def test_travel_from_the_start_counts_from_the_first_good_reading() -> None:
     assert safety.good(reading(50.05, 7)) is None
     assert safety.good(reading(50.099, 13)) is None
     assert safety.good(reading(50.101, 19)) is Trip.TRAVEL
+
+
+def test_missed_periods_are_counted_over_half_a_second() -> None:
+    safety = Safety(replace(LIMITS, max_missed=0.2))
+    few = [safety.missed(k * 10 * MS, 2) for k in range(1000)]
+    assert set(few) == {None}, "a fifth, and no more"
+    more = [safety.missed(10**10 + k * 10 * MS, 3) for k in range(50)]
+    assert more[-1] is Trip.MISSED_PERIODS
+    assert safety.found == "30.0% of the periods of 0.5 s; at most 20% is allowed"
+    assert safety.worst_missed == 0.3

@@ -23,7 +23,6 @@ from haptic_wall.controller.runtime.changeover import Changeover
 from haptic_wall.controller.runtime.checks import Safety, SafetyLimits
 from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.runtime.handover import Inbox
-from haptic_wall.controller.runtime.missed import MissedPeriods
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.sampler import Sampler
 from haptic_wall.controller.runtime.telemetry import (
@@ -128,12 +127,10 @@ class Rig:
             ring=DelayRing(steps),
             safety=Safety(
                 SafetyLimits(
-                    *(1000.0, 0.0, 0.5, 10, 3 * PERIOD_NS),
+                    *(1000.0, 0.0, 0.5, 10, 3 * PERIOD_NS, PERIOD_NS),
                     driven_speed=wall.get("driven", math.inf),
                 )
             ),
-            skipped=MissedPeriods(PERIOD_NS, 0.2),
-            trips_on_missed=wall.get("strict", False),
             watch=self.watch,
             passivity=None,
             telemetry=self.telemetry,
