@@ -178,7 +178,13 @@ class Tick:
         elif sampled_ns is not None:
             watch.passed(1 + missed)
             if outcome is _OK:
-                self._follow_motion(position, contact)
+                watch.sample(position, law, sampler.measured_torque)
+                if self.safety.driven(watch.commanded, contact, law):
+                    self.trip = self.trip or Trip.OVERSPEED
+                elif watch.failed:
+                    self.trip = self.trip or Trip.OSCILLATION
+                if self.passivity is not None:
+                    law.injected = self._injected(self.passivity, position)
             wall_torque = law.torque(position, sampler.damped)
         if contact:
             flags |= FLAG_CONTACT
@@ -254,30 +260,18 @@ class Tick:
             self._offset = offset
         self._work_ns, self._bus_ns = work_ns, bus_ns
 
-    def _follow_motion(self, position: float, contact: bool) -> None:
-        """Watch the motion for oscillation, overspeed, and energy that the wall generates.
-
-        The answer is a derating, injected damping, or a trip.
-        """
-        watch, law, passivity = self.watch, self.law, self.passivity
-        held = law.held
-        watch.sample(position, law, self.sampler.measured_torque)
-        if self.safety.driven(watch.commanded, contact, law):
-            self.trip = self.trip or Trip.OVERSPEED
-        elif watch.failed:
-            self.trip = self.trip or Trip.OSCILLATION
-        injected = 0.0
-        if passivity is not None:
-            injected = passivity.update(
-                position,
-                law.elongation(position),
-                law.stiffness * law.derating.scale,
-                watch.acted - held,
-                watch.spanned,
-            )
-            if watch.outruns(law.stiffness):
-                injected = passivity.waive()  # a damper may feed the vibration of a link
-        law.injected = injected
+    def _injected(self, passivity: PassivityControl, position: float) -> float:
+        """Return the damping that the energy of the motion asks for [N·m·s/rad]."""
+        watch, law = self.watch, self.law
+        injected = passivity.update(
+            position,
+            law.elongation(position),
+            law.stiffness * law.derating.scale,
+            watch.acted - law.held,
+            watch.spanned,
+        )
+        # A damper may feed the vibration of a link.
+        return passivity.waive() if watch.outruns(law.stiffness) else injected
 
     def _change(self, change: Change) -> int:
         """Make the change at hand, if this is the tick for it.
