@@ -70,13 +70,6 @@ def test_of_several_keys_the_last_one_holds() -> None:
     assert not stream.send(event(ENTER, 0)).held()
 
 
-def test_an_event_may_come_in_two_parts() -> None:
-    whole = event(SPACE, 1)
-    stream = Stream().send(whole[:10])
-    assert not stream.held()
-    assert stream.send(whole[10:]).held()
-
-
 def test_lost_events_release_what_the_kernel_does_not_call_held() -> None:
     stream = Stream().send(event(SPACE, 1))
     assert stream.held()
