@@ -64,24 +64,23 @@ def command(
     ):
         read = LogReader.open(log, TimeSpan(*stretch_between(start_s, end_s)))
         summary = summarised(read)
-    if not summary.rows and (start_s or end_s or csv_path or plot):
+    if not summary["rows"] and (start_s or end_s or csv_path or plot):
         raise UserError("holds no rows in that stretch", field="LOG", given=log)
-    report = summary.report(read)
     if csv_path is not None:
         from haptic_wall.controller.logs.csv_export import write_csv
 
-        exporting = working(f"writing {csv_path.name}", summary.rows / _WRITTEN_ROWS_S)
+        exporting = working(f"writing {csv_path.name}", summary["rows"] / _WRITTEN_ROWS_S)
         with exporting, writing("--csv", csv_path), whole(csv_path) as part:
             write_csv(part, read)
     if plot is not None:
         from haptic_wall.controller.report.run import plot_log
 
         def draw(path: Path) -> None:
-            plot_log(read, path, report["stop_reason"])
+            plot_log(read, path, summary["stop_reason"])
 
         drawn("--plot", plot, draw)
     facts = {"program": read.metadata.get("program"), "name": read.metadata.get("name")}
-    full = {**facts, **report, "config": config_line(read.metadata.get("config"))}
+    full = {**facts, **summary, "config": config_line(read.metadata.get("config"))}
     if as_json_wanted:
         answer(as_json({**full, "metadata": read.metadata}))
     else:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
@@ -43,7 +44,7 @@ def processes(count: int) -> Iterator[Executor]:
     """
     # The resource tracker cleans up after this process, and must outlive it.
     with held_back((signal.SIGHUP,)):
-        resource_tracker.ensure_running()
+        _track_resources()
     # Spawned, not forked: the caller may have threads.
     context = multiprocessing.get_context("spawn")
     stopped, stop = context.Pipe(duplex=False)
@@ -102,6 +103,13 @@ def _end_with_parent(stopped: Connection) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
+def _track_resources() -> None:
+    """Start the resource tracker, which is not to complain of what a killed program has left."""
+    sys.warnoptions.append("ignore:resource_tracker")
+    resource_tracker.ensure_running()
+    sys.warnoptions.pop()
+
+
 @contextmanager
 def not_from_the_terminal() -> Iterator[None]:
     """Block the terminal's signals while processes are started, and deliver them afterwards.
@@ -110,6 +118,6 @@ def not_from_the_terminal() -> Iterator[None]:
         KeyboardInterrupt: At the end: a half-started process would complain.
     """
     # A process started meanwhile would unblock Ctrl-C.
-    resource_tracker.ensure_running()
+    _track_resources()
     with interrupting(at_once=False), held_back((signal.SIGINT, signal.SIGHUP)):
         yield

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -60,48 +61,48 @@ def fault_of_rows(rows: NDArray[np.void], before: np.void | None) -> str | None:
     return None
 
 
-def fault_of_change(change: object) -> str | None:
-    """Name the implausible part of a change of the wall; None: there is none.
+_CHANGE: Final = {
+    "set": list,
+    "outcome": str,
+    "row": int | None,
+    "at_s": int | float | None,
+    "changed": dict | None,
+    "why": str | None,
+}
+_REPORT: Final = {
+    "stop_reason": str | None,
+    "message": str | None,
+    "schedule": str | None,
+    "guard": dict | None,
+    "warnings": list | None,
+    "rows": int | None,
+}
+"""Kinds of the parts that are used; a missing one counts as None"""
 
-    A missing part counts as None, and only ``set`` and ``outcome`` may not be that.
-    """
-    if not isinstance(change, dict):
-        return "an event has no change"
-    row, at_s, sets = (change.get(name) for name in ("row", "at_s", "set"))
-    if row is not None and not (type(row) is int and 0 <= row <= _MOST):
-        return "row is no count in an event"
-    if not isinstance(change.get("changed"), dict | None):
-        return "changed is no object in an event"
-    if not isinstance(sets, list) or not all(isinstance(each, str) for each in sets):
-        return "set is no list of texts in an event"
-    if at_s is not None and not (isinstance(at_s, int | float) and abs(at_s) <= _LONGEST_S):
-        return "at_s is no time in an event"
-    if not isinstance(change.get("outcome"), str):
-        return "outcome is no text in an event"
-    if not isinstance(change.get("why"), str | None):
-        return "why is no text in an event"
-    return None
+
+def fault_of_change(change: object) -> str | None:
+    """Name the implausible part of a change of the wall; None: there is none."""
+    return _fault(change, _CHANGE, "an event")
 
 
 def fault_of_report(report: object) -> str | None:
     """Name the implausible part of a run's report; None: all of it is plausible."""
-    if not isinstance(report, dict):
-        return "its report is no object"
-    for name in ("stop_reason", "message", "schedule"):
-        if not isinstance(report.get(name), str | None):
-            return f"{name} is no text in its report"
-    guard = report.get("guard") or {}
-    if not isinstance(guard, dict) or not _are_texts(guard.get("reasons")):
-        return "guard has no list of texts as its reasons in its report"
-    if not _are_texts(report.get("warnings")):
-        return "warnings is no list of texts in its report"
-    rows = report.get("rows", 0)
-    if not isinstance(rows, int) or not 0 <= rows <= _MOST:
-        return "rows is no count in its report"
+    fault = _fault(report, _REPORT, "its report")
+    if fault is None and isinstance(report, dict):
+        return _fault(report.get("guard") or {}, {"reasons": list | None}, "its report's guard")
+    return fault
+
+
+def _fault(found: object, kinds: Mapping[str, Any], what: str) -> str | None:
+    if not isinstance(found, dict):
+        return f"{what} is no object"
+    for name, kind in kinds.items():
+        value, most = found.get(name), _LONGEST_S if name == "at_s" else _MOST
+        plausible = isinstance(value, kind) and not isinstance(value, bool)
+        if plausible and isinstance(value, int | float):
+            plausible = (-most if name == "at_s" else 0) <= value <= most
+        if plausible and isinstance(value, list):
+            plausible = all(isinstance(each, str) for each in value)
+        if not plausible:
+            return f"{name} is not what a run writes in {what}"
     return None
-
-
-def _are_texts(found: Any) -> bool:  # noqa: ANN401 - JSON
-    """Whether it is a list of texts, or None."""
-    texts = found or []
-    return isinstance(texts, list) and all(isinstance(each, str) for each in texts)

@@ -29,8 +29,6 @@ MOST_LAG_S = 10.0
 """Longest time between a sample and its torque [s]"""
 GAP = 10
 """Periods without a sample that split the record."""
-MOST_TOLD = 5
-"""Largest number of gaps and short stretches reported one by one"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,18 +126,19 @@ def parted(whole: Part, period: float, notes: list[str]) -> tuple[Part, ...]:
     """Split the record where samples are missing for long; add to the notes what is left out."""
     seen = np.flatnonzero(np.isfinite(whole.positions))
     breaks = np.flatnonzero(np.diff(whole.times[seen]) > GAP * period)
-    for at in breaks[:MOST_TOLD]:
-        since, until = (seconds(whole.times[seen[at + end]]) for end in (0, 1))
-        notes.append(f"nothing is known from {since} to {until} s: the analysis restarts there")
-    if breaks.size > MOST_TOLD:
-        notes.append(f"there are {breaks.size - MOST_TOLD} more such gaps")
+    if breaks.size:
+        since, until = (seconds(whole.times[seen[breaks[0] + end]]) for end in (0, 1))
+        more = f", and in {breaks.size - 1} more such gaps" if breaks.size > 1 else ""
+        notes.append(
+            f"nothing is known from {since} to {until} s{more}: the analysis restarts there"
+        )
     stretches = [some for some in np.split(seen, breaks + 1) if some.size]
     short = [some for some in stretches if some.size < LEAST]
-    for some in short[:MOST_TOLD]:
-        notes.append(f"{some.size} samples from {seconds(whole.times[some[0]])} s on are too few")
-    if len(short) > MOST_TOLD:
-        lost = sum(some.size for some in short[MOST_TOLD:])
-        notes.append(f"there are {lost} more samples in stretches that are too short")
+    if short:
+        lost, since = sum(some.size for some in short), seconds(whole.times[short[0][0]])
+        notes.append(
+            f"{lost} samples in stretches that are too short, from {since} s on, are left out"
+        )
     return tuple(
         whole.sliced(slice(int(some[0]), int(some[-1]) + 1))
         for some in stretches

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -19,125 +20,97 @@ MOST_CHANGES = 1000
 """Number of changes of the running wall that a summary holds: the last ones"""
 
 
-class LogSummary:
-    """Counts a log's rows in bounded memory.
-
-    Args:
-        begins: The first row should be the run's first; otherwise earlier rows are left out.
-
-    Attributes:
-        rows: Number of rows.
-    """
-
-    def __init__(self, begins: bool) -> None:
-        self.rows = 0
-        self._first_ns = self._last_ns = 0
-        self._statistics = RunStatistics()
-        self._next_seq: int | None = 0 if begins else None
-        self._unrecorded = 0
-        self._missed = self._failed = self._contact = self._warm_up = self._off = 0
-        self._position = [math.inf, -math.inf]
-        self._torque = [math.inf, -math.inf]
-        self._worst = State.QUIET
-        self._oscillating = 0
-        self._first_oscillation_ns: int | None = None
-        self._latest = (-1, 0)
-        self._phases: set[int] = set()
-
-    def count_missing(self, seq: int) -> None:
-        """Count the missing rows between the last one and the one numbered ``seq``."""
-        self._unrecorded += 0 if self._next_seq is None else max(0, seq - self._next_seq)
-
-    def add(self, rows: NDArray[np.void]) -> None:
-        """Count the next rows of the log, shape (n,), n > 0."""
-        first, last = int(rows["seq"][0]), int(rows["seq"][-1])
-        self.count_missing(first)
-        self._unrecorded += max(0, last + 1 - first - len(rows))
-        self._next_seq = last + 1
-        if self.rows == 0:
-            self._first_ns = int(rows["deadline_ns"][0])
-        self._last_ns = int(rows["deadline_ns"][-1])
-        self.rows += len(rows)
-        self._statistics.add(rows)
-        self._missed += int(rows["missed"].sum())
-        good = np.isin(rows["outcome"], (Outcome.OK, Outcome.WAITING))
-        self._failed += int(np.count_nonzero(~good))
-        on = (rows["flags"] & FLAG_WARM_UP) == 0
-        self._warm_up += int(np.count_nonzero(~on))
-        self._off += int(np.count_nonzero(rows["flags"] & FLAG_OFF))
-        # While the wall is off there is no contact, wherever the shaft is.
-        touched = (rows["flags"] & (FLAG_CONTACT | FLAG_WARM_UP | FLAG_OFF)) == FLAG_CONTACT
-        self._contact += int(np.count_nonzero(touched))
-        for extremes, field in ((self._position, "position"), (self._torque, "torque")):
-            values: FloatArray = rows[field]
-            known = values[np.isfinite(values)]
-            if known.size:
-                extremes[0] = min(extremes[0], float(known.min()))
-                extremes[1] = max(extremes[1], float(known.max()))
-        phases = rows["phase"]
-        self._phases.update(np.unique(phases[phases >= 0]).tolist())
+def summarised(log: LogReader) -> dict[str, Any]:
+    """Summarise a log, or a stretch of it, for JSON; None for unknown values."""
+    begins = log.stretch.start_s <= 0.0  # else rows before the first are left out, not missing
+    counts, statistics = Counter[str](), RunStatistics()
+    next_seq: int | None = 0 if begins else None
+    first_ns = last_ns = 0
+    position, torque = [math.inf, -math.inf], [math.inf, -math.inf]
+    worst, oscillates_ns, latest = State.QUIET, None, (-1, 0)
+    phases: set[int] = set()
+    for rows in log.blocks():
+        seq, times, flags = rows["seq"], rows["deadline_ns"], rows["flags"]
+        before = int(seq[0]) if next_seq is None else next_seq
+        next_seq = int(seq[-1]) + 1
+        first_ns = first_ns if counts["rows"] else int(times[0])
+        last_ns = int(times[-1])
+        on = (flags & FLAG_WARM_UP) == 0
+        oscillates = np.flatnonzero(rows["oscillation"] >= State.SUSTAINED)
+        counts.update(
+            rows=len(rows),
+            unrecorded=next_seq - before - len(rows),
+            missed=int(rows["missed"].sum()),
+            failed=_count(~np.isin(rows["outcome"], (Outcome.OK, Outcome.WAITING))),
+            warm_up=_count(~on),
+            off=_count(flags & FLAG_OFF),
+            # While the wall is off there is no contact, wherever the shaft is.
+            contact=_count((flags & (FLAG_CONTACT | FLAG_WARM_UP | FLAG_OFF)) == FLAG_CONTACT),
+            oscillating=oscillates.size,
+        )
+        statistics.add(rows)
+        _widen(position, rows["position"])
+        _widen(torque, rows["torque"])
+        phases.update(np.unique(rows["phase"][rows["phase"] >= 0]).tolist())
         late = np.where(on, rows["lateness_ns"], -1)
         at = int(np.argmax(late))
-        self._latest = max(self._latest, (int(late[at]), int(rows["deadline_ns"][at])))
-        self._add_oscillation(rows)
+        latest = max(latest, (int(late[at]), int(times[at])))
+        worst = max(worst, State(int(rows["oscillation"].max())))
+        if oscillates.size and oscillates_ns is None:
+            oscillates_ns = int(times[oscillates[0]])
+    end = log.end or {}
+    if log.end is not None and log.stretch.end_s == math.inf and next_seq is not None:
+        counts["unrecorded"] += max(0, int(end.get("rows", 0)) - next_seq)
+    some = counts["rows"] > 0
 
-    def _add_oscillation(self, rows: NDArray[np.void]) -> None:
-        self._worst = max(self._worst, State(int(rows["oscillation"].max())))
-        oscillates = np.flatnonzero(rows["oscillation"] >= State.SUSTAINED)
-        self._oscillating += oscillates.size
-        if oscillates.size and self._first_oscillation_ns is None:
-            self._first_oscillation_ns = int(rows["deadline_ns"][oscillates[0]])
+    def known(name: str) -> int | None:
+        return counts[name] if some else None
 
-    def report(self, log: LogReader) -> dict[str, Any]:
-        """Return the summary of a log for JSON; None for unknown values."""
-        origin_ns = log.origin_ns
+    def since(instant_ns: int | None) -> float | None:
+        return None if instant_ns is None else (instant_ns - log.origin_ns) / 1e9
 
-        def since(instant_ns: int | None) -> float | None:
-            return None if instant_ns is None else (instant_ns - origin_ns) / 1e9
-
-        some = self.rows > 0
-        elapsed = (self._last_ns - self._first_ns) / 1e9
-        end = log.end or {}
-        return {
-            "rows": self.rows,
-            "from_s": since(self._first_ns) if some else None,
-            "to_s": since(self._last_ns) if some else None,
-            "duration_s": elapsed if some else None,
-            "rate_hz": (self.rows - 1) / elapsed if elapsed else None,
-            "missed_ticks": self._missed if some else None,
-            "failed_readings": self._failed if some else None,
-            "unrecorded_rows": self._unrecorded if some else None,
-            "position_rad": _span(self._position),
-            "torque_nm": _span(self._torque),
-            "saturated_ticks": self._statistics.saturated if some else None,
-            "warm_up_ticks": self._warm_up if some else None,
-            "off_ticks": self._off if some else None,
-            "contact_ticks": self._contact if some else None,
-            "oscillation": {
-                "state": self._worst.name.lower() if some else None,
-                "first_s": since(self._first_oscillation_ns),
-                "ticks": self._oscillating,
-            },
-            "lateness_us": self._statistics.lateness.as_report(50, 99, 99.9)
-            | {"max_at_s": since(self._latest[1]) if self._latest[0] >= 0 else None},
-            "phases": len(self._phases),
-            "changes": {"count": len(log.changes), "last": list(log.changes[-MOST_CHANGES:])},
-            "stop_reason": end.get("stop_reason"),
-            "message": end.get("message") or None,
-            "schedule": end.get("schedule"),
-            "guard": end.get("guard"),
-            "warnings": end.get("warnings") or [],
-        }
+    elapsed = (last_ns - first_ns) / 1e9
+    return {
+        "rows": counts["rows"],
+        "from_s": since(first_ns) if some else None,
+        "to_s": since(last_ns) if some else None,
+        "duration_s": elapsed if some else None,
+        "rate_hz": (counts["rows"] - 1) / elapsed if elapsed else None,
+        "missed_ticks": known("missed"),
+        "failed_readings": known("failed"),
+        "unrecorded_rows": known("unrecorded"),
+        "position_rad": _span(position),
+        "torque_nm": _span(torque),
+        "saturated_ticks": statistics.saturated if some else None,
+        "warm_up_ticks": known("warm_up"),
+        "off_ticks": known("off"),
+        "contact_ticks": known("contact"),
+        "oscillation": {
+            "state": worst.name.lower() if some else None,
+            "first_s": since(oscillates_ns),
+            "ticks": counts["oscillating"],
+        },
+        "lateness_us": statistics.lateness.as_report(50, 99, 99.9)
+        | {"max_at_s": since(latest[1]) if latest[0] >= 0 else None},
+        "phases": len(phases),
+        "changes": {"count": len(log.changes), "last": list(log.changes[-MOST_CHANGES:])},
+        "stop_reason": end.get("stop_reason"),
+        "message": end.get("message") or None,
+        "schedule": end.get("schedule"),
+        "guard": end.get("guard"),
+        "warnings": end.get("warnings") or [],
+    }
 
 
-def summarised(log: LogReader) -> LogSummary:
-    """Count the rows of a log, or of a stretch of it."""
-    summary = LogSummary(begins=log.stretch.start_s <= 0.0)
-    for rows in log.blocks():
-        summary.add(rows)
-    if log.end is not None and log.stretch.end_s == math.inf:
-        summary.count_missing(int(log.end.get("rows", 0)))
-    return summary
+def _count(which: NDArray[Any]) -> int:
+    return int(np.count_nonzero(which))
+
+
+def _widen(extremes: list[float], values: FloatArray) -> None:
+    """Widen a range to hold the finite ones of some values."""
+    known = values[np.isfinite(values)]
+    if known.size:
+        extremes[:] = [min(extremes[0], float(known.min())), max(extremes[1], float(known.max()))]
 
 
 def _span(extremes: list[float]) -> list[float] | None:

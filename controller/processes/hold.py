@@ -57,13 +57,12 @@ class KeySource:
         key: Its code; None: any key of the device.
     """
 
-    __slots__ = ("_descriptor", "_key", "_pressed", "_rest")
+    __slots__ = ("_descriptor", "_key", "_pressed")
 
     def __init__(self, descriptor: int, key: int | None) -> None:
         self._descriptor = descriptor
         os.set_blocking(descriptor, False)  # for a pipe in tests; a device is already non-blocking
         self._key = key
-        self._rest = b""
         self._pressed = self._held_now()
 
     def until(self, now_ns: int) -> int:
@@ -86,11 +85,8 @@ class KeySource:
         return now_ns + KEY_NS if self._pressed else 0
 
     def _take(self, found: bytes) -> None:
-        """Process events; the last one may come in two parts."""
-        whole = self._rest + found
-        end = len(whole) - len(whole) % EVENT.size
-        self._rest = whole[end:]
-        for _, _, kind, code, value in EVENT.iter_unpack(whole[:end]):
+        """Process events: the kernel gives whole ones."""
+        for _, _, kind, code, value in EVENT.iter_unpack(found):
             if kind == _EV_SYN and code == _SYN_DROPPED:
                 self._pressed = self._held_now()  # events were lost: read the state itself
             elif kind == _EV_KEY and self._key in (None, code):

@@ -16,9 +16,8 @@ from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.processes.hold import KeySource, key_reader
 from haptic_wall.controller.runtime import realtime
-from haptic_wall.controller.runtime.defect import defect_text
-from haptic_wall.controller.runtime.machine_setup import machine_setup, start_table
-from haptic_wall.controller.runtime.session import Surroundings, run_session
+from haptic_wall.controller.runtime.machine_setup import machine_setup, start_text
+from haptic_wall.controller.runtime.session import Surroundings, defect_text, run_session
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.config import RUNS, Config
 from haptic_wall.controller.system.orders import read_orders, say
@@ -142,7 +141,7 @@ def _prepare(config: Config, core: int) -> None:
     wishes = config.realtime
     settings = realtime.apply(wishes.profile, wishes.priority, {core})
     _tell("realtime", settings=[asdict(setting) for setting in settings])
-    _tell("tell", text=start_table(settings, machine_setup(core)))
+    _tell("tell", text=start_text(settings, machine_setup(core)))
     missing = realtime.missing_for_strict(settings)
     if missing and wishes.profile == "strict":
         raise PlatformError(_strict(missing))

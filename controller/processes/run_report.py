@@ -96,7 +96,8 @@ def explained(ended: Ended, servo: Servo) -> Problem | None:
     means = EXPLANATIONS[trip]
     stalled = (ended.result or {}).get("stalled")
     if stalled and trip in AFTER_STALL and not ended.cause:
-        advice = f"{STALL_ADVICE}; without a stall {means.advice}" if means.advice else STALL_ADVICE
+        otherwise = "" if servo.is_emulated else means.advice
+        advice = f"{STALL_ADVICE}; without a stall {otherwise}" if otherwise else STALL_ADVICE
         means = replace(means, what=f"{stalled}: {means.what}", advice=advice)
     elif trip in OF_THE_BUS and servo.is_emulated:
         means = EMULATOR_LATE

@@ -32,7 +32,6 @@ from haptic_wall.controller.runtime.changeover import Changeover
 from haptic_wall.controller.runtime.checks import Safety, SafetyLimits, speed_limits
 from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.runtime.handover import Inbox, KnownServo
-from haptic_wall.controller.runtime.missed import MissedPeriods
 from haptic_wall.controller.runtime.sampler import Sampler, is_pipelined
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.runtime.tick import Tick
@@ -261,6 +260,9 @@ def assembled(
                 max_loss=safety.max_loss,
                 loss_window=max(1, round(safety.loss_window_s / period)),
                 max_silence_ns=round(safety.max_silence_s * 1e9),
+                period_ns=period_ns,
+                # In the other profiles they only lower stiffness and damping.
+                max_missed=safety.max_missed if config.realtime.profile == "strict" else math.inf,
                 travel=safety.travel or (-math.inf, math.inf),
                 travel_from_start=wall.reference == "start",
                 driven_speed=driven,
@@ -271,8 +273,6 @@ def assembled(
                 kicked=kick is not None and abs(kick) <= MEANT_KICK,
             )
         ),
-        skipped=MissedPeriods(period_ns, safety.max_missed),
-        trips_on_missed=config.realtime.profile == "strict",
         watch=Watch(watch_settings(config, servo.facts, law)),
         passivity=(
             PassivityControl(period, SLOWEST)
@@ -280,6 +280,7 @@ def assembled(
             else None
         ),
         telemetry=telemetry,
+        period_ns=period_ns,
         wall_from_start=law.guarded and wall.reference == "start",
         engagement=Engagement(
             EngageLimits(

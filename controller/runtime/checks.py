@@ -11,6 +11,7 @@ Source: energy count after Hannaford and Ryu, IEEE T-RA 18(1), 2002.
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from math import isnan
 from typing import Final
@@ -24,6 +25,8 @@ from haptic_wall.hw.servo import JUMP_SPEED, Facts, Reading
 LEAST_FAILED: Final = 3
 """Consecutive failed readings that a silence needs to trip: at low rates the allowed time is over
 after one or two, and a stall of the loop itself is no fault of the bus [1]"""
+MISSED_S: Final = 0.5
+"""Time over which missed periods are counted [s]; at low rates it is that of ten periods"""
 _WINDOW_NS: Final = 10_000_000
 """Least time over which the speed of a driven motion is measured [ns]. One count a tick is 1.53
 rad/s at 4096 counts and 1 kHz; the two counts of tolerance are 0.31 rad/s over this time."""
@@ -63,6 +66,10 @@ class SafetyLimits:
     """Readings in the window"""
     max_silence_ns: int
     """Time without a good reading [ns]; fewer than ``LEAST_FAILED`` failed ones never trip"""
+    period_ns: int
+    """Of the grid [ns]"""
+    max_missed: float = math.inf
+    """Fraction of the last periods that may have no tick [1]; inf: any"""
     travel: tuple[float, float] = (-math.inf, math.inf)
     """Lowest and highest position [rad]"""
     travel_from_start: bool = False
@@ -89,6 +96,7 @@ class Safety:
 
     Attributes:
         found: The value that tripped, and its limit, for people; empty: none.
+        worst_missed: Largest fraction of the periods of half a second without a tick [1].
     """
 
     __slots__ = (
@@ -96,6 +104,7 @@ class Safety:
         "_driving",
         "_elapsed_ns",
         "_failed",
+        "_gaps",
         "_given",
         "_heard_ns",
         "_high",
@@ -103,6 +112,7 @@ class Safety:
         "_in_row",
         "_limits",
         "_low",
+        "_missed",
         "_moved",
         "_position",
         "_sampled_ns",
@@ -110,6 +120,7 @@ class Safety:
         "_since_ns",
         "_window",
         "found",
+        "worst_missed",
     )
 
     def __init__(self, limits: SafetyLimits) -> None:
@@ -120,6 +131,9 @@ class Safety:
         self._failed = 0
         self._in_row = 0
         self._heard_ns: int | None = None
+        self._gaps: deque[tuple[int, int]] = deque()
+        self._missed = 0
+        self.worst_missed = 0.0
         self._position = self._moved = math.nan
         self._sampled_ns = self._elapsed_ns = 0
         self._low, self._high = limits.travel
@@ -182,6 +196,29 @@ class Safety:
             self.found = f"{share:.1%} of the readings; at most {limits.max_loss:.1%} is allowed"
             return Trip.LOSS_RATE
         return None
+
+    def missed(self, deadline_ns: int, periods: int) -> Trip | None:
+        """Count periods without a tick, and judge those of the last half second.
+
+        Args:
+            deadline_ns: The deadline that was served after them [ns].
+            periods: Number of missed periods.
+        """
+        limits, gaps = self._limits, self._gaps
+        window_ns = max(round(MISSED_S * 1e9), 10 * limits.period_ns)
+        gaps.append((deadline_ns, periods))
+        self._missed += periods
+        while gaps[0][0] <= deadline_ns - window_ns:
+            self._missed -= gaps.popleft()[1]
+        share = min(self._missed / (window_ns / limits.period_ns), 1.0)
+        self.worst_missed = max(self.worst_missed, share)
+        if share <= limits.max_missed:
+            return None
+        self.found = (
+            f"{share:.1%} of the periods of {MISSED_S:g} s; at most {limits.max_missed:.0%} is"
+            " allowed"
+        )
+        return Trip.MISSED_PERIODS
 
     def _count(self, failed: int) -> None:
         window = self._window

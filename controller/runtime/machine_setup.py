@@ -9,7 +9,7 @@ from haptic_wall.controller.runtime.realtime import text_of
 from haptic_wall.hw.servo import Check
 
 START = "real time:"
-"""Beginning of the table at the start"""
+"""Beginning of what is told at the start"""
 _ENOUGH_SHARE = 0.9
 """Fraction of each second for real-time processes: the loop sleeps longer than the rest"""
 
@@ -88,28 +88,25 @@ def is_virtual(root: Path = Path("/")) -> bool:
     return "hypervisor" in flags.split() or bool(text_of(root / "sys/hypervisor/type"))
 
 
-def start_table(settings: Sequence[Check], setup: Sequence[Check]) -> str:
-    """Return the settings wanted and granted: one line when all were granted, else a table.
+def start_text(settings: Sequence[Check], setup: Sequence[Check]) -> str:
+    """Return what was granted, a line for each setting that was not, and what could be better.
 
     Args:
         settings: Settings from ``realtime.apply``.
         setup: Settings of the machine from ``machine_setup``; shown in short.
     """
-    granted = sum(setting.ok for setting in settings)
-    head = f"{START} {granted} of {len(settings)} granted"
-    better = [row for row in setup if row.fix]
-    tail = f"could be better: {'; '.join(row.found for row in better)}" if better else ""
-    if granted == len(settings):
-        head += f" ({', '.join(setting.found for setting in settings)})"
-        return f"{head}\n  {tail}" if tail else head
-    name = max(len(setting.name) for setting in settings)
-    wish = max(len("wanted"), *(len(setting.wanted) for setting in settings))
-    lines = [head, f"  {'':<{name}}  {'wanted':<{wish}}  got"]
-    for setting in settings:
-        lines.append(f"  {setting.name:<{name}}  {setting.wanted:<{wish}}  {setting.found}")
-        if setting.fix:
-            lines.append(f"  {'':<{name}}  to grant it: {setting.fix}")
-    return "\n".join([*lines, f"  {tail}"] if tail else lines)
+    granted = [each for each in settings if each.ok]
+    head = f"{START} {len(granted)} of {len(settings)} granted"
+    if len(granted) == len(settings):
+        head += f" ({', '.join(each.found for each in settings)})"
+    lines = [head]
+    for each in settings:
+        if not each.ok:
+            fix = f"; to grant it: {each.fix}" if each.fix else ""
+            lines.append(f"  {each.name}: wanted {each.wanted}, {each.found}{fix}")
+    if better := [each.found for each in setup if each.fix]:
+        lines.append(f"  could be better: {'; '.join(better)}")
+    return "\n".join(lines)
 
 
 def _throttle(kernel: Path) -> list[Check]:

@@ -61,6 +61,7 @@ class Sampler:
         sampled_ns: When ``position`` was sampled [ns]; None: none is known yet.
         measured_torque: Torque in the last reply [N·m]; NaN: the servo measures none.
         first: Whether the last sample was the first good one.
+        pipelined: As given; the tick then sends the next request when its torque is sent.
     """
 
     __slots__ = (
@@ -69,13 +70,12 @@ class Sampler:
         "_filter",
         "_other_collect_ns",
         "_period_ns",
-        "_pipelined",
-        "_served_ns",
         "_servo",
         "damped",
         "first",
         "measured_torque",
         "outcome",
+        "pipelined",
         "position",
         "sampled_ns",
         "velocity",
@@ -94,26 +94,15 @@ class Sampler:
         self._estimator = velocity
         self._filter = velocity_filter
         self._period_ns = period_ns
-        self._pipelined = pipelined
+        self.pipelined = pipelined
         self._collect_ns = int(COLLECT_SHARE * period_ns)
         self._other_collect_ns = int(LONGER_SHARE * period_ns)
-        self._served_ns = 0  # wake-up of the last tick with a reading; 0: none
         self.outcome = _OK
         self.position = math.nan
         self.velocity = self.damped = 0.0
         self.sampled_ns: int | None = None
         self.measured_torque = math.nan
         self.first = False
-
-    @property
-    def known(self) -> bool:
-        """Whether ``position`` is of this period, or is the newest that can be expected."""
-        return self.outcome is _OK or self.outcome is _WAITING
-
-    def request_ahead(self) -> None:
-        """Send the request for the next period's sample, where requests are pipelined."""
-        if self._pipelined:
-            self._servo.request()
 
     def sample(self, woke_ns: int) -> Reading:
         """Collect the reply; update the position and the velocity.
@@ -125,7 +114,7 @@ class Sampler:
             The reply; its outcome says whether there is a new position.
         """
         servo = self._servo
-        if not self._pipelined:
+        if not self.pipelined:
             servo.request()
         reading = servo.collect(woke_ns + self._collect_ns)
         outcome, position, _, sampled_ns, self.measured_torque, _ = reading
@@ -138,7 +127,7 @@ class Sampler:
         if outcome is not _OK:
             # The last position again, so dx = 0. Before the first good reading the torque is zero.
             self.velocity = self.damped = 0.0
-            if self._pipelined and outcome is Outcome.LOST:
+            if self.pipelined and outcome is Outcome.LOST:
                 self._collect_ns, self._other_collect_ns = self._other_collect_ns, self._collect_ns
             return reading
         last_ns = self.sampled_ns
@@ -158,18 +147,3 @@ class Sampler:
         self.velocity = velocity
         self.damped = velocity if self._filter is None else self._filter.update(velocity)
         return reading
-
-    def interval_ns(self, woke_ns: int) -> int:
-        """Return the time since the last tick with a reading; call it once a tick.
-
-        Args:
-            woke_ns: When the loop woke for this period [ns].
-
-        Returns:
-            The interval [ns]; 0: this reading failed, and the interval continues.
-        """
-        if self.outcome is not _OK and self.outcome is not _WAITING:
-            return 0
-        interval_ns = woke_ns - self._served_ns if self._served_ns else self._period_ns
-        self._served_ns = woke_ns
-        return interval_ns

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import time
+import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 from haptic_wall.controller.detector.watch import oscillation_report
@@ -20,7 +22,6 @@ from haptic_wall.controller.runtime.assembly import (
     situation_of,
 )
 from haptic_wall.controller.runtime.deadlines import waiter_for
-from haptic_wall.controller.runtime.defect import defect_text
 from haptic_wall.controller.runtime.handover import KnownServo
 from haptic_wall.controller.runtime.loop import Loop
 from haptic_wall.controller.runtime.realtime import freeze_garbage, reserve_memory
@@ -31,7 +32,6 @@ from haptic_wall.controller.runtime.session_report import (
     guard_report,
     missed_warnings,
     stall_warnings,
-    trip_figures,
 )
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.runtime.wall_wait import WallWait
@@ -269,7 +269,7 @@ class _Session:
         trouble = servo.trouble if isinstance(servo, HasTrouble) else ""
         result = Result(
             stop_reason=self._reason,
-            message=self._message or trip_figures(tick) or trouble,
+            message=self._message or tick.safety.found or trouble,
             ticks=tick.ticks,
             missed=self._loop.missed,
             elapsed_s=self._loop.elapsed_s,
@@ -312,7 +312,10 @@ class _Session:
             ),
             oscillation=oscillation_report(watch),
             delay=delay_report(config, decision, schedule.age_ns),
-            warnings=[*missed_warnings(config, tick.skipped), *stall_warnings(result.stalled_s)],
+            warnings=[
+                *missed_warnings(config, tick.safety.worst_missed),
+                *stall_warnings(result.stalled_s),
+            ],
         )
 
 
@@ -342,6 +345,17 @@ def _facts(servo: Servo) -> dict[str, float | None]:
         "torque_limit": facts.torque_limit if math.isfinite(facts.torque_limit) else None,
         "stall_torque": facts.stall_torque if math.isfinite(facts.stall_torque) else None,
     }
+
+
+def defect_text(error: Exception) -> str:
+    """Name an unexpected error, and the function, file and line in which it was raised.
+
+    It reads no source file: the torque may still be on.
+    """
+    *_, (frame, line) = traceback.walk_tb(error.__traceback__)
+    code = frame.f_code
+    file = Path(code.co_filename).name
+    return f"{type(error).__name__}: {error} (in {code.co_name}, {file} line {line})"
 
 
 def _with_defect(result: Result, error: Exception) -> Result:

@@ -11,9 +11,6 @@ from haptic_wall.controller.guard.decision_report import assumed, decision_repor
 from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.guard.guard import Decision, Situation
 from haptic_wall.controller.laws.wall import Law
-from haptic_wall.controller.runtime.missed import WINDOW_S as MISSED_S
-from haptic_wall.controller.runtime.missed import MissedPeriods
-from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.servo import BusCounts
@@ -30,17 +27,6 @@ def delay_report(config: Config, decision: Decision, age_ns: int) -> dict[str, f
         "measured": age_ns * 1e-9,
         "total": decision.delay,
     }
-
-
-def trip_figures(tick: Tick) -> str:
-    """Describe the value that tripped and its limit; empty where the limit is no number."""
-    if tick.trip is not Trip.MISSED_PERIODS:
-        return tick.safety.found
-    missed = tick.skipped
-    return (
-        f"{missed.worst:.1%} of the periods of {MISSED_S:g} s; at most"
-        f" {missed.max_missed:.0%} is allowed"
-    )
 
 
 def guard_report(
@@ -124,12 +110,17 @@ def _share(part: float, whole: float) -> float:
     return part / whole if whole else 1.0
 
 
-def missed_warnings(config: Config, missed: MissedPeriods) -> list[str]:
-    """Return a warning where more periods were missed than ``safety.max_missed`` allows."""
-    if not missed.exceeded:
+def missed_warnings(config: Config, worst: float) -> list[str]:
+    """Return a warning where more periods were missed than ``safety.max_missed`` allows.
+
+    Args:
+        config: The effective configuration.
+        worst: Largest fraction of missed periods [1].
+    """
+    if worst <= config.safety.max_missed:
         return []
     return [
-        f"in the worst half second the loop missed {missed.worst:.0%} of its periods, more than "
+        f"in the worst half second the loop missed {worst:.0%} of its periods, more than "
         f"safety.max_missed ({config.safety.max_missed:.0%}); stiffness and damping follow the "
         "served interval (guard.interval_s)"
     ]

@@ -15,7 +15,6 @@ from haptic_wall.controller.runtime.changeover import Changeover, Obstacle, adop
 from haptic_wall.controller.runtime.checks import Safety
 from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.runtime.handover import Change, Inbox
-from haptic_wall.controller.runtime.missed import MissedPeriods
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.sampler import Sampler
 from haptic_wall.controller.runtime.telemetry import (
@@ -52,13 +51,12 @@ class Tick:
     gains: Gains
     ring: DelayRing
     safety: Safety
-    skipped: MissedPeriods
-    trips_on_missed: bool
-    """Too many missed periods end the run; else they only lower stiffness and damping"""
     watch: Watch
     passivity: PassivityControl | None
     """Injects damping where the wall generates energy; None: none"""
     telemetry: Telemetry
+    period_ns: int
+    """Of the grid [ns]"""
     wall_from_start: bool
     """The wall's position counts from the first reading"""
     engagement: Engagement
@@ -82,6 +80,8 @@ class Tick:
     _work_ns: int = 0
     _bus_ns: int = 0
     _waited: int = 0
+    _served_ns: int = 0
+    """Wake-up of the last tick with a reading [ns]; 0: none"""
     _offset: int = 0
     """Of an elastic clock, as last seen [ns]"""
     _delay_s: float = 0.0
@@ -102,7 +102,8 @@ class Tick:
         self._bus = self.servo.bus or self._bus
         self._offset, self._raises = words[_OFFSET_NS], words[_RAISE]
         self.law.derating = self.watch.backstop.derating
-        self.sampler.request_ahead()
+        if self.sampler.pipelined:
+            self.servo.request()
 
     def wall_on(self) -> None:
         """End the warm-up: the guard's decision for the measured ages is in force at once."""
@@ -169,15 +170,21 @@ class Tick:
 
         law, wall_torque = self.law, 0.0
         contact = law.in_contact(position)
-        if missed:
-            self._count_missed(deadline_ns, missed)
+        if missed and self.gains.in_force and self.trip is None:
+            self.trip = self.safety.missed(deadline_ns, missed)
         on = (self._on and woke_ns <= words[_HELD_NS]) or self._engage(woke_ns)
         if not on:
             flags |= FLAG_OFF if self.gains.in_force else FLAG_WARM_UP
         elif sampled_ns is not None:
             watch.passed(1 + missed)
             if outcome is _OK:
-                self._follow_motion(position, contact)
+                watch.sample(position, law, sampler.measured_torque)
+                if self.safety.driven(watch.commanded, contact, law):
+                    self.trip = self.trip or Trip.OVERSPEED
+                elif watch.failed:
+                    self.trip = self.trip or Trip.OSCILLATION
+                if self.passivity is not None:
+                    law.injected = self._injected(self.passivity, position)
             wall_torque = law.torque(position, sampler.damped)
         if contact:
             flags |= FLAG_CONTACT
@@ -196,11 +203,14 @@ class Tick:
         sent_ns = self._now()
         sent = self.servo.write(torque)
         watch.sent(sent)
-        sampler.request_ahead()
+        if sampler.pipelined:
+            self.servo.request()
 
         age_ns = 0
-        # To the next tick with a sample: a tick with a lost reading is part of the interval.
-        interval_ns = sampler.interval_ns(woke_ns)
+        interval_ns = 0  # to the next tick with a sample: a lost reading is part of the interval
+        if outcome is _OK or outcome is _WAITING:
+            interval_ns = woke_ns - self._served_ns if self._served_ns else self.period_ns
+            self._served_ns = woke_ns
         if sampled_ns is not None:
             age_ns = sent_ns - sampled_ns
             may_raise = not (contact and on) or self._may_rise()
@@ -250,30 +260,18 @@ class Tick:
             self._offset = offset
         self._work_ns, self._bus_ns = work_ns, bus_ns
 
-    def _follow_motion(self, position: float, contact: bool) -> None:
-        """Watch the motion for oscillation, overspeed, and energy that the wall generates.
-
-        The answer is a derating, injected damping, or a trip.
-        """
-        watch, law, passivity = self.watch, self.law, self.passivity
-        held = law.held
-        watch.sample(position, law, self.sampler.measured_torque)
-        if self.safety.driven(watch.commanded, contact, law):
-            self.trip = self.trip or Trip.OVERSPEED
-        elif watch.failed:
-            self.trip = self.trip or Trip.OSCILLATION
-        injected = 0.0
-        if passivity is not None:
-            injected = passivity.update(
-                position,
-                law.elongation(position),
-                law.stiffness * law.derating.scale,
-                watch.acted - held,
-                watch.spanned,
-            )
-            if watch.outruns(law.stiffness):
-                injected = passivity.waive()  # a damper may feed the vibration of a link
-        law.injected = injected
+    def _injected(self, passivity: PassivityControl, position: float) -> float:
+        """Return the damping that the energy of the motion asks for [N·m·s/rad]."""
+        watch, law = self.watch, self.law
+        injected = passivity.update(
+            position,
+            law.elongation(position),
+            law.stiffness * law.derating.scale,
+            watch.acted - law.held,
+            watch.spanned,
+        )
+        # A damper may feed the vibration of a link.
+        return passivity.waive() if watch.outruns(law.stiffness) else injected
 
     def _change(self, change: Change) -> int:
         """Make the change at hand, if this is the tick for it.
@@ -355,7 +353,7 @@ class Tick:
             gate.restart()
             self.ring.clear()
             law.settle(sampler.position)  # what it has stored is lost with its torque
-        if sampler.known:  # with slow replies the last position counts
+        if sampler.outcome is _OK or sampler.outcome is _WAITING:  # a slow reply: the last position
             gate.sample(self.gains.coming, law.elongation(sampler.position))
         if not (self.gains.in_force and gate.ready) or woke_ns > self._words[_HELD_NS]:
             return False
@@ -371,10 +369,3 @@ class Tick:
         """Whether K may rise by the largest possible amount although the shaft is in contact."""
         elongation = self.law.elongation(self.sampler.position)
         return self.engagement.may_rise(self.gains.largest_rise, elongation)
-
-    def _count_missed(self, deadline_ns: int, missed: int) -> None:
-        """Count periods without a tick; too many may end the run."""
-        if not self.gains.in_force or self.trip is not None:
-            return
-        if self.skipped.count(deadline_ns, missed) and self.trips_on_missed:
-            self.trip = Trip.MISSED_PERIODS

@@ -16,7 +16,7 @@ from haptic_wall.controller.experiments.identify.motion import pieces_of as cut_
 from haptic_wall.controller.experiments.recorded.friction import LONGEST_DELAY_S
 from haptic_wall.controller.logs.csv_recording import columns_in_time
 from haptic_wall.controller.logs.csv_table import TORQUE
-from haptic_wall.controller.logs.recording import GAP, MOST_TOLD, seconds
+from haptic_wall.controller.logs.recording import GAP, seconds
 from haptic_wall.controller.theory.checks import FloatArray
 
 CURRENT = "current_a"
@@ -45,6 +45,8 @@ _STEP_S, _BEFORE_S = 0.0085, 1e-6
 DRIVEN_S, FREE_S = 2.0, 12.0
 """Longest piece that is moved in one go [s]"""
 MOST_PIECES = 80
+_MOST_TOLD = 5
+"""Largest number of places reported one by one"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,11 +151,11 @@ def _known_rows(
     jumps = np.abs(np.diff(position[rows])) > _FASTEST * np.maximum(steps, period)
     for what, breaks in (("nothing is known", gaps), ("the position jumps", jumps & ~gaps)):
         at = np.flatnonzero(breaks)
-        for each in at[:MOST_TOLD]:
+        for each in at[:_MOST_TOLD]:
             begin, end = seconds(time[rows[each]]), seconds(time[rows[each + 1]])
             notes.append(f"{what} from {begin} to {end} s: a new part begins there")
-        if at.size > MOST_TOLD:
-            notes.append(f"there are {at.size - MOST_TOLD} more such places")
+        if at.size > _MOST_TOLD:
+            notes.append(f"there are {at.size - _MOST_TOLD} more such places")
     known = np.isfinite(torque[rows])
     edges = np.flatnonzero(gaps | jumps | np.diff(known)) + 1
     parts = np.split(rows, edges)

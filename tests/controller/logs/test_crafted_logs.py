@@ -128,12 +128,12 @@ def test_what_a_log_has_besides_is_not_looked_at(
 @pytest.mark.parametrize(
     ("report", "why"),
     [
-        ({"rows": -1}, "rows is no count in its report"),
-        ({"rows": 10**300}, "rows is no count in its report"),
-        ({"stop_reason": 5}, "stop_reason is no text in its report"),
-        ({"message": {}}, "message is no text in its report"),
-        ({"guard": {"reasons": [{}]}}, "guard has no list of texts as its reasons in its report"),
-        ({"warnings": "text"}, "warnings is no list of texts in its report"),
+        ({"rows": -1}, "rows is not what a run writes in its report"),
+        ({"rows": 10**300}, "rows is not what a run writes in its report"),
+        ({"stop_reason": 5}, "stop_reason is not what a run writes in its report"),
+        ({"message": {}}, "message is not what a run writes in its report"),
+        ({"guard": {"reasons": [{}]}}, "reasons is not what a run writes in its report's guard"),
+        ({"warnings": "text"}, "warnings is not what a run writes in its report"),
     ],
 )
 def test_a_report_that_no_run_writes_is_refused(

@@ -143,20 +143,6 @@ def test_another_writer_goes_on_where_one_was_killed(tmp_path: Path) -> None:
     np.testing.assert_array_equal(LogReader.open(path).rows(), rows(1005))
 
 
-def test_a_copy_without_its_journal_is_read(tmp_path: Path) -> None:
-    """As from a medium that nobody can write to, on which only the log was stored."""
-    path, copy = tmp_path / "a.hwlog", tmp_path / "copy"
-    copy.mkdir()
-    with LogWriter(path, METADATA) as log:
-        log.append(rows(100))
-        log.sync()
-        (copy / "a.hwlog").write_bytes(path.read_bytes())
-    copy.chmod(0o555)
-    (copy / "a.hwlog").chmod(0o444)
-    np.testing.assert_array_equal(LogReader.open(copy / "a.hwlog").rows(), rows(100))
-    copy.chmod(0o755)
-
-
 def test_a_log_ends_with_the_report(tmp_path: Path) -> None:
     path = write(tmp_path / "a.hwlog", rows(3))
     append_end(path, {"stop_reason": "trip:overspeed", "growth": math.nan})

@@ -59,18 +59,6 @@ def test_missing_positions_stay_missing(tmp_path: Path) -> None:
     assert any("3 rows have no position, first at 0.01 s" in note for note in found.notes)
 
 
-def test_missing_torques_are_held_and_told(tmp_path: Path) -> None:
-    times = np.arange(100.0) * 1e-3
-    torques = np.full(100, 2.0)
-    torques[[0, 50]] = math.nan
-    path = write(tmp_path / "a.csv", time_s=times, position_rad=times, torque_nm=torques)
-    found = read_recording(path)
-    torques = not_none(found.parts[0].torques)
-    assert torques[0] == 0.0
-    assert torques[50] == 2.0
-    assert any("2 rows have no torque" in note for note in found.notes)
-
-
 def test_uneven_times_are_brought_onto_a_grid_and_told(tmp_path: Path) -> None:
     times = np.arange(3000.0) * 1e-3 + RNG.uniform(-4e-4, 4e-4, 3000)
     found = read_recording(write(tmp_path / "a.csv", time_s=times, position_rad=swing(times)))
@@ -91,30 +79,6 @@ def test_times_that_go_back_are_left_out_and_told(tmp_path: Path) -> None:
     found = read_recording(write(tmp_path / "a.csv", time_s=times, position_rad=swing(times)))
     assert found.samples == 198
     assert any("2 rows are left out" in note and "0.05 s" in note for note in found.notes)
-
-
-def recording(start: float, samples: int, period: float = 1e-3, jitter: float = 0.0) -> FloatArray:
-    times = start + np.arange(float(samples)) * period
-    return times + RNG.uniform(-jitter, jitter, samples) * period
-
-
-@pytest.mark.parametrize("apart", [86_400.0, 30 * 86_400.0, 1000 * 86_400.0])
-@pytest.mark.parametrize("jitter", [0.0, 0.4])
-def test_recordings_days_apart_are_parts_of_their_own(
-    tmp_path: Path, apart: float, jitter: float
-) -> None:
-    """By the system's clock; one grid over all of a day took 4 GB."""
-    first = recording(1.7e9, 900, jitter=jitter)
-    second = recording(1.7e9 + apart, 700, jitter=jitter)
-    times = np.concatenate([first, second])
-    found = read_recording(write(tmp_path / "a.csv", time_s=times, position_rad=swing(times)))
-    assert [part.times[0] for part in found.parts] == pytest.approx([0.0, second[0] - first[0]])
-    for part, alone in zip(found.parts, (first, second), strict=True):
-        assert part.times.size == pytest.approx(alone.size, rel=0.01)
-        assert np.ptp(part.times) == pytest.approx(np.ptp(alone), abs=2e-3)
-        assert np.abs(part.positions - swing(part.times + first[0])).max() < 1e-3
-    assert any("times count from the first row's, 17000000" in note for note in found.notes)
-    assert any("nothing is known from" in note for note in found.notes)
 
 
 @pytest.mark.parametrize(

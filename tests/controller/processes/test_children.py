@@ -86,12 +86,3 @@ def test_a_bus_that_is_stopped_in_its_start_is_not_said_to_run(
         emulator.emulated_bus([PROGRAM, '{"servos": []}'], os.sched_getaffinity(0)),
     ):
         pass
-
-
-@pytest.mark.parametrize(("number", "name"), [(9, "SIGKILL"), (40, "signal 40")])
-def test_a_child_s_signal_is_named(number: int, name: str) -> None:
-    child = Child("main", ["timeit", "-n", "1", "-s", "input()"], None)
-    os.kill(child.pid, number)
-    assert child.wait(30.0)
-    child.dismiss(0.1)
-    assert child.exit_text() == f"was killed by {name}"

@@ -47,10 +47,6 @@ class Stream:
         return until > 0
 
 
-def test_the_events_are_as_long_as_the_kernels() -> None:
-    assert EVENT.size == 24 or os.uname().machine not in ("x86_64", "aarch64")
-
-
 def test_a_key_is_held_from_its_press_to_its_release() -> None:
     stream = Stream()
     assert not stream.held()
@@ -72,18 +68,6 @@ def test_of_several_keys_the_last_one_holds() -> None:
     stream = Stream().send(event(SPACE, 1), event(ENTER, 1))
     assert stream.send(event(SPACE, 0)).held()
     assert not stream.send(event(ENTER, 0)).held()
-
-
-def test_other_events_are_no_keys() -> None:
-    """Motion of a mouse (2), a switch (5): their codes and values are others."""
-    assert not Stream().send(event(SPACE, 1, kind=2), event(SPACE, 1, kind=5)).held()
-
-
-def test_an_event_may_come_in_two_parts() -> None:
-    whole = event(SPACE, 1)
-    stream = Stream().send(whole[:10])
-    assert not stream.held()
-    assert stream.send(whole[10:]).held()
 
 
 def test_lost_events_release_what_the_kernel_does_not_call_held() -> None:
@@ -149,12 +133,6 @@ def test_an_input_device_is_known_by_its_answers(kernel: dict[int, set[int]]) ->
     kernel[0x80604521] = set()
     with pytest.raises(UserError, match="has no key; name another device"):
         hold_by("/dev/null")
-
-
-@pytest.mark.parametrize(("key", "held"), [(None, True), (SPACE, True), (ENTER, False)])
-@pytest.mark.usefixtures("kernel")
-def test_a_key_that_is_down_at_the_start_is_held(key: int | None, held: bool) -> None:
-    assert Stream(key).held() is held
 
 
 def test_after_lost_events_the_kernel_is_asked_what_is_down(kernel: dict[int, set[int]]) -> None:

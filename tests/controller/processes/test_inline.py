@@ -3,7 +3,6 @@
 import errno
 from collections.abc import Callable
 from pathlib import Path
-from typing import NoReturn
 
 import numpy as np
 import pytest
@@ -51,27 +50,3 @@ def test_a_full_disk_leaves_out_what_it_did_not_take(
     assert cut.lacking == rows - len(LogReader.open(tmp_path / "run.hwlog").rows()) > 0
     (warning,) = cut.warnings
     assert f"{tmp_path / 'run.hwlog'} is incomplete: No space left on device" in warning
-
-
-def test_a_log_that_cannot_be_begun_lacks_all(
-    ended: Callable[..., tuple[Ended, int]], tmp_path: Path
-) -> None:
-    none, rows = ended(tmp_path / "nowhere" / "run.hwlog")
-    assert none.lacking == rows >= 6000
-    assert "No such file" in none.warnings[0]
-
-
-def test_a_loss_that_only_closing_tells_is_told(
-    ended: Callable[..., tuple[Ended, int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    close = LogWriter.close
-
-    def lose(log: LogWriter) -> NoReturn:
-        close(log)
-        raise OSError(errno.EIO, "Input/output error")
-
-    monkeypatch.setattr(LogWriter, "close", lose)
-    lost, _ = ended()
-    assert lost.lacking is None
-    (warning,) = lost.warnings
-    assert f"{tmp_path / 'run.hwlog'} is incomplete: Input/output error" in warning

@@ -2,7 +2,7 @@
 
 import pytest
 
-from haptic_wall.controller.processes.loop_watch import END_S, REPORT_S, START_S, LoopWatch
+from haptic_wall.controller.processes.loop_watch import END_S, REPORT_S, LoopWatch
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from tests.typed import not_none
 
@@ -91,10 +91,3 @@ def test_a_loop_whose_torque_is_off_has_time_for_its_report(stop: int) -> None:
     loop.beats = False
     assert loop.after(REPORT_S - LOOK_S) is None
     assert "did not end within 15 s" in not_none(loop.after(3 * LOOK_S))
-
-
-def test_a_loop_that_starts_has_no_heartbeat_yet_but_an_end() -> None:
-    loop = Loop(LoopState.STARTING)
-    loop.beats = False
-    assert loop.after(START_S - LOOK_S) is None
-    assert "did not start" in not_none(loop.after(3 * LOOK_S))

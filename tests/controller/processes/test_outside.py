@@ -3,7 +3,7 @@
 import pytest
 
 from haptic_wall.controller.processes.outside import Outside
-from haptic_wall.controller.runtime.safety import End, StopReason, Trip
+from haptic_wall.controller.runtime.safety import End, Trip
 from haptic_wall.hw.clock import SimulatedClock
 
 SECOND_NS = 1_000_000_000
@@ -70,26 +70,6 @@ def test_another_program_ends_the_run_by_name(stage: Stage) -> None:
         "trip:port_shared",
         "minicom (pid 7) has opened /dev/ttyUSB0",
     )
-
-
-def test_one_that_has_ended_the_run_before_it_was_seen_is_named(stage: Stage) -> None:
-    stage.users.everywhere = "minicom (pid 7) has opened /dev/ttyUSB0"
-    reason, text = stage.outside.verdict(Trip.TORQUE_LOST)
-    assert reason == "trip:port_shared"
-    assert "minicom (pid 7)" in text
-    assert "torque_lost" in text
-
-
-@pytest.mark.parametrize("reason", [Trip.OSCILLATION, Trip.NOT_A_NUMBER, End.DURATION])
-def test_what_it_cannot_have_caused_keeps_its_name(stage: Stage, reason: StopReason) -> None:
-    stage.users.everywhere = "minicom (pid 7) has opened /dev/ttyUSB0"
-    stage.clock.suspended_ns += SECOND_NS
-    assert stage.outside.verdict(reason) == (reason, "")
-
-
-def test_a_start_that_is_refused_is_explained_too(stage: Stage) -> None:
-    stage.users.everywhere = "minicom (pid 7) has opened /dev/ttyUSB0"
-    assert stage.outside.verdict(End.REFUSED) == ("refused", stage.users.everywhere)
 
 
 def test_where_nothing_was_lost_the_run_goes_on_and_a_note_tells() -> None:

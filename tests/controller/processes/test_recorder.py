@@ -94,18 +94,3 @@ def test_a_recorder_that_was_killed_before_its_log_was_one_is_followed_by_anothe
     assert recording.recorders[-1].wait(10.0)
     assert LogReader.open(path).rows()["seq"][0] == 0
     recording.monitor.close()
-
-
-def test_a_recorder_that_was_killed_before_it_made_its_log_is_followed_by_another(
-    tmp_path: Path,
-) -> None:
-    recording = Recording(tmp_path / "run.hwlog")
-    recording.recorders[0].send(signal.SIGKILL)
-    recording.until(lambda: recording.recorded() > 0)
-    assert recording.monitor.end() == [
-        "the recorder was killed by SIGKILL; another one continued, and no row is missing from the"
-        " log"
-    ]
-    head = recording.telemetry.words[Word.HEAD]
-    assert LogReader.open(tmp_path / "run.hwlog").rows()["seq"].tolist() == list(range(head))
-    recording.monitor.close()

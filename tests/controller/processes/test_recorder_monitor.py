@@ -150,28 +150,6 @@ def test_a_killed_recorder_is_told_at_once_and_no_row_is_lost(run: Run) -> None:
     np.testing.assert_array_equal(rows, np.arange(4250))
 
 
-def test_a_recorder_that_never_lives_is_not_started_all_the_time(run: Run) -> None:
-    for _ in range(20):
-        run.recorders[-1].end(-9)
-        run.go(0.5)
-    assert len(run.recorders) <= 1 + 4, "within 10 s, at 1, 2, 3 and 4 s after the one before"
-    notes, rows = run.end()
-    assert "times); another one continued, and no row is missing" in notes[0]
-    np.testing.assert_array_equal(rows, np.arange(10_000))
-
-
-def test_a_recorder_that_cannot_be_started_is_tried_again(run: Run) -> None:
-    run.go(2.0)
-    run.refused = OSError(errno.ENOMEM, "Cannot allocate memory")
-    run.recorders[-1].end(-9)
-    run.go(5.0)
-    assert any("could not be started (Cannot allocate memory)" in text for text in run.told)
-    run.refused = None
-    run.go(2.0)
-    _, rows = run.end()
-    np.testing.assert_array_equal(rows, np.arange(9000))
-
-
 def test_a_stopped_recorder_is_replaced_before_a_row_is_lost(run: Run) -> None:
     run.go(2.0)
     run.recorders[-1].writes = False
@@ -233,14 +211,6 @@ def test_a_full_disk_is_told_at_once_and_only_what_memory_cannot_hold_is_lost(ru
     assert f"lacks {missing} of {run.words[Word.HEAD]} rows" in note
     assert run.monitor.lacking == missing
     assert np.all(np.diff(rows) > 0)
-
-
-def test_room_is_asked_for_only_where_it_helps(run: Run) -> None:
-    run.go(2.0)
-    run.recorders[-1].say("run.hwlog: Permission denied", full=False)
-    run.go(1.0)
-    (told,) = run.told
-    assert "Permission denied" in told and "make room" not in told
 
 
 def test_what_the_disk_lost_for_good_is_told_once_and_noted(run: Run) -> None:

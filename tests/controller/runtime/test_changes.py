@@ -1,23 +1,16 @@
 """Changes of a running wall on the simulated clock: when they are made, and what stays right."""
 
-import math
 from collections.abc import Sequence
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from haptic_wall.controller.detector.backstop import Phase
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.guard.schedule import Allowed
-from haptic_wall.controller.laws.delay import DelayRing
-from haptic_wall.controller.laws.wall import Wall
 from haptic_wall.controller.runtime.changeover import (
     Changeover,
     Obstacle,
 )
-from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.session import Result
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_CHANGED,
@@ -108,19 +101,6 @@ def test_what_finds_no_moment_is_not_made_and_the_stiffness_stays() -> None:
     assert result.guard is not None and result.guard["requested"]["stiffness"] == 8.0
 
 
-def test_a_stiffness_lowered_for_a_change_that_is_not_made_returns() -> None:
-    # The damping could only jump while the shaft moves slowly, which a tap does at its turn.
-    run, rows, _ = run_with(
-        ("wall.stiffness=2", "wall.damping=2"),
-        sets=("servo.hand=tap", "wall.damping=0", "safety.engage_torque=1e-9"),
-        wait=40,
-    )
-    (asked,) = run.asked
-    assert asked.row == -1
-    assert rows["stiffness"][asked.tick : asked.tick + 100].min() < 8.0
-    assert rows["stiffness"][-1] == 8.0
-
-
 def test_the_stiffness_goes_down_before_the_damping_and_the_delay() -> None:
     run, rows, _ = run_with(
         ("wall.stiffness=2", "wall.damping=0", "delay.steps=3"), sets=("wall.damping=0.05",)
@@ -201,14 +181,6 @@ def test_what_a_running_wall_keeps_is_refused_by_name(change: str) -> None:
     assert refused.value.problem.field == change.partition("=")[0]
 
 
-@pytest.mark.parametrize(
-    "change", ["wall.stiffness=-1", "delay.steps=1.5", "wall.law=detents", "wall.count=8", "x"]
-)
-def test_the_rules_of_a_file_hold(change: str) -> None:
-    with pytest.raises(UserError):
-        changed(wall(), [change])
-
-
 def test_what_an_alarm_reduced_stays_reduced() -> None:
     """Nothing but less stiffness is taken while the wall is softer after an oscillation."""
     left = [
@@ -276,55 +248,6 @@ def test_passivity_control_counts_no_energy_for_a_change() -> None:
     assert asked.row > 0
     injected = rows["damping"][asked.row - 2 : asked.row + 4] - 0.05
     assert injected.min() == injected.max() > 0.1
-
-
-def test_a_trip_takes_no_change_any_more() -> None:
-    run, rows, result = run_with(
-        ("wall.position=-0.1",), sets=("safety.travel=[-1, 0.06]",), seconds=4.0
-    )
-    assert result.stop_reason == Trip.TRAVEL
-    assert run.asked[0].row == -1 and not (rows["flags"] & FLAG_CHANGED).any()
-
-
-def test_a_longer_ring_holds_and_a_shorter_one_leaves_out() -> None:
-    ring = DelayRing(2)
-    for value in (1.0, 2.0, 3.0):
-        ring.push(value)
-    longer = ring.resized(4, math.nan, math.nan)
-    assert [longer.push(value) for value in (4.0, 5.0, 6.0, 7.0, 8.0)] == [1.0, 1.0, 2.0, 3.0, 4.0]
-    shorter = ring.resized(1, math.nan, math.nan)
-    assert shorter.coming(4.0) == 3.0
-    assert [shorter.push(value) for value in (4.0, 5.0)] == [3.0, 4.0]
-    none = ring.resized(0, math.nan, math.nan)
-    assert none.push(4.0) == 4.0
-    assert none.resized(2, 4.0, 5.0).push(5.0) == 4.0
-
-
-@pytest.mark.parametrize(("last", "coming"), [(-0.4, -0.01), (-0.01, -0.4), (-0.4, 0.4)])
-def test_a_longer_ring_does_not_hold_what_one_encoder_count_made(
-    last: float, coming: float
-) -> None:
-    held = -0.01 if last * coming > 0.0 else 0.0
-    longer = DelayRing(0).resized(3, last, coming)
-    assert [longer.push(0.0) for _ in range(4)] == [held, held, held, 0.0]
-    ring = DelayRing(1)
-    for value in (last, coming):
-        ring.push(value)
-    longer = ring.resized(3, math.nan, math.nan)
-    assert [longer.push(0.0) for _ in range(4)] == [held, held, coming, 0.0]
-
-
-def test_the_speed_is_not_taken_over_a_probe() -> None:
-    """A stiffness would rise before a shaft that comes, if it was further away before the probe."""
-    changeover = Changeover(0.1, math.inf, 1e-3)
-    law, ring = Wall(8.0, 0.0, 0.0, "above"), DelayRing(0)
-    target = law, Allowed(16.0, 0.0, delay=5e-3), 0
-    for _ in range(20):
-        assert changeover.obstacle(law, ring, *target, 0.1, 0.0) is not Obstacle.NONE
-    backstop = SimpleNamespace(reduced=(1.0, 1.0), phase=Phase.PROBING)
-    assert changeover.watched(SimpleNamespace(backstop=backstop), False) is Obstacle.PROBED  # type: ignore[arg-type]
-    found = [changeover.obstacle(law, ring, *target, -0.04 + 0.004 * k, 0.0) for k in range(10)]
-    assert found == [Obstacle.READING] * 8 + [Obstacle.ENERGY] * 2
 
 
 @pytest.mark.parametrize("side", sampled(["above", "both"], 2))

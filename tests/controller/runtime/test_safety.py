@@ -11,19 +11,18 @@ from haptic_wall.hw.servo import Outcome, Reading
 
 MS = 1_000_000
 LIMITS = SafetyLimits(
-    max_speed=10.0, position_step=0.0015, max_loss=0.5, loss_window=100, max_silence_ns=15 * MS
+    max_speed=10.0,
+    position_step=0.0015,
+    max_loss=0.5,
+    loss_window=100,
+    max_silence_ns=15 * MS,
+    period_ns=MS,
 )
 FEW = replace(LIMITS, max_loss=0.05)
 
 
 def reading(position: float, at_ms: int, alert: bool = False) -> Reading:
     return Reading(Outcome.OK, position, 0, at_ms * 1_000_000, math.nan, alert)
-
-
-def test_motion_within_the_speed_limit_passes() -> None:
-    safety = Safety(LIMITS)
-    for k in range(100):
-        assert safety.good(reading(0.0099 * k, k)) is None
 
 
 def test_a_jump_trips_and_the_first_reading_is_none() -> None:
@@ -37,12 +36,6 @@ def test_the_encoders_rounding_is_no_speed() -> None:
     safety.good(reading(0.0, 1))
     assert safety.good(reading(0.0099 + 2 * 0.0015, 2)) is None
     assert safety.good(reading(0.0129 + 0.0132, 3)) is Trip.OVERSPEED
-
-
-def test_the_time_that_passed_counts() -> None:
-    safety = Safety(LIMITS)
-    safety.good(reading(0.0, 1))
-    assert safety.good(reading(0.04, 6)) is None
 
 
 def test_not_a_number_and_alert_trip() -> None:
@@ -80,19 +73,6 @@ def test_a_stall_of_the_loop_itself_is_no_silence_of_the_bus() -> None:
     assert safety.failed(1032 * MS) is Trip.LOSSES_IN_ROW
 
 
-def test_a_servo_that_was_never_heard_has_the_same_time() -> None:
-    safety = Safety(LIMITS)
-    found = [safety.failed((1000 + k) * MS) for k in range(17)]
-    assert found == [None] * 16 + [Trip.LOSSES_IN_ROW]
-
-
-def test_a_good_reading_begins_the_time_anew() -> None:
-    safety = Safety(replace(LIMITS, max_loss=1.0))
-    for start in range(1000, 2000, 15):
-        safety.good(reading(0.0, start))
-        assert {safety.failed((start + k) * MS) for k in (1, 2, 14)} == {None}
-
-
 def test_loss_rate_over_the_window() -> None:
     safety = Safety(FEW)
     trips = []
@@ -123,12 +103,6 @@ def test_the_value_that_trips_and_its_limit_are_told() -> None:
     assert safety.found == "2.5 rad; allowed is -1 to 2"
 
 
-def test_the_ends_of_the_travel_may_be_reached() -> None:
-    safety = Safety(replace(LIMITS, travel=(-1.0, 2.0), max_speed=1e6))
-    assert safety.good(reading(2.0, 1)) is None
-    assert safety.good(reading(-1.0, 2)) is None
-
-
 def test_every_trip_is_explained() -> None:
     assert set(EXPLANATIONS) == set(Trip)
 
@@ -150,3 +124,13 @@ def test_travel_from_the_start_counts_from_the_first_good_reading() -> None:
     assert safety.good(reading(50.05, 7)) is None
     assert safety.good(reading(50.099, 13)) is None
     assert safety.good(reading(50.101, 19)) is Trip.TRAVEL
+
+
+def test_missed_periods_are_counted_over_half_a_second() -> None:
+    safety = Safety(replace(LIMITS, max_missed=0.2))
+    few = [safety.missed(k * 10 * MS, 2) for k in range(1000)]
+    assert set(few) == {None}, "a fifth, and no more"
+    more = [safety.missed(10**10 + k * 10 * MS, 3) for k in range(50)]
+    assert more[-1] is Trip.MISSED_PERIODS
+    assert safety.found == "30.0% of the periods of 0.5 s; at most 20% is allowed"
+    assert safety.worst_missed == 0.3

@@ -1,6 +1,5 @@
 """A position a period, its velocity over the time that really passed, and what a failure leaves."""
 
-import math
 from typing import cast
 
 import pytest
@@ -32,10 +31,6 @@ def good(position: float, at_ns: int) -> Reading:
     return Reading(Outcome.OK, position, 0, at_ns, 0.1, False)
 
 
-def failed(outcome: Outcome) -> Reading:
-    return Reading(outcome, math.nan, 0, 0, math.nan, False)
-
-
 def sampler(*replies: Reading, pipelined: bool = False) -> tuple[Sampler, Replies]:
     servo = Replies(*replies)
     made = Sampler(cast(Servo, servo), BackwardDifference(1e-3), PERIOD_NS, pipelined=pipelined)
@@ -51,12 +46,3 @@ def test_the_velocity_is_over_the_time_that_really_passed(passed: float, counted
     made.sample(0)
     made.sample(PERIOD_NS)
     assert made.velocity == pytest.approx(0.01 / (counted * 1e-3))
-
-
-def test_the_served_interval_goes_on_over_readings_that_failed() -> None:
-    made, _ = sampler(good(0.0, 0), failed(Outcome.LOST), good(0.0, 0))
-    intervals = []
-    for k in range(3):
-        made.sample(7 + k * PERIOD_NS)
-        intervals.append(made.interval_ns(7 + k * PERIOD_NS))
-    assert intervals == [PERIOD_NS, 0, 2 * PERIOD_NS]

@@ -29,7 +29,7 @@ from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
-from haptic_wall.hw.servo import Check, Reading, Servo
+from haptic_wall.hw.servo import Check, Servo
 from tests.cases import sampled
 from tests.typed import not_none, status_of
 
@@ -83,19 +83,6 @@ def test_the_report_of_a_simulated_run(
     assert report["stop_reason"] == "duration"
     assert (tmp_path / report["log"]).exists()
     assert (tmp_path / report["plot"]).exists()
-
-
-def test_rows_are_taken_between_ticks_before_there_is_no_room_for_more(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr("haptic_wall.controller.runtime.loop.BLOCK", 16)
-    config = load_config("simulated", ["loop.clock=simulated"]).config
-    telemetry = Telemetry.create()
-    taken: list[int] = []
-    around = Surroundings(on_block=lambda: taken.append(int(telemetry.words[Word.HEAD])))
-    run_session(config, SimulatedClock(), telemetry, 0.1, surroundings=around)
-    assert len(taken) >= 6
-    assert max(np.diff(taken)) <= 16
 
 
 def test_the_hand_feels_the_wall() -> None:
@@ -312,24 +299,6 @@ def test_travel_trips(reference: str) -> None:
     assert result.torque_off
 
 
-OSCILLATES: tuple[str, ...] = (
-    *("loop.clock=simulated", "wall.side=both", "servo.hand=none", "servo.kick=0.05"),
-    *("wall.stiffness=1e6", "servo.coulomb=0", "servo.delay=0.006", "model.delay=0.002"),
-)
-
-
-def test_the_report_of_a_run_that_ends_in_a_probe_names_what_holds_apart_from_it() -> None:
-    _, rows = session("simulated", *OSCILLATES)
-    stiffness: FloatArray = rows["stiffness"]
-    (begins, *_) = np.flatnonzero(np.diff(stiffness) < 0.0)
-    result, rows = session("simulated", *OSCILLATES, duration=(begins + 20) * 1e-3)
-    guard = not_none(result.guard)
-    assert rows["stiffness"][-1] == pytest.approx(0.25 * rows["stiffness"][0])
-    assert guard["commanded"]["stiffness"] == pytest.approx(rows["stiffness"][0])
-    assert not_none(result.oscillation)["reduced_to"] == {"stiffness": 1.0, "damping": 1.0}
-    assert f"the guard allows {rows['stiffness'][0]:.4g}" in guard["reasons"][0]
-
-
 def test_a_wall_that_waits_comes_on_without_a_blow_when_the_shaft_is_brought_to_it() -> None:
     """A hand brings the shaft from beyond a quarter turn, and goes slowly through the surface."""
     sets = ["loop.clock=simulated", "wall.side=both", "wall.stiffness=2", "servo.kick=-1.6"]
@@ -337,17 +306,6 @@ def test_a_wall_that_waits_comes_on_without_a_blow_when_the_shaft_is_brought_to_
     assert result.wall_came_on
     assert result.ticks == 1800, "time counts from when the wall comes on"
     assert abs(rows["torque"][0]) <= 0.2 + 0.02 * 5.0, "the spring's part, and the damper's"
-
-
-@pytest.mark.parametrize("friction", sampled([0.09, 0.0], 2))
-def test_a_stiff_wall_comes_on_around_an_emulated_servo_that_the_start_up_has_moved(
-    friction: float,
-) -> None:
-    """The push that proves the torque's sign moves it by some counts."""
-    sets = ["loop.clock=simulated", "wall.side=both", "servo.hand=none", "wall.stiffness=1e6"]
-    result, rows = session("emulated-ideal", *sets, f"servo.coulomb={friction}", duration=0.5)
-    assert result.wall_came_on
-    assert 0.001 < abs(rows["position"][0]) < 0.0175
 
 
 def test_decisions_for_slow_replies_are_computed_with_the_torque_off(
@@ -377,32 +335,6 @@ def test_decisions_for_slow_replies_are_computed_with_the_torque_off(
     result, _ = session("emulated-ideal", "loop.clock=simulated", duration=0.2)
     assert when == [False, False]
     assert result.wall_came_on
-
-
-def test_a_model_without_stall_figures_renders_its_wall() -> None:
-    model = ("servo.model=XD540-T270", "servo.torque_constant=2")
-    result, rows = session("emulated-ideal", "loop.clock=simulated", *model)
-    assert result.wall_came_on
-    assert np.abs(rows["torque"]).max() > 0.5
-
-
-def test_a_shaft_that_leaves_in_the_tick_in_which_the_wall_was_to_come_on(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    plain, seen = DynamixelServo.collect, []
-
-    def leaving(self: DynamixelServo, deadline_ns: int) -> Reading:
-        seen.append(0)
-        reading = plain(self, deadline_ns)
-        return reading._replace(position=0.4) if len(seen) > 500 else reading
-
-    monkeypatch.setattr(DynamixelServo, "collect", leaving)
-    sets = ["loop.clock=simulated", "wall.side=both", "servo.hand=none", "safety.max_speed=1000"]
-    result, rows = session("emulated-ideal", *sets, duration=0.5)
-    assert result.ticks == 500, "the warm-up ended well"
-    assert not np.any(rows["torque"])
-    assert not result.wall_came_on
-    assert "turned to within" in result.waited_for
 
 
 @pytest.mark.parametrize(
@@ -502,22 +434,6 @@ def test_an_error_in_the_loop_ends_with_torque_off_and_a_name(
     assert result.torque_off
 
 
-def test_a_position_that_is_not_a_number_trips(monkeypatch: pytest.MonkeyPatch) -> None:
-    plain = DynamixelServo.collect
-    seen = []
-
-    def broken(self: DynamixelServo, deadline_ns: int) -> Reading:
-        seen.append(0)
-        reading = plain(self, deadline_ns)
-        return reading._replace(position=math.nan) if len(seen) == 700 else reading
-
-    monkeypatch.setattr(DynamixelServo, "collect", broken)
-    result, rows = session("emulated-ideal", "loop.clock=simulated")
-    assert result.stop_reason == "trip:not_a_number"
-    assert result.torque_off
-    assert rows["torque"][-1] == 0.0
-
-
 FIRST = ("loop.clock=simulated", "wall.stiffness=7", "wall.damping=0.04")
 
 
@@ -562,14 +478,6 @@ def test_a_wall_that_drives_the_shaft_trips_near_the_models_no_load_speed() -> N
     assert rows["torque"][-1] == 0.0
     unlimited, _ = session("emulated-ideal", *sets, "safety.max_speed=1000")
     assert unlimited.stop_reason == "duration"
-
-
-def test_an_encoder_that_jumps_trips_without_a_number() -> None:
-    sets = ("loop.clock=simulated", "servo.faults=jump:counts=500,at=2", "servo.hand=none")
-    result, rows = session("emulated-ideal", *sets)
-    assert result.stop_reason == "trip:overspeed"
-    assert result.message.endswith("rad/s between two readings; at most 30 is allowed")
-    assert rows["torque"][-1] == 0.0
 
 
 @pytest.mark.parametrize("kind, grows", [("none", True), ("notch", False)])

@@ -19,7 +19,6 @@ from haptic_wall.hw.errors import (
     ServoLostError,
     ServoMissingError,
     StrangeServoError,
-    UnfitServoError,
 )
 from haptic_wall.hw.open import open_servo
 
@@ -114,20 +113,6 @@ def test_a_start_that_fails_under_torque_does_not_call_it_off_unconfirmed(
     assert scene.words[Word.STATE] == LoopState.TORQUE_UNKNOWN
 
 
-def test_a_check_that_fails_leaves_torque_known_to_be_off(scene: Scene) -> None:
-    opener = scene.opener
-
-    def weak(*arguments: Any) -> DynamixelServo:
-        servo = opener(*arguments)
-        scene.truth.memory["current_limit"] = 0
-        return servo
-
-    scene.opener = weak
-    with pytest.raises(UnfitServoError):
-        scene.run()
-    assert scene.words[Word.STATE] == LoopState.TORQUE_OFF
-
-
 def test_what_never_answered_was_never_driven(scene: Scene) -> None:
     opener = scene.opener
 
@@ -185,17 +170,3 @@ def test_a_defect_after_the_run_costs_no_more_than_what_it_was_to_tell(
     assert (result.ticks, result.missed) == (100, 0)
     assert result.guard is None
     assert scene.words[Word.STATE] == LoopState.TORQUE_OFF
-
-
-def test_a_defect_after_a_trip_does_not_hide_the_trip(
-    scene: Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def gone(*_: object, **__: object) -> NoReturn:
-        raise ServoLostError("The serial port is gone.")
-
-    monkeypatch.setattr("haptic_wall.controller.runtime.gains.Gains.follow", gone)
-    monkeypatch.setattr(session, "guard_report", broken_report)
-    result = scene.run()
-    assert result.stop_reason == Trip.SERVO_LOST
-    assert "port is gone" in result.message
-    assert "ZeroDivisionError" in result.message
