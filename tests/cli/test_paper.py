@@ -68,13 +68,6 @@ def test_table_ii_is_printed_too(call: Callable[..., tuple[int, str, str]], tmp_
     assert "worst by theory: +0.0397 % at t_d/T = 0, B = 0.4" in out
 
 
-def test_without_table_ii_the_report_says_null(
-    call: Callable[..., tuple[int, str, str]], tmp_path: Path
-) -> None:
-    _, out, _ = call("fig8", "--out", tmp_path, "--json")
-    assert json.loads(out)["table2"] is None
-
-
 @pytest.mark.parametrize(
     ("item", "message"),
     [
@@ -98,15 +91,3 @@ def test_a_folder_must_be_named(call: Callable[..., tuple[int, str, str]]) -> No
         "haptic-wall: --out: found nothing, wanted the folder for the files; give for example"
         " --out paper\n"
     )
-
-
-def test_a_place_that_is_none_is_one_sentence(
-    call: Callable[..., tuple[int, str, str]], tmp_path: Path
-) -> None:
-    (tmp_path / "file").touch()
-    status, _, err = call("fig8", "--out", tmp_path / "file")
-    assert status == 2
-    assert "found a file, wanted a folder" in err
-    status, _, err = call("fig8", "--out", tmp_path / "file" / "below")
-    assert status == 2
-    assert "cannot be made (Not a directory); name another place" in err
