@@ -12,6 +12,7 @@ import click
 from haptic_wall.controller.cli.experiment import (
     Asked,
     carry_out,
+    cell,
     experiment,
     folder_option,
     say_swing,
@@ -208,17 +209,13 @@ def _text(points: list[PointResult]) -> list[str]:
     ]
     for point in points:
         lines.append(
-            f"{point.virtual_damping:>9.4g} {1e3 * point.delay_s:>8.3f} {_cell(point.measured):>10}"
-            f" {_cell(point.uncertainty, 2):>8} {_cell(point.exact):>9} {_cell(point.linear):>9}"
-            f" {_cell(point.predicted_with_friction):>9} {_cell(point.frequency_hz, 3):>7}"
-            f" {_cell(point.kick_rad, 3):>8}"
+            f"{point.virtual_damping:>9.4g} {1e3 * point.delay_s:>8.3f} {cell(point.measured):>10}"
+            f" {cell(point.uncertainty, 2):>8} {cell(point.exact):>9} {cell(point.linear):>9}"
+            f" {cell(point.predicted_with_friction):>9} {cell(point.frequency_hz, 3):>7}"
+            f" {cell(point.kick_rad, 3):>8}"
         )
         if point.reason is not None:
             lines.append(f"{'':>9} {point.reason}")
         elif point.trips:
             lines.append(f"{'':>9} trips in between: {'; '.join(point.trips)}")
     return lines
-
-
-def _cell(value: float | None, digits: int = 4) -> str:
-    return "-" if value is None else f"{value:.{digits}g}"

@@ -12,6 +12,7 @@ import click
 from haptic_wall.controller.cli.experiment import (
     Asked,
     carry_out,
+    cell,
     experiment,
     folder_option,
     say_swing,
@@ -132,10 +133,7 @@ def _width_lines(width: Width) -> list[str]:
             continue
         lines.append(
             f"{at}{point.measured:.4g} ± {point.uncertainty:.2g}, exact {point.exact:.4g}, with"
-            f" friction {_cell(point.predicted_with_friction)}, kick {_cell(point.kick_rad)} rad"
+            f" friction {cell(point.predicted_with_friction, 3)}, kick {cell(point.kick_rad, 3)}"
+            " rad"
         )
     return lines
-
-
-def _cell(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3g}"

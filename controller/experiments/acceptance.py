@@ -134,9 +134,9 @@ def _rows(config: Config, measured: Ended) -> Iterator[dict[str, Any]]:
             f" {point['delay_steps']} periods inserted"
         )
         kick, value = point["kick_rad"], point["measured"]
-        bounds = None if value is None else expected(config, point, kick, {})
+        allowed = None if value is None else expected(config, point, kick, {})
         figure = {"value": value, "stderr": point["uncertainty"], "kick_rad": kick}
-        yield row(name, "N·m/rad", "sweep", bounds, figure) | {"note": _why(point)}
+        yield row(name, "N·m/rad", "sweep", allowed, figure) | {"note": _why(point)}
 
 
 def _verdict(row: Mapping[str, Any]) -> str:

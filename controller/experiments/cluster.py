@@ -68,7 +68,7 @@ def cluster(address: str) -> Iterator[Cluster]:
                 advice=f"start some: dask worker {address} --nworkers -1 --nthreads 1",
             )
         try:
-            yield Cluster(client.get_executor(pure=False), sum(client.nthreads().values()))
+            yield Cluster(client.get_executor(pure=False))
         except KilledWorker as error:
             what = "several workers of the cluster were lost with the same task"
             raise PlatformError(Problem(what, advice="look at their logs")) from error
@@ -82,15 +82,10 @@ def cluster(address: str) -> Iterator[Cluster]:
 
 
 class Cluster(Executor):
-    """Has each task check the worker that it came to.
+    """Has each task check the worker that it came to."""
 
-    Attributes:
-        size: Number of tasks at a time, when it was opened.
-    """
-
-    def __init__(self, pool: Executor, size: int) -> None:
+    def __init__(self, pool: Executor) -> None:
         self._pool = pool
-        self.size = size
 
     def submit(self, task: Callable[..., Any], /, *args: object, **kwargs: object) -> Future[Any]:
         """Submit a task; see ``concurrent.futures.Executor``."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from haptic_wall.controller.experiments.zwidth import Width
 from haptic_wall.controller.report import style
-from haptic_wall.controller.settings.sections import Wall
+from haptic_wall.controller.settings.model import Wall
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

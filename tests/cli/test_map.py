@@ -228,21 +228,3 @@ def test_a_killed_map_goes_on_and_ends_with_the_same_bytes(
         assert (folder / name).read_bytes() == (whole / name).read_bytes()
     one, other = (json.loads((each / "map.json").read_text()) for each in (folder, whole))
     assert one | {"files": []} == other | {"files": []}
-
-
-@pytest.mark.whole
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("[[0, 0], [-1.0]]", "map.rows, line 4: found no result of this program"),
-        ("[[0, 0], [NaN]]", "map.rows, line 4"),
-        ("[" * 5000, "map.rows, line 4"),
-    ],
-)
-def test_rows_that_this_program_did_not_write_are_refused(
-    cli: Cli, tmp_path: Path, line: str, message: str
-) -> None:
-    _unfinished(tmp_path)
-    text = (tmp_path / ROWS).read_text()
-    (tmp_path / ROWS).write_text(text[: text.rindex("\n") + 1] + line + "\n")
-    assert message in cli.refused("map", *_FEW, "--out", tmp_path, "--resume")

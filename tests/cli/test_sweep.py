@@ -135,14 +135,6 @@ def test_a_line_that_no_sweep_wrote_is_refused(
         assert "sweep.rows, line 6" in told and "delete that line" in told
 
 
-def test_a_file_that_no_sweep_has_begun_is_refused(cli: Cli, tmp_path: Path) -> None:
-    file = tmp_path / "sweep.rows"
-    file.write_text("my own notes")
-    told = cli.refused("sweep", "simulated", *PLANT, *POINTS, "--out", tmp_path)
-    assert "sweep.rows is no file of this program" in told
-    assert file.read_text() == "my own notes"
-
-
 def test_before_hardware_moves_it_says_what_will(cli: Cli, tmp_path: Path) -> None:
     status, _, told = cli(
         "sweep", "xm430-w350", "--set", f"servo.port={Path('/dev/nothing-here')}",

@@ -17,10 +17,9 @@ from haptic_wall.controller.theory.harmonic import (
 )
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.truth import TrueServo
-from tests.support.nonlinear_walls import PERIOD
 
 Array = NDArray[np.float64]
-COUNT = 2 * math.pi / 4096
+PERIOD, COUNT = 1e-3, 2 * math.pi / 4096
 
 
 def amplitude_left(true: TrueServo, stiffness: float, virtual_damping: float) -> float:

@@ -208,13 +208,15 @@ def _draw(step: Step, shown: tuple[Any, ...], bench: StepContext) -> None:
         bench.tell(f"{step}: its picture could not be drawn ({error}); its data are kept")
 
 
+def check_text(check: Mapping[str, Any]) -> str:
+    """Return one of the doctor's faults, and its remedy, in words."""
+    fix = f"; {check['fix']}" if check["fix"] else ""
+    return f"{check['name']}: found {check['found']}, wanted {check['wanted']}{fix}"
+
+
 def _fatal_text(data: Mapping[str, Any]) -> str:
     fatal = [check for check in data["checks"] if check["name"] in data["fatal"]]
-    said = [
-        f"{check['name']}: found {check['found']}, wanted {check['wanted']}"
-        + (f"; {check['fix']}" if check["fix"] else "")
-        for check in fatal
-    ]
+    said = [check_text(check) for check in fatal]
     if any(check["fixable"] for check in fatal):
         said.append("`haptic-wall doctor CONFIG --fix` remedies it")
     return "; ".join(said)

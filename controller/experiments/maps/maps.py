@@ -17,8 +17,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from haptic_wall.controller.experiments.kept import Kept
+from haptic_wall.controller.experiments.maps.loop import Wall
 from haptic_wall.controller.experiments.maps.servo import MapSettings
-from haptic_wall.controller.experiments.maps.walls import Wall, critical
+from haptic_wall.controller.experiments.maps.walls import critical
 from haptic_wall.controller.experiments.processes import cores, processes, results
 from haptic_wall.controller.system.signals import interrupting
 from haptic_wall.controller.theory.checks import FloatArray, IntArray

@@ -9,7 +9,7 @@ of trials, so that there is one start-up for all.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,7 @@ import numpy as np
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.holding import sample_age
 from haptic_wall.controller.experiments.sweep.device import Device
-from haptic_wall.controller.experiments.sweep.growth_fit import Balance, Trial, balance
+from haptic_wall.controller.experiments.sweep.growth_fit import Balance
 from haptic_wall.controller.experiments.sweep.plan import (
     KICK,
     Options,
@@ -36,24 +36,16 @@ from haptic_wall.controller.experiments.sweep.result import (
     unstable_text,
 )
 from haptic_wall.controller.experiments.sweep.trial_watch import Seen, watch
+from haptic_wall.controller.experiments.sweep.trials import Trials, around, is_close, is_enough
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed, recorded
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.logs.file import SUFFIX
 
-_FIRST = (0.6, 0.8, 1.0, 1.25)
-_STIFFER = (1.2, 1.5, 1.9, 2.5)
-_SOFTER = (0.3, 0.5, 0.7, 0.85)
-_BETWEEN = (0.05, 0.35, 0.65, 0.95)
 _BACK = 0.6
 """Factor on a stiffness that tripped, for the next start"""
-_AROUND = (-1.0, -0.4, 0.4, 1.0)
-_COARSE, _FINE = 0.12, 0.04
-"""Half widths of a batch around an estimate, in the logarithm of the stiffness"""
-_CLOSE = 0.03
-"""Relative standard error of an estimate from which trials are made close around it"""
 _SOFTEST = 1e-2
 """Lower end of the search, in predicted stiffnesses"""
-_BATCHES, _MOST_FINE = 12, 4
+_BATCHES = 12
 _REPEATS = 6
 """Further batches of trials that bus or machine disturbed"""
 _TRIPS = 3
@@ -64,10 +56,6 @@ _IDLE = 4
 """Number of batches without a new half-cycle to fit that end the search"""
 _SMALLER, _LEAST_COUNTS = 0.5, 8.0
 """Factor on a kick at which nothing grew within the torque limit, and the smallest in counts"""
-_NARROW, _WIDE = 1.1, 1.5
-"""Ratio of the ends of a bracket at which a search without a fit ends, and that is a result"""
-_VAGUE, _BESIDE = 0.25, 1.25
-"""Largest relative standard error of an estimate, and its largest factor beyond the trials"""
 _CORRECTED, _STUCK = 0.7, 1.5
 """Factor on a miss that the next kick from that side corrects; on that of a shaft that stuck"""
 _STARTED = 0.6, 1.5
@@ -154,7 +142,7 @@ class PointSearch:
         """Begin with a kick, or with the largest that the limits allow."""
         self._reach = reach(self._device, self._setting, self.result.delay_s, kick)
         self._kick = self.result.kick_rad = self._reach.kick
-        self._trials: list[Trial] = []
+        self._trials = Trials(self._kick)
         self._again: list[_Asked] = []
         self._offset = {1.0: 0.0, -1.0: 0.0}
 
@@ -162,92 +150,38 @@ class PointSearch:
         """Whether the torque limit was in the way, and a smaller kick leaves more room."""
         chosen = self._options.kick is None and self._too_stiff == 0
         least = _LEAST_COUNTS * self._device.position_step
-        return chosen and bool(self._died()) and not self._grew() and _SMALLER * self._kick > least
+        few = self._trials.died and not self._trials.grew
+        return bool(chosen and few and _SMALLER * self._kick > least)
 
     def _search(self) -> Balance | None:
         """Return the balance of one kick; None: its trials do not tell it."""
+        trials, options = self._trials, self._options
         fine = idle = repeats = 0
         for number in range(_BATCHES + _REPEATS):
-            found = self._estimate()
-            if number - repeats == _BATCHES or (found is not None and self._enough(found, fine)):
+            found = trials.estimate()
+            if number - repeats == _BATCHES:
                 break
-            near = found is not None and found.uncertainty < _CLOSE * found.stiffness
+            if found is not None and is_enough(found, fine, options.tolerance):
+                break
+            near = is_close(found)
             if self._again and repeats < _REPEATS:
                 batch, near = self._again, False
                 repeats += 1
+            elif found is not None:
+                batch = self._possible(around(found), options.repeats if near else 1)
             else:
-                batch = self._bracketing() if found is None else self._around(found, near)
+                first = self._reach.predicted if self._cap == math.inf else _BACK * self._cap
+                batch = self._possible(trials.following(first, min(self._reach.top, self._cap)))
             fine += near
-            usable = self._usable()
+            usable = trials.usable
             if not batch or not self._play(batch):
                 break
-            idle = idle + 1 if self._usable() == usable else 0
-            between = self._bracket()
-            narrow = between is not None and between[1] < _NARROW * between[0]
-            if idle == _IDLE or (found is None and narrow):
+            idle = idle + 1 if trials.usable == usable else 0
+            if idle == _IDLE or (found is None and trials.is_narrow):
                 break
-        return self._estimate()
+        return trials.estimate()
 
-    # What was found
-
-    def _died(self) -> list[float]:
-        return [trial.stiffness for trial in self._trials if not trial.grew]
-
-    def _grew(self) -> list[float]:
-        return [trial.stiffness for trial in self._trials if trial.grew]
-
-    def _usable(self) -> int:
-        """Return the number of trials with half-cycles to fit."""
-        return sum(trial.growth.log_ratio.size > 0 for trial in self._trials)
-
-    def _bracket(self) -> tuple[float, float] | None:
-        """Return the stiffest that died below all that grew, and the softest that grew."""
-        grew = min(self._grew(), default=0.0)
-        died = [k for k in self._died() if k < grew]
-        return (max(died), grew) if died else None
-
-    def _enough(self, found: Balance, fine: int) -> bool:
-        if fine == 0 or not found.low <= found.stiffness <= found.high:
-            return False
-        return found.uncertainty <= self._options.tolerance * found.stiffness or fine >= _MOST_FINE
-
-    def _estimate(self) -> Balance | None:
-        grew, died = self._grew(), self._died()
-        if not grew or not died:
-            return None
-        # Near the limit a decaying trial may be stiffer than a growing one.
-        guess = math.sqrt(float(np.median(sorted(died)[-3:]) * np.median(sorted(grew)[:3])))
-        found = balance(self._trials, self._kick, guess)
-        if found is None or found.uncertainty > _VAGUE * found.stiffness:
-            return None  # as where torque fades with the speed, and growth ends early
-        beside = found.low / _BESIDE <= found.stiffness <= _BESIDE * found.high
-        return found if beside else None
-
-    # What to try next
-
-    def _around(self, found: Balance, near: bool) -> list[_Asked]:
-        half, repeats = (_FINE, self._options.repeats) if near else (_COARSE, 1)
-        return self._possible((found.stiffness * math.exp(half * x) for x in _AROUND), repeats)
-
-    def _bracketing(self) -> list[_Asked]:
-        """Return trials toward the missing side of the bracket, or inside it."""
-        highest = min(self._reach.top, self._cap)
-        grew, died = self._grew(), self._died()
-        if not self._trials:
-            first = self._reach.predicted if self._cap == math.inf else _BACK * self._cap
-            first = min(first, highest / _FIRST[-2])
-            return self._possible(first * factor for factor in _FIRST)
-        if not grew:
-            if max(died) > 0.999 * highest:
-                return []
-            return self._possible(min(max(died) * x, highest) for x in _STIFFER)
-        if not died:
-            return self._possible(min(grew) * factor for factor in _SOFTER)
-        ends = sorted([min(grew), max([k for k in died if k < min(grew)], default=min(died))])
-        ratio = max(ends[1] / ends[0], 1.02)
-        return self._possible(ends[0] * ratio**share for share in _BETWEEN)
-
-    def _possible(self, wanted: Iterable[float], repeats: int = 1) -> list[_Asked]:
+    def _possible(self, wanted: Sequence[float], repeats: int = 1) -> list[_Asked]:
         """Return trials at the stiffnesses within reach, softest first, each once or repeated.
 
         They are on alternating sides, at slightly different places.
@@ -348,7 +282,7 @@ class PointSearch:
                 self._again.append(asked)
                 self.result.disturbed += 1
             else:
-                self._trials.append(seen.trial)
+                self._trials.made.append(seen.trial)
         return (_CORRECTED if start >= low * asked.aim else _STUCK) * (asked.aim - start)
 
     # The end
@@ -356,10 +290,7 @@ class PointSearch:
     def _conclude(self, found: Balance | None) -> None:
         result, device = self.result, self._device
         damping, delay = result.virtual_damping, result.delay_s
-        result.trials = len(self._trials)
-        between = self._bracket()
-        if between is not None:  # a stiffer motion that died makes it less certain
-            between = (between[0], max(between[1], *self._died()))
+        trials, result.trials = self._trials, len(self._trials.made)
         if self._too_stiff >= _TRIPS:
             result.reason = f"given up after {_TRIPS} trips: {'; '.join(result.trips)}"
         elif found is not None:
@@ -375,10 +306,9 @@ class PointSearch:
                 result.reason = "the trials differ by more than the tolerance: see the uncertainty"
             elif found.larger_grows is False:
                 result.reason = bounded_text(found.amplitude)
-        elif between is not None and between[1] < _WIDE * between[0]:
+        elif (between := trials.range()) is not None:
             result.measured = math.sqrt(between[0] * between[1])
             result.uncertainty = 0.5 * (between[1] - between[0])
-            result.reason = bracket_text(*between, mixed=between[1] not in self._grew())
+            result.reason = bracket_text(*between, mixed=between[1] not in trials.grew)
         else:
-            grew, died = self._grew(), self._died()
-            result.reason = nothing_text(self._reach, died, grew, self._cap, result)
+            result.reason = nothing_text(self._reach, trials.died, trials.grew, self._cap, result)

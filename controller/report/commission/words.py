@@ -6,7 +6,11 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from haptic_wall.controller.experiments.commission.sequence import INCOMPLETE, NOT_MEASURED
+from haptic_wall.controller.experiments.commission.sequence import (
+    INCOMPLETE,
+    NOT_MEASURED,
+    check_text,
+)
 from haptic_wall.controller.experiments.identify.text import UNITS
 from haptic_wall.controller.guard.delay_parts import ms
 
@@ -221,10 +225,8 @@ def unknown(report: Report) -> Iterator[str]:
 
 def wrong(report: Report) -> Iterator[str]:
     """Yield the doctor's faults, and their remedies."""
-    for check in (report["doctor"] or {}).get("checks", ()):
-        if not check["ok"]:
-            fix = f"; {check['fix']}" if check["fix"] else ""
-            yield f"{check['name']}: found {check['found']}, wanted {check['wanted']}{fix}"
+    checks = (report["doctor"] or {}).get("checks", ())
+    yield from (check_text(check) for check in checks if not check["ok"])
 
 
 def following(report: Report) -> Iterator[tuple[str, str]]:

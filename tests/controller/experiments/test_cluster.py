@@ -54,7 +54,6 @@ def test_a_map_is_the_same_although_a_worker_is_killed(address: str) -> None:
     with Client(address) as client:
         client.wait_for_workers(_WORKERS)
     with cluster(address) as pool:
-        assert pool.size == _WORKERS
         victim = pool.submit(os.getpid).result()
         killing = iter([partial(os.kill, victim, signal.SIGKILL)])
 
@@ -79,7 +78,7 @@ def test_an_address_without_a_scheduler_is_refused(address: str) -> None:
 def test_a_worker_of_another_version_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     assert checked(module.versions(), partial(abs, -1)) == 1
     with ThreadPoolExecutor(1) as threads:
-        pool = Cluster(threads, 1)
+        pool = Cluster(threads)
         assert pool.submit(abs, -2).result() == 2
         there = module.versions()
         monkeypatch.setattr(module, "__version__", "0")

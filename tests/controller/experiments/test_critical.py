@@ -168,7 +168,7 @@ def test_outcomes_that_contradict_each_other_are_less_certain(
     none = Growth(np.empty(0), np.empty(0), np.empty(0, np.int64))
 
     def watched(search: PointSearch) -> None:
-        search._trials += [Trial(10.0 + n, none, 0.1, each) for n, each in enumerate(grew)]
+        search._trials.made += [Trial(10.0 + n, none, 0.1, each) for n, each in enumerate(grew)]
 
     monkeypatch.setattr(PointSearch, "_search", watched)
     found = search(tmp_path, 0.02, 2, kick=0.1)

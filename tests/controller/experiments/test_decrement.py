@@ -44,28 +44,3 @@ def test_between_encoder_counts() -> None:
     time, position = swing(0.4, 6.0, size=30 * COUNT)
     _, found = grown(time, np.round(position / COUNT) * COUNT, 2.5 * COUNT)
     assert np.mean(found.log_ratio) == pytest.approx(0.4 / 12.0, abs=4e-3)
-
-
-def test_samples_may_be_missing() -> None:
-    time, position = swing(1.0, 5.0)
-    keep = np.random.default_rng(3).random(time.size) > 0.2
-    keep[0] = True
-    _, found = grown(time[keep], position[keep], 1e-3)
-    assert np.mean(found.log_ratio) == pytest.approx(0.1, abs=1e-3)
-
-
-def test_half_cycles_that_are_not_sound_are_left_out() -> None:
-    turns = turning_points(*swing(1.0, 5.0), 1e-3)
-    sound = np.ones(turns.time.size - 1, dtype=bool)
-    sound[9] = False
-    found = growth(turns, sound)
-    assert not {7, 8, 9} & set(found.number)
-    assert {6, 10} <= set(found.number)
-
-
-@pytest.mark.parametrize("samples", [[], [0.1], [0.1, 0.1, 0.05, 0.02]])
-def test_too_little_motion_gives_no_growth(samples: list[float]) -> None:
-    position = np.array(samples, dtype=float)
-    turns = turning_points(1e-3 * np.arange(float(position.size)), position, 1e-3)
-    found = growth(turns, np.ones(max(turns.time.size - 1, 0), dtype=bool))
-    assert found.log_ratio.size == 0

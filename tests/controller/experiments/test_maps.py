@@ -120,17 +120,6 @@ def test_an_interrupted_map_keeps_what_was_done_and_cancels_the_rest(setting: Ma
     assert [future.cancelled() for future in executor.futures] == [False, True, True, True]
 
 
-def test_a_failing_task_is_not_hidden(setting: MapSettings) -> None:
-    class Broken(Executor):
-        def submit(self, *_: object, **__: object) -> Future[Any]:
-            future: Future[Any] = Future()
-            future.set_exception(RuntimeError("the cluster is gone"))
-            return future
-
-    with pytest.raises(RuntimeError, match="the cluster is gone"):
-        critical_map(asked(setting), executor=Broken())
-
-
 @pytest.mark.whole
 def test_the_servos_own_delay_comes_on_top_and_may_be_a_fraction() -> None:
     sets = ("servo.delay=0.00125", "wall.velocity_samples=2")

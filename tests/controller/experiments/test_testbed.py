@@ -54,14 +54,6 @@ def test_a_released_shaft_swings_as_its_spring_says(tmp_path: Path) -> None:
     assert played.log.exists()
 
 
-@pytest.mark.parametrize(
-    ("trip", "gone"),
-    [("port_shared", True), ("suspended", True), ("torque_lost", True), ("losses_in_row", False)],
-)
-def test_no_further_trial_follows_where_somebody_must_look_first(trip: str, gone: bool) -> None:
-    assert ExperimentTrippedError(Trip(f"trip:{trip}"), "").gone is gone
-
-
 @pytest.mark.parametrize("stalled", [True, False])
 def test_a_motion_that_a_stall_has_ended_is_repeated_once(
     stalled: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -142,13 +134,6 @@ def test_a_log_that_was_cut_short_is_no_measurement(
     assert warning in str(error.value)
     assert str(tmp_path / "it.hwlog") in str(error.value)
     assert (tmp_path / "it.hwlog").exists()
-
-
-def test_a_warning_that_costs_no_row_spoils_no_measurement(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    cut_short(monkeypatch, 0, "the recorder was killed by SIGKILL; another one continued")
-    assert bed(tmp_path).play("it", [Phase(0.05)]).rows.size >= 50
 
 
 def test_a_trip_comes_whole_out_of_another_process() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -168,13 +167,6 @@ def test_compiled_walls_move_to_the_last_bit_as_the_source_does(
         assert one[1] == pytest.approx(other[1], rel=1e-6, abs=1e-9)
 
 
-def test_delays_near_whole_periods_are_whole() -> None:
-    for delay, whole, lag in ((0.0, 0, 0.0), (0.003 * (1 - 1e-15), 3, 0.0), (0.0025, 2, 0.0005)):
-        wall = wall_of(TrueServo(0.01), period=PERIOD, delay=delay, virtual_damping=0.0)
-        assert wall.whole == whole
-        assert wall.lag == pytest.approx(lag)
-
-
 @pytest.mark.usefixtures("uncompiled")
 def test_what_has_grown_out_of_all_bounds_is_no_error() -> None:
     wall = wall_of(TrueServo(1e-3, torque_limit=math.inf), period=1e-3, delay=0, virtual_damping=0)
@@ -229,18 +221,3 @@ def test_changed_sources_have_another_key(monkeypatch: pytest.MonkeyPatch, tmp_p
     changed.write_text(Path(str(loop.__file__)).read_text() + "# more")
     monkeypatch.setattr(loop, "__file__", str(changed))
     assert _fingerprint() != before
-
-
-@pytest.mark.parametrize("how", ["switched off", "missing"])
-def test_nothing_is_compiled_without_numba(how: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    missing: dict[str, Callable[[], None]] = {
-        "switched off": lambda: monkeypatch.setenv("NUMBA_DISABLE_JIT", "1"),
-        "missing": lambda: monkeypatch.setitem(__import__("sys").modules, "numba", None),
-    }
-    monkeypatch.delenv("NUMBA_DISABLE_JIT", raising=False)
-    missing[how]()
-    compiled.cache_clear()
-    try:
-        assert compiled() is None
-    finally:
-        compiled.cache_clear()

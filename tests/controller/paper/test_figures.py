@@ -63,14 +63,6 @@ def test_figure_5_draws_the_eight_delays_from_the_origin_to_the_ceiling() -> Non
         on_the_edge(1.0, 1e-4, 1.0, delay, curve)
 
 
-def test_figure_8_is_the_sum_of_damping_over_the_sum_of_delay() -> None:
-    data = lwr3.figure_8()
-    assert [c.settings["delay_s"] for c in data.curves] == [0.005, 0.006, 0.010]
-    for curve in data.curves:
-        expected = (0.1 + curve.x) / (0.0005 + curve.settings["delay_s"])
-        np.testing.assert_allclose(curve.y, expected, rtol=1e-12)
-
-
 def test_figure_9_is_the_edge_of_stability_of_the_axis() -> None:
     data = lwr3.figure_9()
     assert [c.settings["delay_s"] for c in data.of_kind("exact")] == [0.010, 0.055]

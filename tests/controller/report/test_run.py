@@ -15,7 +15,6 @@ from haptic_wall.controller.report import run as plot
 from haptic_wall.controller.report.sketch import sketched
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_CONTACT,
-    FLAG_OFF,
     FLAG_SATURATED,
     FLAG_WARM_UP,
     ROW,
@@ -84,15 +83,6 @@ def legend(ax: Axes) -> list[str]:
     return [text.get_text() for text in not_none(ax.get_legend()).get_texts()]
 
 
-def test_a_wall_that_was_let_go_is_not_drawn_as_on(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    rows = run_rows()
-    rows["flags"][400:] |= FLAG_OFF
-    figure = draw(monkeypatch, tmp_path, rows, metadata("emulated-ideal"))
-    assert "the wall is off: released, or loaded" in legend(figure.axes[0])
-
-
 def test_one_look_tells_wall_torque_and_timing(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -127,21 +117,6 @@ def test_a_clamped_stiffness_is_in_the_title_and_drawn(
     figure = draw(monkeypatch, tmp_path, rows, facts, saved=False)
     assert "K 5 N·m/rad (of 1e+06 requested)" in figure.get_suptitle()
     assert figure.axes[2].get_ylabel() == "stiffness\n[N·m/rad]"
-
-
-def test_a_run_on_the_simulated_clock_has_no_lateness(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    rows = run_rows()
-    for field in ("lateness_ns", "work_ns", "bus_ns", "flags"):
-        rows[field] = 0
-    figure = draw(monkeypatch, tmp_path, rows, metadata("paper-table2"), saved=False)
-    assert [ax.get_ylabel() for ax in figure.axes] == [
-        "position [rad]",
-        "torque [N·m]",
-        "velocity [rad/s]",
-    ]
-    assert figure.get_suptitle().endswith("simulated clock")
 
 
 def test_the_title_tells_a_trip_and_a_guard_that_is_off(

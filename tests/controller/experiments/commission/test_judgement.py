@@ -105,14 +105,6 @@ def test_what_the_sweep_bore_with_friction_stands_beside_what_is_allowed(
     assert ("Without it the sweep measured 33 with friction" in headline) == said
 
 
-def test_a_point_without_a_figure_is_no_disagreement() -> None:
-    (found,) = agreement.boundary(
-        load_config("simulated").config, [swept(None, kick_rad=None, reason="out of reach")]
-    )
-    assert found["agree"] is None and found["expected"] is None
-    assert "could be measured" in " ".join(words._boundary([found], 0.8))
-
-
 def test_two_delays_that_differ_are_told_with_the_longer_one() -> None:
     identify = {"delay": {"value": 0.001, "stderr": 1e-5}}
     device = {"value": 0.0015, "stderr": 2e-5}
