@@ -41,8 +41,8 @@ def test_the_website_builds(tmp_path: Path) -> None:
 
 
 def test_the_pages_stay_short() -> None:
-    """Each but the generated ones, counted as ``wc -w`` does."""
-    read = [page for page in PAGES if "evidence" not in page.parts]
+    """Each but the generated ones and the changes, which grow; counted as ``wc -w`` does."""
+    read = [p for p in PAGES if "evidence" not in p.parts and p.name != "changelog.md"]
     words = {page.name: len(page.read_text().split()) for page in read}
     assert {name: count for name, count in words.items() if count > MOST_WORDS} == {}
 
