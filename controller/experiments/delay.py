@@ -20,11 +20,9 @@ from haptic_wall.controller.experiments.identify.bench import (
     SPOILT,
     Bench,
     UnidentifiableError,
-    rounding_of,
-    smooth_part,
 )
 from haptic_wall.controller.experiments.identify.excitation import Bounds
-from haptic_wall.controller.experiments.identify.fitting import Fit
+from haptic_wall.controller.experiments.identify.fitting import Fit, rounding_of
 from haptic_wall.controller.experiments.identify.identification import (
     FULL,
     REACH,
@@ -170,7 +168,8 @@ def measure(bench: Bench, name: str, fit: Fit, bounds: Bounds, steps: int) -> Mo
     """
     bench.delay_steps = steps
     played, fit = bench.fitted(name, bench.corrected(fit), FULL * bounds.reach)
-    left, rounding = smooth_part(fit, bounds), rounding_of(bounds)
+    rounding = rounding_of(bounds.step)
+    left = fit.smooth_part(rounding)
     if left > SPOILT * rounding:
         raise UnidentifiableError(
             f"the motion in {played.log} is not that of a rigid servo, and does not determine the"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -18,11 +17,10 @@ from haptic_wall.controller.experiments.identify.excitation import (
     motions,
     pulses,
 )
-from haptic_wall.controller.experiments.identify.fitting import Fit, NoFitError, fit_motion
-from haptic_wall.controller.experiments.identify.loaded_fit import fit_loaded, hinted
-from haptic_wall.controller.experiments.identify.motion import Motion, motion_of
-from haptic_wall.controller.experiments.identify.one_way import fit_one_way
+from haptic_wall.controller.experiments.identify.fitting import Fit, NoFitError, rounding_of
+from haptic_wall.controller.experiments.identify.motion import motion_of
 from haptic_wall.controller.experiments.identify.output_error import Prior
+from haptic_wall.controller.experiments.identify.servo_fit import fit_servo
 from haptic_wall.controller.experiments.testbed import (
     ExperimentTrippedError,
     Played,
@@ -46,32 +44,9 @@ _SOFTER = 0.6
 _ONE_WAY = 3
 """Number of growing pulses of both signs that may turn the shaft the same way, as a weight makes
 them do"""
-_ROUNDING = 1.0 / math.sqrt(12.0)
-"""Root mean square of rounding [counts]"""
-_UNQUANTISED = 1e-5
-"""Largest negligible residual of a servo without an encoder step [rad]"""
-_LOADED, _BETTER = 1.2, 0.9
-"""Residual without noise, over the rounding's, from which effects are fitted; and the largest
-fraction of it that they may leave where a backlash explains it too"""
 SPOILT = 3.0
 """Residual without noise, over the rounding's, from which a motion is repeated: the shaft was
 disturbed"""
-
-
-def rounding_of(bounds: Bounds) -> float:
-    """Return the root mean square residual of rounding alone [rad]."""
-    return _ROUNDING * bounds.step or _UNQUANTISED
-
-
-def noise_of(fit: Fit, bounds: Bounds) -> float:
-    """Return the root mean square residual of noise and rounding of the readings [rad]."""
-    return max(fit.noise, rounding_of(bounds))
-
-
-def smooth_part(fit: Fit, bounds: Bounds) -> float:
-    """Return the root mean square residual as if the readings had no noise but rounding [rad]."""
-    more = max(fit.residual**2 - noise_of(fit, bounds) ** 2, 0.0)
-    return math.sqrt(more + rounding_of(bounds) ** 2)
 
 
 class UnidentifiableError(HapticWallError):
@@ -167,6 +142,7 @@ class Bench:
             UnidentifiableError: It stays too large, or cannot be fitted.
         """
         bounds = self._bounds
+        rounding = rounding_of(bounds.step)
         furthest, unfit = 0.0, ""
         best: tuple[Played, Fit] | None = None
         for attempt in range(1, _TRIES + 1):
@@ -185,7 +161,8 @@ class Bench:
             self._age = float(np.median(played.rows["age_ns"])) * 1e-9
             self._start = float(played.rows["position"][0])
             try:
-                fit = self._explained(motion_of(played.rows), rough)
+                motion = motion_of(played.rows)
+                fit = fit_servo(motion, bounds.step, self._priors, rough=rough)
             except NoFitError as error:
                 unfit = f"the motion in {played.log} cannot be fitted: {error}"
                 self._tell(f"{unfit}; once more")
@@ -193,7 +170,7 @@ class Bench:
             if furthest > bounds.reach:
                 guess, amplitude = self.corrected(fit), _SOFTER * amplitude
                 continue
-            if best is not None or smooth_part(fit, bounds) <= SPOILT * rounding_of(bounds):
+            if best is not None or fit.smooth_part(rounding) <= SPOILT * rounding:
                 return min((best or (played, fit), (played, fit)), key=lambda b: b[1].residual)
             best = (played, fit)
             self._tell(
@@ -214,30 +191,6 @@ class Bench:
             if not guess.heaviest
             else f"take off the weight that pulls it with up to {guess.heaviest:.2g} N·m",
         )
-
-    def _explained(self, motion: Motion, rough: bool) -> Fit:
-        """Return the model's fit; with the effects of a real servo where the motion has them.
-
-        Args:
-            motion: The recorded motion.
-            rough: The fit of motion in one direction will do.
-        """
-        step = self._bounds.step
-        start: Fit | None = None
-        with suppress(NoFitError):
-            start = fit_one_way(motion, step, self._priors, rough=rough)
-        if start is not None and rough:
-            return start
-        if start is None or not start.effects.fitted:
-            plain = fit_motion(motion, step)
-            explained = smooth_part(plain, self._bounds) <= _LOADED * rounding_of(self._bounds)
-            hints = hinted(plain) if explained else ()
-            if start is None or (explained and not hints):
-                return plain
-            fit = fit_loaded(motion, step, start, self._priors, hints)
-            return plain if fit.residual > _BETTER * plain.residual and plain.backlash else fit
-        fit = fit_loaded(motion, step, start, self._priors)
-        return fit
 
     def corrected(self, fit: Fit) -> Guess:
         """Return the parameters for scaling the next motions."""

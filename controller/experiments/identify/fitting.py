@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from haptic_wall.controller.experiments.identify.effects import NONE, Effects
 from haptic_wall.controller.experiments.identify.motion import Motion, Pieces, pieces_of
@@ -29,6 +28,12 @@ from haptic_wall.controller.theory.checks import FloatArray
 PIECE_S = 0.4
 """Approximate length of a piece [s]: long compared with the servo's oscillations, short compared
 with its drift"""
+_LEAST_S = 1.0
+"""Least length of all pieces [s]"""
+_SLOWEST, _TURN_S = 0.15, 4e-3
+"""Of a stretch in one direction: least speed [rad/s]; time near a turn that is left out [s]"""
+_SHORTEST_S, _TRAVEL = 0.025, 10.0
+"""Its least length [s], and travel [counts]"""
 _STALL = 4.5
 """Periods without a sample that end a piece [1]; shorter gaps are lost replies"""
 _FEWEST = 500
@@ -45,6 +50,8 @@ _SURE = (5e-4, 5e-4, 5e-4, 0.0, 0.0)
 """Least relative uncertainty of each value: the spring's reaction contains rounding too"""
 _SPEEDS = np.linspace(0.02, 1.0, 25)
 """Speeds at which friction is computed, over the largest of the motion"""
+_UNQUANTISED = 1e-5
+"""Largest negligible residual of a servo without an encoder step [rad]"""
 _WHITE = 20.0
 """Sum of the squares of the third difference's weights"""
 NAMES = ("inertia", "damping", "coulomb", "delay", "backlash")
@@ -104,50 +111,53 @@ class Fit:
 
         It is the noise and the rounding of the readings: a motion that the model lacks is smooth.
         """
-        return white_part(self.fitted - self.pieces.position, self.pieces.held)
+        changes = np.diff(self.fitted - self.pieces.position, 3, axis=1)[self.pieces.held[:, 3:]]
+        return math.sqrt(float(np.mean(changes**2)) / _WHITE) if changes.size else 0.0
+
+    def noise_over(self, rounding: float) -> float:
+        """Return the root mean square residual of noise and rounding of the readings [rad].
+
+        Args:
+            rounding: That of rounding alone [rad].
+        """
+        return max(self.noise, rounding)
+
+    def smooth_part(self, rounding: float) -> float:
+        """Return the root mean square residual as if the readings had no noise but rounding [rad].
+
+        Args:
+            rounding: Root mean square of rounding [rad].
+        """
+        more = max(self.residual**2 - self.noise_over(rounding) ** 2, 0.0)
+        return math.sqrt(more + rounding**2)
 
 
-def white_part(left: FloatArray, held: NDArray[np.bool_]) -> float:
-    """Return the root mean square of what changes at each sample, by third differences.
-
-    Args:
-        left: Residuals in pieces, shape (s, n).
-        held: True: a sample; False: padding.
-    """
-    changes = np.diff(left, 3, axis=1)[held[:, 3:]]
-    return math.sqrt(float(np.mean(changes**2)) / _WHITE) if changes.size else 0.0
+def rounding_of(step: float) -> float:
+    """Return the root mean square residual of rounding to an encoder step alone [rad]."""
+    return step / math.sqrt(12.0) or _UNQUANTISED
 
 
-def fit_motion(motion: Motion, step: float) -> Fit:
-    """Fit the model; with backlash between shaft and encoder only where the motion shows it.
+def begun(motion: Motion, step: float, *, turns: bool = True) -> Fit:
+    """Return the start of a fit to the pieces of a motion.
 
     Args:
         motion: A motion; the shaft moves for at least two seconds.
         step: One count of the encoder [rad]; 0: not quantised.
-
-    Raises:
-        NoFitError: The motion is not sufficient.
-    """
-    without = fitted(on_motion(first_fit(motion), motion, step))
-    # Neglected backlash looks like delay: half a count like a third of a millisecond.
-    return visible_backlash(without) or without
-
-
-def on_motion(start: Fit, motion: Motion, step: float) -> Fit:
-    """Return the values of a fit as the start of another one, to this motion's pieces.
-
-    Args:
-        start: The values.
-        motion: As ``fit_motion``.
-        step: As ``fit_motion``.
+        turns: The pieces contain the turns of the shaft; else they are stretches in one direction.
 
     Raises:
         NoFitError: The motion is not sufficient.
     """
     speed = moving(motion)
-    cuts = cuts_of(motion, speed, max(step, 1e-6))
+    cut = cuts_of if turns else _stretches
+    cuts = list(cut(motion, speed, max(step, 1e-6)))
+    seconds = sum(float(motion.sampled[b - 1] - motion.sampled[a]) for a, b in cuts)
+    if seconds < _LEAST_S:
+        raise NoFitError(
+            f"the shaft moved in {seconds:.1f} s only, wanted at least {_LEAST_S:.1f} s"
+        )
     speeds = np.array([speed[begin] for begin, _ in cuts])
-    return replace(start, pieces=pieces_of(motion, cuts), speeds=speeds)
+    return replace(first_fit(motion), pieces=pieces_of(motion, cuts), speeds=speeds)
 
 
 def visible_backlash(
@@ -203,12 +213,26 @@ def cuts_of(motion: Motion, speed: FloatArray, step: float) -> list[tuple[int, i
         moved = motion.position[begin:after]
         if after - begin >= 20 and np.ptp(moved) >= 8 * step:
             cuts.append((begin, after))
-    if len(cuts) < 6:
-        raise NoFitError(
-            f"the shaft moved in {len(cuts) * PIECE_S:.1f} s only, wanted at least"
-            f" {6 * PIECE_S:.1f} s"
-        )
     return cuts
+
+
+def _stretches(motion: Motion, speed: FloatArray, step: float) -> Iterator[tuple[int, int]]:
+    """Yield stretches in one direction, without the time near a turn."""
+    gaps = np.diff(motion.sampled)
+    period = float(np.median(gaps))
+    way = np.where(np.abs(speed) > _SLOWEST, np.sign(speed), 0.0)
+    changed = (way[1:] != way[:-1]) | (gaps > _STALL * period)
+    edges = [0, *(np.flatnonzero(changed) + 1).tolist(), way.size]
+    turn = round(_TURN_S / period)
+    for begin, after in itertools.pairwise(edges):
+        first, last = begin + turn, after - turn
+        if way[begin] == 0.0 or (last - first) * period < _SHORTEST_S:
+            continue
+        if abs(motion.position[last - 1] - motion.position[first]) < _TRAVEL * step:
+            continue
+        parts = max(1, round((last - first) * period / PIECE_S))
+        cuts = np.linspace(first, last, parts + 1).astype(int).tolist()
+        yield from itertools.pairwise(cuts)
 
 
 def first_fit(motion: Motion) -> Fit:

@@ -16,14 +16,18 @@ from pathlib import Path
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.estimated import Estimated
+from haptic_wall.controller.experiments.holding import (
+    changed,
+    sample_age,
+    torque_limit_of,
+    without_hand,
+)
 from haptic_wall.controller.experiments.identify.bench import (
     Bench,
     UnidentifiableError,
-    noise_of,
-    rounding_of,
 )
 from haptic_wall.controller.experiments.identify.excitation import Bounds, Guess
-from haptic_wall.controller.experiments.identify.fitting import Fit
+from haptic_wall.controller.experiments.identify.fitting import Fit, rounding_of
 from haptic_wall.controller.experiments.identify.misfit import misfit
 from haptic_wall.controller.experiments.identify.mode import Mode
 from haptic_wall.controller.experiments.identify.mode_search import find_mode
@@ -111,14 +115,7 @@ def bounds_of(config: Config, reach: float) -> Bounds:
     Raises:
         UserError: The reach is too small, or no torque limit is known.
     """
-    limit = config.servo.torque_limit
-    if limit is None and config.servo.kind != "simulated":
-        raise UserError(
-            "found nothing",
-            field="servo.torque_limit",
-            wanted="the largest torque the motions may use [N·m]",
-            advice="set it to the servo's stall torque or less",
-        )
+    limit = torque_limit_of(config)
     step = config.servo.position_step
     least = max(60.0 * step, 0.02)
     if not least <= reach <= math.pi:
@@ -129,7 +126,7 @@ def bounds_of(config: Config, reach: float) -> Bounds:
         )
     return Bounds(
         reach=reach,
-        torque=4.1 if limit is None else limit,
+        torque=limit,
         speed=_SPEED * config.planned_speed,
         step=step,
         period=config.period_s,
@@ -187,11 +184,9 @@ def begun(
         bounds: Limits of the motions.
         tell: As ``identify``.
     """
-    raw = config.model_dump(mode="json")
-    raw["wall"]["velocity_samples"] = 1  # no wall is rendered; the springs are planned for 1
-    if config.servo.kind != "hardware":
-        raw["servo"]["hand"] = "none"
-    bed = Testbed(Config.model_validate(raw), folder, tell, option="--logs")
+    # No wall is rendered; the springs are planned for one sample.
+    alone = changed(without_hand(config), wall={"velocity_samples": 1})
+    bed = Testbed(alone, folder, tell, option="--logs")
     bench = Bench(bed, bounds, tell, _priors(config, bounds))
     guess = bench.find_moving_torque(_believed(config))
     return bench, bench.fitted("gentle", guess, GENTLE * bounds.reach, rough=True)[1]
@@ -200,15 +195,12 @@ def begun(
 def _believed(config: Config) -> Guess:
     """Return the cautious corner of the belief, in commanded torque."""
     belief = config.belief()
-    age = config.guard.sample_age
-    if config.servo.kind != "simulated":
-        age = max(age, config.period_s * (1.0 if config.servo.schedule == "pipelined" else 0.5))
     gain = belief.torque_gain.high
     return Guess(
         belief.inertia.low / gain,
         belief.damping.low / gain,
         belief.coulomb.low / gain,
-        belief.delay.high + age,
+        belief.delay.high + sample_age(config),
     )
 
 
@@ -245,7 +237,8 @@ def _judged(
     mode: Mode | None,
     heaviest: float,
 ) -> Identified:
-    noise, rounding = noise_of(fit, bounds), rounding_of(bounds)
+    rounding = rounding_of(bounds.step)
+    noise = fit.noise_over(rounding)
     warnings = tuple(misfit(fit, noise, rounding))
     if fit.inertia <= _ERRORS * fit.stderr[0]:
         raise UnidentifiableError(

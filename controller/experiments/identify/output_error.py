@@ -30,7 +30,6 @@ _PER_INERTIA = 1e-4
 large compared with rounding"""
 _STEPS = {"delay": 1e-7, "backlash": 1e-5, "fading": 1e-3, "gear": 1e-4, "periods": 1e-3}
 _LOW = {
-    "damping": 0.0,
     "coulomb": 0.0,
     "delay": -0.005,
     "backlash": 0.0,

@@ -10,15 +10,9 @@ import yaml
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.estimated import Estimated
-from haptic_wall.controller.experiments.identify import (
-    identification,
-    one_way,
-)
+from haptic_wall.controller.experiments.identify import identification
 from haptic_wall.controller.experiments.identify.bench import UnidentifiableError
-from haptic_wall.controller.experiments.identify.fitting import (
-    Friction,
-    fit_motion,
-)
+from haptic_wall.controller.experiments.identify.fitting import Friction
 from haptic_wall.controller.experiments.identify.identification import (
     Identified,
     bounds_of,
@@ -29,14 +23,13 @@ from haptic_wall.controller.experiments.identify.identified_config import (
     identified_model,
 )
 from haptic_wall.controller.experiments.identify.motion import motion_of
-from haptic_wall.controller.experiments.identify.one_way import fit_one_way
+from haptic_wall.controller.experiments.identify.servo_fit import fit_servo
 from haptic_wall.controller.experiments.identify.vibration import Vibration
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Played, Testbed
 from haptic_wall.controller.guard.belief import Bounded
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
-from tests.cases import sampled
 from tests.controller.experiments.ordinary_servos import Effects
 from tests.typed import not_none
 
@@ -113,7 +106,7 @@ def test_what_a_stall_has_left_unrecorded_spoils_nothing(usual: tuple[Config, Id
     stalled = np.zeros(rows.size, dtype=bool)
     for begin in range(700, rows.size, 900):
         stalled[begin : begin + 14] = True
-    fit = fit_motion(motion_of(rows[~stalled]), math.tau / 4096)
+    fit = fit_servo(motion_of(rows[~stalled]), math.tau / 4096)
     assert fit.residual == pytest.approx(found.rounding, rel=0.1)
     for name, true, error in zip(NAMES, truth(config), fit.stderr, strict=False):
         assert abs(getattr(fit, name) - true) < 3.5 * error + 1e-12
@@ -309,29 +302,15 @@ def test_a_load_is_written_as_a_part_of_the_whole_inertia(usual: tuple[Config, I
     assert model["load_inertia"]["high"] == pytest.approx(1.2 * load, rel=1e-5)
 
 
-@pytest.mark.parametrize("start", sampled([1e200, 1e12], 2), ids=["overflows", "too large"])
-def test_a_fit_that_diverges_is_left_out(
-    usual: tuple[Config, Identified], start: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As with all effects at once: of the starts for friction that fades one ran away."""
-    config, found = usual
-    motion, step = motion_of(found.played.rows), config.servo.position_step
-    wanted = fit_one_way(motion, step)
-    away = {"fading": 1e-9, "coulomb": start, "inertia": 1.0 / start, "damping": -start}
-    monkeypatch.setattr(one_way, "_ROUNDED", 0.0)  # so that effects are tried at all
-    monkeypatch.setattr(one_way, "_fadings", lambda best: [{**best.values, **away}])
-    assert fit_one_way(motion, step).inertia == pytest.approx(wanted.inertia, rel=1e-3)
-
-
 @pytest.mark.parametrize("reach", [0.01, 4.0, float("nan")])
 def test_a_reach_that_makes_no_sense_is_refused(reach: float) -> None:
     with pytest.raises(UserError, match="--reach"):
         bounds_of(config_of(), reach)
 
 
-def test_a_bus_without_a_torque_limit_is_refused() -> None:
-    config = load_config("emulated-ideal", ["servo.torque_limit=null"]).config
-    with pytest.raises(UserError, match=r"servo\.torque_limit: found nothing"):
+def test_a_real_servo_without_a_torque_limit_is_refused() -> None:
+    config = load_config("xm430-w350", ["servo.torque_limit=null"]).config
+    with pytest.raises(UserError, match=r"servo\.torque_limit: found none"):
         bounds_of(config, 0.6)
 
 
