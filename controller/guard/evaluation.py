@@ -100,9 +100,14 @@ class Evaluation:
     def link(self) -> LinkLimits:
         """Return the limits of the believed load on its transmission."""
         situation, request = self.situation, self.request
-        velocity = (request.velocity_samples, request.velocity_filter)
-        rest = (situation.inserted, situation.served, self.work)
-        return LinkLimits(situation.belief, *velocity, *rest)
+        return LinkLimits(
+            situation.belief,
+            request.velocity_samples,
+            request.velocity_filter,
+            situation.inserted,
+            situation.served,
+            self.work,
+        )
 
     @property
     def is_fast(self) -> bool:
