@@ -62,7 +62,7 @@ def test_an_oscillation_at_the_torque_limit_is_seen_in_its_record(stiffness: flo
     truth = replace(VALUE, delay=0.003)
     report = "safety.on_oscillation=report"
     trial = run(truth, 0.0, report, stiffness=stiffness, kick=0.2, duration_s=3.0)
-    times = np.arange(trial.measured.size) * trial.period
+    times = np.arange(float(trial.measured.size)) * trial.period
     known = Known(trial.period, VALUE.inertia, math.tau / 4096)
     found = detect(times, trial.measured, trial.torque, known, lag=truth.delay)
     assert found.worst == State.GROWING
