@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -58,16 +57,6 @@ _UNBOUND = 1e12
 _FAST_CEILING, _FAST_COST = 0.75, 0.2
 """Fraction of a fast vibration's ceiling, or of the rigid one, that is used; fraction of the rigid
 limit that it costs at its ceiling at most"""
-
-
-class _Interval(NamedTuple):
-    """An interval between ticks, and what is counted with it."""
-
-    period: float
-    """[s]"""
-    belief: Belief
-    longer: float
-    """Factor on the longest delay"""
 
 
 class Knot(NamedTuple):
@@ -120,13 +109,13 @@ class LinkLimits:
         for t in np.unique(period).tolist():
             late = delay[period == t].tolist()
             for at in self._intervals(t):
-                grids = (self._knots(at, at.longer * t_d) for t_d in late)
+                grids = (self._knots(at, t_d) for t_d in late)
                 self._scan_together(at, [*dict.fromkeys(knot for grid in grids for knot in grid)])
         found = [
             min(
                 self._ceiling_at(at, knot)
                 for at in self._intervals(t)
-                for knot in self._knots(at, at.longer * t_d)
+                for knot in self._knots(at, t_d)
             )
             for t, t_d in zip(period.tolist(), delay.tolist(), strict=True)
         ]
@@ -144,29 +133,27 @@ class LinkLimits:
             In commanded units [N·m/rad].
         """
         found = [
-            min(
-                (self._limit(at, at.longer * t_d, b) for at in self._intervals(t)), default=_UNBOUND
-            )
+            min((self._limit(at, t_d, b) for at in self._intervals(t)), default=_UNBOUND)
             for t, t_d, b in zip(period.tolist(), delay.tolist(), damping.tolist(), strict=True)
         ]
         return np.minimum(WITHIN * np.array(found), _UNBOUND)
 
-    def _intervals(self, period: float) -> list[_Interval]:
+    def _intervals(self, period: float) -> list[float]:
         asked = (self._belief, period, self._served, self._filter)
         return self._work.once(("intervals", *asked), lambda: _all_intervals(*asked))
 
-    def _knots(self, at: _Interval, delay: float) -> list[Knot]:
+    def _knots(self, at: float, delay: float) -> list[Knot]:
         """Return the grid from below the shortest possible delay to above ``delay`` [s].
 
         Delays a cycle of the slowest vibration ago are left out: the phases were the same then, and
         the delay of the stiffness was shorter. With a notch all believed frequencies are counted at
         each delay: it lets a faster vibration pass where it stops a slower one.
         """
-        hz = at.belief.flexible_hz
-        most = _QUARTER if _is_quick(at.belief, at.period) else math.inf
-        asked = (hz.low, hz.high, at.period, delay, self._notch, most)
+        hz = self._belief.flexible_hz
+        most = _QUARTER if _is_quick(self._belief, at) else math.inf
+        asked = (hz.low, hz.high, at, delay, self._notch, most)
         grid = self._work.once(("delays", *asked), lambda: _delays(*asked))
-        shortest = min(self._inserted + at.belief.delay.low, delay)
+        shortest = min(self._inserted + self._belief.delay.low, delay)
         if grid[-1].low > 0.0:
             shortest = max(shortest, delay - 1.0 / grid[-1].low)
         first = max(
@@ -174,18 +161,18 @@ class LinkLimits:
         )
         return grid[first:]
 
-    def _limit(self, at: _Interval, delay: float, damping: float) -> float:
+    def _limit(self, at: float, delay: float, damping: float) -> float:
         *shorter, below, above = self._knots(at, delay)
         found = [self._limit_at(at, knot, damping) for knot in shorter]
         for knot in (below, above):
-            scale = (0.5 * at.period + knot.delay) / (0.5 * at.period + delay)
-            if _is_quick(at.belief, at.period):
+            scale = (0.5 * at + knot.delay) / (0.5 * at + delay)
+            if _is_quick(self._belief, at):
                 scale = min(scale, 1.0)
             found.append(scale * self._limit_at(at, knot, damping))
         return min(found)
 
-    def _limit_at(self, at: _Interval, knot: Knot, damping: float) -> float:
-        gains = {at.belief.torque_gain.low, at.belief.torque_gain.high}
+    def _limit_at(self, at: float, knot: Knot, damping: float) -> float:
+        gains = {self._belief.torque_gain.low, self._belief.torque_gain.high}
 
         def least() -> float:
             scan = self._scan(at, knot)
@@ -193,17 +180,17 @@ class LinkLimits:
 
         return self._work.once((*self._key("limit", at, knot), damping), least)
 
-    def _ceiling_at(self, at: _Interval, knot: Knot) -> float:
+    def _ceiling_at(self, at: float, knot: Knot) -> float:
         key = self._key("ceiling", at, knot)
         return self._work.once(key, lambda: float(self._scan(at, knot).ceilings().min()))
 
-    def _key(self, kind: str, at: _Interval, knot: Knot) -> tuple[Hashable, ...]:
-        return kind, at.belief, at.period, knot, self._samples, self._filter
+    def _key(self, kind: str, at: float, knot: Knot) -> tuple[Hashable, ...]:
+        return kind, self._belief, at, knot, self._samples, self._filter
 
-    def _scan(self, at: _Interval, knot: Knot) -> FlexibleScan:
+    def _scan(self, at: float, knot: Knot) -> FlexibleScan:
         return self._work.once(self._key("scan", at, knot), lambda: self._scans(at, [knot])[0])
 
-    def _scan_together(self, at: _Interval, grid: list[Knot]) -> None:
+    def _scan_together(self, at: float, grid: list[Knot]) -> None:
         """Compute the scans of many delays at once: most have few servos."""
         new = [each for each in grid if not self._work.knows(self._key("ceiling", at, each))]
         for start in range(0, len(new), _TOGETHER):
@@ -211,10 +198,9 @@ class LinkLimits:
             for knot, scan in zip(part, self._scans(at, part), strict=True):
                 self._work.keep(self._key("scan", at, knot), scan)
 
-    def _scans(self, at: _Interval, grid: list[Knot]) -> list[FlexibleScan]:
-        groups = [_servos(at.belief, at.period, knot, self._filter) for knot in grid]
-        loop = (at.period, self._samples, at.belief.encoder, self._filter)
-        return FlexibleScan.of(groups, *loop)
+    def _scans(self, at: float, grid: list[Knot]) -> list[FlexibleScan]:
+        groups = [_servos(self._belief, at, knot, self._filter) for knot in grid]
+        return FlexibleScan.of(groups, at, self._samples, self._belief.encoder, self._filter)
 
 
 def returned_share(belief: Belief, stiffness: FloatArray) -> FloatArray:
@@ -282,43 +268,21 @@ def _all_intervals(
     period: float,
     served: tuple[float, float],
     velocity_filter: VelocityFilter | None,
-) -> list[_Interval]:
-    """Return the intervals that stand for all from ``served[0]`` to ``served[1]`` periods.
+) -> list[float]:
+    """Return the intervals that stand for all from ``served[0]`` to ``served[1]`` periods [s].
 
     Between two of them the phase of no vibration over the interval turns by more than ``_PHASE``.
-    Where that would take many, they follow each other by a ratio. A vibration at an interval
-    between two has the same phases at the longer one at a frequency that is lower by the ratio,
-    after delays that are longer by it: so frequencies and friction are widened downward by it.
-    A cycle of the slowest vibration above the shortest interval all phases have occurred, and
-    longer intervals bound less by their phase: only the longest is counted besides.
     """
     low, high = served[0] * period, served[1] * period
     if low == high:
-        return [_Interval(period, belief, 1.0)]
+        return [period]
     hz = belief.flexible_hz
-    end = min(high, low + _CYCLES / hz.low)
-    even = math.ceil(math.tau * hz.high * (end - low) / _step(hz.high, high))
-    ratios = math.ceil(math.log(end / low) / -math.log(_SLOWER))
+    even = math.ceil(math.tau * hz.high * (high - low) / _step(hz.high, high))
     if velocity_filter is not None:
         # a filter is slower by the interval, and a notch then lies elsewhere
-        even = max(even, math.ceil(velocity_filter.q * math.log(end / low) / _NOTCH))
-    if even <= ratios:
-        found = [_Interval(t, belief, 1.0) for t in np.linspace(low, end, even + 1).tolist()]
-    else:
-        slower = (low / end) ** (1.0 / ratios)
-        widened = replace(
-            belief,
-            flexible_hz=replace(hz, low=slower * hz.low),
-            damping=replace(belief.damping, low=slower * belief.damping.low),
-        )
-        found = [
-            _Interval(t, widened, 1.0 / slower)
-            for t in np.geomspace(low, end, ratios + 1).tolist()[1:]
-        ]
-    if end < high:
-        found.append(_Interval(high, belief, 1.0))
-    halves = _halves(hz.low * end) / hz.low  # see _scan
-    return found + [_Interval(t, belief, 1.0) for t in halves[halves > low].tolist()]
+        even = max(even, math.ceil(velocity_filter.q * math.log(high / low) / _NOTCH))
+    halves = _halves(hz.low * high) / hz.low  # see _servos
+    return [*np.linspace(low, high, even + 1).tolist(), *halves[halves > low].tolist()]
 
 
 def _halves(most: float) -> FloatArray:

@@ -6,6 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from haptic_wall.controller.detector.detection import Known, detect
+from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.laws.wall import Side
 from tests.cases import sampled
 from tests.support.judges import called_quiet, own_oscillation
@@ -52,6 +54,19 @@ def test_a_report_changes_nothing_and_asks_nothing() -> None:
     assert set(trial.stiffness) == {trial.stiffness[0]}
     assert trial.counts[0] == 0
     assert trial.trip is None
+
+
+@pytest.mark.parametrize("stiffness", [42.0, 55.0])
+def test_an_oscillation_at_the_torque_limit_is_seen_in_its_record(stiffness: float) -> None:
+    """Its period changes as it grows, so that no sinusoid fits; the run's own watch judges it."""
+    truth = replace(VALUE, delay=0.003)
+    report = "safety.on_oscillation=report"
+    trial = run(truth, 0.0, report, stiffness=stiffness, kick=0.2, duration_s=3.0)
+    times = np.arange(float(trial.measured.size)) * trial.period
+    known = Known(trial.period, VALUE.inertia, math.tau / 4096)
+    found = detect(times, trial.measured, trial.torque, known, lag=truth.delay)
+    assert found.worst == State.GROWING
+    assert found.first_alarm_s == pytest.approx(trial.first_alarm_s, abs=0.05)
 
 
 def ended_or_died(trial: Trial) -> bool:

@@ -91,7 +91,7 @@ def test_walls_above_their_limit_are_noticed_while_they_grow(share: float) -> No
 
 def test_motion_that_dies_is_no_alarm() -> None:
     walls = some_walls(0.7)
-    for i, trace in enumerate(kicked(walls, np.full(len(walls), 60 * COUNT), 12.0)):
+    for i, trace in enumerate(kicked(walls, np.full(len(walls), 60 * COUNT), 6.0)):
         assert not listen(walls[i], trace, wrong_beliefs(len(walls))[i], once=True).alarms
 
 
