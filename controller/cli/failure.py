@@ -54,6 +54,9 @@ def _problem(error: BaseException) -> Problem:
     if isinstance(error, click.NoSuchOption):
         near = sorted(error.possibilities or [])
         advice = f"did you mean {' or '.join(near)}?" if near else advice
+        for each in context.command.params if context else ():
+            if each.name == "sets":
+                advice = f"a setting is changed with --set {each.metavar}; {advice}"
         return Problem("no such option", advice=advice, field=error.option_name)
     if isinstance(error, click.BadParameter) and error.param is not None:
         is_option = isinstance(error.param, click.Option)

@@ -238,21 +238,16 @@ def _wrong(path: str, value: Any, kind: str) -> Problem:  # noqa: ANN401
 
 
 def _known_instead(where: list[str]) -> str:
-    """Return advice on an unknown key: the nearest known one, by its own name or in any section."""
+    """Return advice on an unknown key: the nearest known one, or what there is."""
     name, section = where[-1], sections().get(where[0])
-    if len(where) == 1:
-        homes = [path for path in fields() if path.endswith(f".{name}")]
-        return (
-            did_you_mean(name, sections())
-            or (f"did you mean {homes[0]}?" if homes else "")
-            or f"sections are {', '.join(sections())}"
-        )
-    if len(where) > 2 or section is None:
+    if len(where) > 2:
         return "wanted value, low and high"
-    homes = [path for path in fields() if path.endswith(f".{name}")]
+    if homes := [path for path in fields() if path.endswith(f".{name}")]:
+        return f"did you mean {homes[0]}?"
+    if section is None:
+        return did_you_mean(name, sections()) or f"sections are {', '.join(sections())}"
     near = did_you_mean(name, section.model_fields, f"{where[0]}.")
-    elsewhere = f"did you mean {homes[0]}?" if homes else ""
-    return near or elsewhere or f"{where[0]} has {', '.join(section.model_fields)}"
+    return near or f"{where[0]} has {', '.join(section.model_fields)}"
 
 
 def _of_origin(problem: Problem, origins: Mapping[str, str]) -> Problem:

@@ -19,7 +19,6 @@ from haptic_wall.controller.theory import (
 )
 from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.chain import one_mass
-from haptic_wall.controller.theory.servos import SERVOS
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from tests.cli.caller import Cli
 
@@ -58,14 +57,6 @@ def test_the_points_are_those_of_the_theory_in_the_order_asked(cli: Cli) -> None
     )
 
 
-def test_a_servo_stands_for_numbers(cli: Cli) -> None:
-    facts = SERVOS["MX-64"]
-    plain = ["--inertia", f"{facts.inertia}", "--damping", f"{facts.damping}"]
-    there = ["--period", "0.001", "--delay", "0.001", "--virtual-damping", "0.1"]
-    named = cli.json("boundary", "--servo", "mx-64", *there)
-    assert named == cli.json("boundary", *plain, *there)
-
-
 def test_the_design_is_told_for_the_stiffest_wall_asked_for(cli: Cli) -> None:
     found = cli.json("boundary", *LOOP, "--virtual-damping=0.05,0.2,0.1")
     stiffest = max(found["points"], key=lambda point: point["one_sided"])
@@ -95,20 +86,6 @@ def test_ranges_give_the_least_safe_corner_and_what_knowing_it_buys(cli: Cli) ->
     improvements = {each["change"]: each["stiffness"] for each in found["design"]["improvements"]}
     known = one_sided_limit(0.012, 0.014, 1.05 * 0.1, 1e-3, 1.5e-3) / 1.05
     assert improvements["belief"] == pytest.approx(known, rel=1e-3)
-
-
-def test_the_text_names_units_ceiling_peak_limit_and_what_helps(cli: Cli) -> None:
-    status, out, err = cli("boundary", *LOOP, "--virtual-damping=0,0.1")
-    assert (status, err) == (0, "")
-    for words in (
-        "N·m·s/rad", "N·m/rad", "one-sided", "passive", "oscillation", "ceiling", "peak",
-        "Limit of the one-sided wall at a virtual damping of 0.1, the stiffest of these:",
-        "limit    one-sided", "half the delay, 1 ms instead of 2 ms", "twice the rate",
-        "not examined",
-    ):  # fmt: skip
-        assert words in out
-    assert max(map(len, out.splitlines())) <= 100
-    assert "nan" not in out
 
 
 @pytest.mark.whole

@@ -151,6 +151,7 @@ def test_a_port_that_somebody_else_has_names_him(cli: Cli) -> None:
     assert {"wake-up lateness", "model", "registers"} <= set(found["not_examined"])
 
 
+@pytest.mark.whole
 @pytest.mark.realtime
 def test_a_servo_is_never_set_to_a_rate_that_this_adapter_cannot_make(
     cli: Cli, monkeypatch: pytest.MonkeyPatch

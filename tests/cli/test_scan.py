@@ -46,6 +46,7 @@ def test_a_port_that_is_not_there_ends_with_4(cli: Cli, tmp_path: Path) -> None:
     assert "does not exist" in err
 
 
+@pytest.mark.whole
 @pytest.mark.realtime
 def test_servos_are_found_at_whatever_rate_they_are(cli: Cli) -> None:
     with emulate("--servo", "XM430-W350:3", "--servo", "XL430-W250:7", "--baud=57600") as (_, port):

@@ -77,6 +77,7 @@ def test_a_wall_is_changed_from_outside_and_its_clients_harm_nothing(tmp_path: P
     assert not socket_of(log).exists()
 
 
+@pytest.mark.whole
 def test_a_killed_run_leaves_in_its_log_who_asked(tmp_path: Path) -> None:
     log = tmp_path / "run.hwlog"
     with run("simulated", ("servo.hand=none", "realtime.profile=off"), log=log) as wall:

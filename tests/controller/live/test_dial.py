@@ -161,8 +161,6 @@ def test_another_user_is_refused_by_the_kernels_word(tmp_path: Path) -> None:
     "content",
     [
         b"\n",
-        b"[1, 2]\n",
-        b'{"set": "wall.stiffness=4"}\n',
         b'{"set": [4]}\n',
         b'{"set": ["a=1"], "wait_s": NaN}\n',
         b'{"set": ["a=1"], "wait_s": 1e9}\n',

@@ -41,6 +41,12 @@ def event(row: int | None, changed: Change | None, outcome: str = "applied") -> 
     return {"row": row, "set": [], "changed": changed, "outcome": outcome, "why": None, "by": by}
 
 
+def test_a_setting_that_went_does_not_cost_an_older_log() -> None:
+    config = METADATA["config"]
+    older = config | {"guard": config["guard"] | {"gone": 1}, "section": {"gone": 1}}
+    assert walls_of({"config": older}, []) == walls_of(METADATA, [])
+
+
 @pytest.fixture(scope="module")
 def swung(tmp_path_factory: pytest.TempPathFactory) -> Swung:
     """A wall that oscillates, in turn at two places, with two laws; its log."""
