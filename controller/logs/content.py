@@ -79,7 +79,7 @@ _REPORT: Final = {
     "rows": int | None,
 }
 _NUMBER: Final = int | float | None
-_INSIDE: Final = {
+_INSIDE: Final[Mapping[str, Mapping[str, Any]]] = {
     "guard": {"reasons": list | None},
     "oscillation": {
         "state": str | None,
@@ -101,16 +101,9 @@ def fault_of_report(report: object) -> str | None:
     fault = _fault(report, _REPORT, "its report")
     if fault is not None or not isinstance(report, dict):
         return fault
-    return next(
-        filter(
-            None,
-            (
-                _fault(report.get(name) or {}, kinds, f"its report's {name}")
-                for name, kinds in _INSIDE.items()
-            ),
-        ),
-        None,
-    )
+    for name, kinds in _INSIDE.items():
+        fault = fault or _fault(report.get(name) or {}, kinds, f"its report's {name}")
+    return fault
 
 
 def _fault(found: object, kinds: Mapping[str, Any], what: str) -> str | None:
