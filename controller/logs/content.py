@@ -74,8 +74,19 @@ _REPORT: Final = {
     "message": str | None,
     "schedule": str | None,
     "guard": dict | None,
+    "oscillation": dict | None,
     "warnings": list | None,
     "rows": int | None,
+}
+_NUMBER: Final = int | float | None
+_INSIDE: Final[Mapping[str, Mapping[str, Any]]] = {
+    "guard": {"reasons": list | None},
+    "oscillation": {
+        "state": str | None,
+        "frequency_hz": _NUMBER,
+        "amplitude_rad": _NUMBER,
+        "first_alarm_s": _NUMBER,
+    },
 }
 """Kinds of the parts that are used; a missing one counts as None"""
 
@@ -88,8 +99,10 @@ def fault_of_change(change: object) -> str | None:
 def fault_of_report(report: object) -> str | None:
     """Name the implausible part of a run's report; None: all of it is plausible."""
     fault = _fault(report, _REPORT, "its report")
-    if fault is None and isinstance(report, dict):
-        return _fault(report.get("guard") or {}, {"reasons": list | None}, "its report's guard")
+    if fault is not None or not isinstance(report, dict):
+        return fault
+    for name, kinds in _INSIDE.items():
+        fault = fault or _fault(report.get(name) or {}, kinds, f"its report's {name}")
     return fault
 
 

@@ -114,14 +114,9 @@ def _seen(part: Part, settings: Known, lag: float, wall: KnownWall) -> Detection
 def verdict_of(log: LogReader) -> Mapping[str, Any] | None:
     """Return ``oscillation`` of the run's report: the worst that its watch saw; None: unknown.
 
-    The names are ``state``, ``frequency_hz``, ``amplitude_rad``, ``first_alarm_s``; a log that no
-    run has written may hold something else there, which counts as unknown.
+    The names are ``state``, ``frequency_hz``, ``amplitude_rad``, ``first_alarm_s``.
     """
-    told = (log.end or {}).get("oscillation")
-    if not isinstance(told, dict) or told.get("state") not in {each.name.lower() for each in State}:
+    told = (log.end or {}).get("oscillation") or {}
+    if told.get("state") not in {each.name.lower() for each in State}:
         return None
-    names = ("frequency_hz", "amplitude_rad", "first_alarm_s")
-    numbers = {name: told.get(name) for name in names}
-    if not all(type(each) in (int, float, type(None)) for each in numbers.values()):
-        return None
-    return {"state": told["state"], **numbers}
+    return {name: told.get(name) for name in _VERDICT}
