@@ -299,7 +299,7 @@ class PointSearch:
             result.kick_rad, result.larger_grows = found.amplitude, found.larger_grows
             if result.exact > 0.0:
                 result.predicted_with_friction = device.sustained(damping, delay, found.amplitude)
-                result.onset_rad = device.onset(damping, delay, found.stiffness)
+                result.onset_rad = device.onset(damping, delay, found.stiffness, found.amplitude)
             if not found.low <= found.stiffness <= found.high:
                 result.reason = "extrapolated: on one side of the limit there is no trial"
             elif found.uncertainty > 2.0 * self._options.tolerance * found.stiffness:
