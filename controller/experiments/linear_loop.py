@@ -31,22 +31,26 @@ class LinearLoop:
     """Inertia, stiffness and damping of the part behind the transmission; None: rigid"""
     encoder: EncoderSide = "output"
 
-    def chain(self) -> Chain:
-        """Return the masses that move, one or two."""
+    def chain(self, friction: float = 0.0) -> Chain:
+        """Return the masses that move, one or two, with more viscous friction [N·m·s/rad]."""
+        damping = self.damping + friction
         if self.load is None:
-            return one_mass(self.inertia, self.damping)[0]
+            return one_mass(self.inertia, damping)[0]
         motor = self.inertia - self.load[0]
-        return two_masses(motor, self.damping, *self.load, encoder=self.encoder)[0]
+        return two_masses(motor, damping, *self.load, encoder=self.encoder)[0]
 
-    def critical(self, virtual_damping: ArrayLike, delay: ArrayLike) -> CriticalPoint:
+    def critical(
+        self, virtual_damping: ArrayLike, delay: ArrayLike, friction: float = 0.0
+    ) -> CriticalPoint:
         """Return the critical stiffness, with its frequency, in the broadcast shape.
 
         Args:
             virtual_damping: B [N·m·s/rad].
             delay: Total [s].
+            friction: More viscous friction [N·m·s/rad].
         """
         loop = (self.period, delay, self.samples, self.velocity_filter)
-        return chain_boundary(self.chain(), (), virtual_damping, *loop)
+        return chain_boundary(self.chain(friction), (), virtual_damping, *loop)
 
     def ceiling(self, delay: float) -> float:
         """Return the virtual damping above which nothing is stable [N·m·s/rad]."""

@@ -84,6 +84,8 @@ class Width:
     """Total, believed"""
     points: list[PointResult] = field(default_factory=list)
     """Measured"""
+    _wanted: tuple[PlanePoint, ...] = ()
+    """Points to measure, when they have been asked for"""
 
     def sweep(self, folder: Path) -> Sweep | None:
         """Return what measures it: at no, a third, and two thirds of the useful damping.
@@ -93,8 +95,8 @@ class Width:
         """
         if self.config is None:
             return None
-        points = points_at(self.config, self.config.delay.steps)
-        return Sweep(self.config, points, OPTIONS, folder / self.velocity.folder)
+        self._wanted = self._wanted or points_at(self.config, self.config.delay.steps)
+        return Sweep(self.config, self._wanted, OPTIONS, folder / self.velocity.folder)
 
     def report(self) -> dict[str, Any]:
         """Return JSON-ready values."""

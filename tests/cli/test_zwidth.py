@@ -125,7 +125,7 @@ def test_ctrl_c_ends_it_and_says_how_to_go_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(zwidth, "sweep", lambda *_, **__: False)
-    assert call(*SIMULATED, ONE, "--out", tmp_path / "out") == 130
+    assert call(*SIMULATED, ONE, "--measure=own", "--out", tmp_path / "out") == 130
     assert f"--out {tmp_path / 'out'} continues" in capsys.readouterr().err
 
 

@@ -159,9 +159,9 @@ class PointSearch:
         fine = idle = repeats = 0
         for number in range(_BATCHES + _REPEATS):
             found = trials.estimate()
-            if number - repeats == _BATCHES:
+            if number - repeats == _BATCHES or idle == _IDLE:
                 break
-            if found is not None and is_enough(found, fine, options.tolerance):
+            if trials.is_narrow if found is None else is_enough(found, fine, options.tolerance):
                 break
             near = is_close(found)
             if self._again and repeats < _REPEATS:
@@ -177,8 +177,6 @@ class PointSearch:
             if not batch or not self._play(batch):
                 break
             idle = idle + 1 if trials.usable == usable else 0
-            if idle == _IDLE or (found is None and trials.is_narrow):
-                break
         return trials.estimate()
 
     def _possible(self, wanted: Sequence[float], repeats: int = 1) -> list[_Asked]:
@@ -299,7 +297,7 @@ class PointSearch:
             result.kick_rad, result.larger_grows = found.amplitude, found.larger_grows
             if result.exact > 0.0:
                 result.predicted_with_friction = device.sustained(damping, delay, found.amplitude)
-                result.onset_rad = device.onset(damping, delay, found.stiffness)
+                result.onset_rad = device.onset(damping, delay, found.stiffness, found.amplitude)
             if not found.low <= found.stiffness <= found.high:
                 result.reason = "extrapolated: on one side of the limit there is no trial"
             elif found.uncertainty > 2.0 * self._options.tolerance * found.stiffness:

@@ -14,8 +14,10 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory import linear_limit
 from haptic_wall.controller.theory.harmonic import Lossy, kick_limit
 
-_ONSETS = 1e-4, 3.0, 60
-"""Amplitudes that are tried for the onset: from, to [rad], number"""
+_ROUNDS = 6
+"""Rounds in which the damping of friction and the frequency are found that belong together"""
+_ONSETS = np.geomspace(0.1, 10.0, 17)
+"""Amplitudes that are tried for the onset, over the kick"""
 
 
 def believed_loop(config: Config, inertia: float, damping: float, gain: float) -> LinearLoop:
@@ -94,6 +96,13 @@ class Device:
         """Return the sampling period T [s]."""
         return self.loop.period
 
+    def _critical(
+        self, virtual_damping: float, delay: float, friction: float
+    ) -> tuple[float, float]:
+        """Return the critical stiffness and its frequency with more viscous friction."""
+        at = self.loop.critical(virtual_damping, delay, friction)
+        return float(at.stiffness), float(at.frequency)
+
     def exact(self, virtual_damping: float, delay: float) -> float:
         """Return the critical stiffness without friction [N·m/rad]; 0: none."""
         return float(self.loop.critical(virtual_damping, delay).stiffness)
@@ -105,23 +114,39 @@ class Device:
     def sustained(self, virtual_damping: float, delay: float, amplitude: float) -> float | None:
         """Return the stiffness that sustains an amplitude, with friction and backlash [N·m/rad].
 
-        None: there are a load or a filter of the velocity, which this theory does not know, or no
-        stiffness does.
+        None: no stiffness does. With a load or a filter backlash is not counted.
+
+        Source: describing function of Coulomb friction, 4 c/(pi A w).
         """
-        if self.loop.load is not None or self.loop.velocity_filter is not None:
-            return None
         if self.coulomb == 0.0 and self.backlash == 0.0:
             return self.exact(virtual_damping, delay) or None
+        if self.loop.load is not None or self.loop.velocity_filter is not None:
+            stiffness, frequency = self._critical(virtual_damping, delay, 0.0)
+            friction = 0.0
+            for each in range(_ROUNDS if frequency else 0):
+                found = 2.0 * self.coulomb / (math.pi**2 * amplitude * frequency)
+                friction = 0.5 * (friction + found) if each else found
+                stiffness, frequency = self._critical(virtual_damping, delay, friction)
+            return stiffness or None
         servo = Lossy(self.loop.inertia, self.loop.damping, self.coulomb, self.backlash)
         loop = virtual_damping, self.period, delay, amplitude, self.loop.samples
         found = kick_limit(servo, *loop)
         return found if math.isfinite(found) else None
 
-    def onset(self, virtual_damping: float, delay: float, stiffness: float) -> float | None:
-        """Return the amplitude that a stiffness sustains [rad], 0 if it needs none; None: none."""
+    def onset(
+        self, virtual_damping: float, delay: float, stiffness: float, kick: float
+    ) -> float | None:
+        """Return the amplitude that a stiffness sustains [rad], 0: all grow; None: none near.
+
+        Args:
+            virtual_damping: B [N·m·s/rad].
+            delay: Total [s].
+            stiffness: K [N·m/rad].
+            kick: An amplitude near it [rad].
+        """
         if self.coulomb == 0.0:
             return 0.0 if stiffness > self.exact(virtual_damping, delay) else None
-        tried = np.geomspace(*_ONSETS)
+        tried = kick * _ONSETS
         found = [self.sustained(virtual_damping, delay, each) or np.inf for each in tried.tolist()]
         limits = np.minimum.accumulate(found)[::-1]
         if not limits[0] <= stiffness <= limits[-1]:

@@ -7,6 +7,7 @@ worst corner, and no stiffness is tried at which torque or speed would exceed it
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -135,7 +136,7 @@ def reach(device: Device, setting: PlanePoint, delay: float, kick: float | None)
     if kick is None:
         least = max(min(_KICK_COUNTS * device.position_step / KICK, 1.0), 1e-4)
         kicks = (KICK * np.geomspace(1.0, least, _KICKS)).tolist()
-        kick = next(filter(swing.fits, kicks), kicks[-1])
+        kick = kicks[bisect_left(kicks[:-1], True, key=swing.fits)]
     by_torque, by_speed = swing.tops(kick)
     bound_by = "servo.torque_limit" if by_torque <= by_speed else "safety.max_speed"
     return Reach(kick, swing.balanced(kick), min(by_torque, by_speed), bound_by)

@@ -29,7 +29,7 @@ class PointResult:
     frequency_hz: float | None = None
     predicted_with_friction: float | None = None
     """Stiffness that sustains the kick's amplitude, with the believed friction and backlash
-    [N·m/rad]; None: with a load or a filter it is not known"""
+    [N·m/rad]; with a load or a filter without the backlash"""
     larger_grows: bool | None = None
     """At the measured stiffness larger motion grows (true), or dies down to a cycle of about the
     kick (false); None: the trials do not tell"""
