@@ -49,6 +49,9 @@ class Detected:
     """NaN: none"""
 
 
+_VERDICT = ("state", "frequency_hz", "amplitude_rad", "first_alarm_s")
+
+
 def read_recording(path: Path) -> Recording:
     """Read a log, or a CSV with the columns ``time_s``, ``position_rad``, ``torque_nm``.
 
