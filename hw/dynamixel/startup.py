@@ -180,7 +180,7 @@ class Startup:
                 f"; of the motor's current: the servo senses that of its supply, so goals go with "
                 f"the square of the torque, in steps of at most {law.step:.2g} N·m"
             )
-        told = ()
+        told: tuple[str, ...] = ()
         if limit > 0.0 and not law.within(limit):
             told = (
                 f"Its smallest torque is {law.step:.2g} N·m at this supply, more than "

@@ -393,7 +393,9 @@ def test_a_reversed_position_is_found_by_the_probe_alone(direction: int) -> None
 
 def losing_the_end_of_the_push(bench: Bench, times: int) -> None:
     """The first goals of zero after the push are lost."""
-    write, pushed, lost = bench.memory_line.write, [], []
+    write = bench.memory_line.write
+    pushed: list[bool] = []
+    lost: list[bool] = []
 
     def lose(data: bytes) -> None:
         (frame,) = Parser().feed(data)
