@@ -10,8 +10,7 @@ from __future__ import annotations
 import mmap
 import os
 import struct
-from dataclasses import dataclass
-from typing import Final, Self
+from typing import Final, NamedTuple, Self
 
 SILENCE_NS: Final = 150_000_000
 """Longest time between two positions of a hand that holds on [ns]"""
@@ -30,8 +29,7 @@ _SIZE: Final = 4096
 _TRIES: Final = 3
 
 
-@dataclass(frozen=True, slots=True)
-class Grasp:
+class Grasp(NamedTuple):
     """The hand as it holds the shaft."""
 
     begin_ns: int
@@ -108,9 +106,9 @@ class SharedHand:
     def look(self, now_ns: int) -> Grasp | None:
         """Return how the hand holds the shaft; None: it does not."""
         for _ in range(_TRIES):
-            number, begin, until, origin, target, stiffness = _FIELDS.unpack_from(self._map)
+            number, *grasp = _FIELDS.unpack_from(self._map)
             if number % 2 == 0 and _NUMBER.unpack_from(self._map)[0] == number:
-                self._last = Grasp(begin, until, origin, target, stiffness)
+                self._last = Grasp(*grasp)
                 break
         last = self._last
         return last if last is not None and now_ns < last.until_ns and last.stiffness > 0 else None
@@ -120,14 +118,5 @@ class SharedHand:
         self._last = grasp
         number = _NUMBER.unpack_from(self._map)[0] | 1
         _NUMBER.pack_into(self._map, 0, number)
-        _FIELDS.pack_into(
-            self._map,
-            0,
-            number,
-            grasp.begin_ns,
-            grasp.until_ns,
-            grasp.origin,
-            grasp.target,
-            grasp.stiffness,
-        )
+        _FIELDS.pack_into(self._map, 0, number, *grasp)
         _NUMBER.pack_into(self._map, 0, number + 1)

@@ -48,8 +48,6 @@ _GARBLED: Final = (ErrorCode.INSTRUCTION, ErrorCode.CRC, ErrorCode.DATA_LENGTH)
 """Refusals of a request that the line has damaged"""
 _REASONS: Final = {code.value: f"{code.name.lower().replace('_', ' ')} error" for code in ErrorCode}
 _APART: Final = "connect one of them, and give it another id with Dynamixel Wizard."
-ECHOES: Final = "the adapter returns what is sent"
-"""Of a half-duplex adapter; the reply comes behind the echo"""
 _LATE_MS: Final = 10.0
 UNHELD: Final = "set the adapter's latency timer to 1 ms, use no hub"
 """Advice where replies come late"""
@@ -271,11 +269,9 @@ class Table:
             in_time = self.clock.now_ns() < deadline_ns
             for frame in parser.feed(line.read()):
                 data = frame.params
-                if frame.instruction != Instruction.STATUS:
-                    station.echoes |= (frame.id, frame.instruction) == (station.id, instruction)
-                elif frame.id != station.id:
-                    continue
-                elif code := frame.error & REFUSED:
+                if frame.instruction != Instruction.STATUS or frame.id != station.id:
+                    continue  # such as an echo of what was sent
+                if code := frame.error & REFUSED:
                     station.refusal = code if instruction else station.refusal
                 elif len(data) == size and found is None:
                     found = data
@@ -298,8 +294,6 @@ class Table:
         code = self.station.refusal
         if code:
             return f" ({_REASONS.get(code, f'error {code}')})"
-        if self.station.echoes:
-            return f" ({ECHOES})"
         return " (damaged replies came)" if self._damaged else ""
 
     def _failure(self, doing: str) -> ServoError:

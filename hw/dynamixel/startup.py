@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 from haptic_wall.hw.dynamixel.probe import prove_the_sign
-from haptic_wall.hw.dynamixel.register_access import ECHOES, Table
+from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.registers import CURRENT_MODE, POSITION_UNIT
 from haptic_wall.hw.dynamixel.rules import (
     STATUS_LEVEL,
@@ -116,8 +116,6 @@ class Startup:
                 file = timer_file(port)
                 found += f", which delays replies; `echo 1 | sudo tee {file}` sets 1 ms"
         self._report("latency timer", found, "1 ms, or none")
-        if self._table.station.echoes:
-            self._report("echo", f"{ECHOES}: switch its echo off", "none")
 
     def _identify(self, number: int) -> None:
         """Check model and firmware, and have every instruction answered."""
@@ -180,7 +178,7 @@ class Startup:
                 f"; of the motor's current: the servo senses that of its supply, so goals go with "
                 f"the square of the torque, in steps of at most {law.step:.2g} N·m"
             )
-        told = ()
+        told: tuple[str, ...] = ()
         if limit > 0.0 and not law.within(limit):
             told = (
                 f"Its smallest torque is {law.step:.2g} N·m at this supply, more than "

@@ -39,8 +39,6 @@ class Station:
     def __init__(self, id_: int) -> None:
         self.id = id_
         self.counts = BusCounts()
-        self.echoes = False
-        """An instruction came back as it was sent"""
         self.refusal = 0
         """Reason of the last refusal of a read or write (``ErrorCode``); set it to 0 to know of the
         next"""

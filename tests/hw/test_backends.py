@@ -15,7 +15,7 @@ from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import MonotonicClock, SimulatedClock
 from haptic_wall.hw.errors import BackendError, PortError
-from haptic_wall.hw.open import backend, backend_names, cut_torque, open_port, open_servo
+from haptic_wall.hw.open import backend, cut_torque, open_port, open_servo
 from haptic_wall.hw.settings import ServoSettings
 from haptic_wall.hw.truth import TrueServo
 from tests.typed import not_none
@@ -138,24 +138,6 @@ def test_its_options_are_checked_before_anything_runs(line_servo: dict[str, str]
     assert "servo.baud (from --set): found nothing, wanted 115200" in done.stderr
 
 
-def test_ours_are_known_without_being_installed() -> None:
-    assert backend_names()[:2] == ["simulated", "dynamixel"]
-    assert backend("simulated").kind(None) == "simulated"
-    kind = backend("dynamixel").kind
-    assert (kind("emulated"), kind("/dev/ttyUSB0"), kind(None)) == (
-        "emulated",
-        "hardware",
-        "hardware",
-    )
-
-
-def test_a_name_of_ours_cannot_be_taken(site: Path) -> None:
-    before = backend("simulated")
-    install(site, distribution("impostor", simulated="impostor:BACKEND"))
-    backend.cache_clear()
-    assert backend("simulated") is before
-
-
 def test_an_unknown_backend_is_named_with_those_that_are_known(site: Path) -> None:
     install(site, distribution("line-servo", line="line_servo:BACKEND"))
     with pytest.raises(BackendError, match=r"'lime': known are simulated, dynamixel, line\.$"):
@@ -187,13 +169,6 @@ def test_a_backend_that_cannot_be_loaded_is_named_with_its_distribution(
     assert "servo backend 'broken' of the distribution broken-servo" in problem
     assert told in problem
     assert "\n" not in problem
-
-
-def test_two_distributions_with_one_name_are_both_named(site: Path) -> None:
-    for name in ("one", "other"):
-        install(site, distribution(name, twice=f"{name}:BACKEND"))
-    with pytest.raises(BackendError, match="more than once, by one and other"):
-        backend("twice")
 
 
 def test_a_simulated_servo_has_no_port_and_ends_with_its_process() -> None:

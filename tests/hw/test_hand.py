@@ -61,19 +61,6 @@ def test_it_brings_the_shaft_to_where_it_is(hand: SharedHand, load: float) -> No
     assert position == pytest.approx(0.3, abs=1e-3)
 
 
-def test_a_stiff_grip_with_positions_twenty_times_a_second_does_not_swing(
-    hand: SharedHand,
-) -> None:
-    """Closed over the page such a spring would be unstable."""
-    held, position, most = Held(hand), 0.0, 0.0
-    for _ in range(60):
-        hand.hold(0.3, MOST_STIFFNESS, position, held.clock.now_ns())
-        position = held.run(0.05)
-        most = max(most, position)
-    assert position == pytest.approx(0.3, abs=1e-4)
-    assert most < 0.45
-
-
 def test_silence_lets_go(hand: SharedHand) -> None:
     held = Held(hand)
     hand.hold(0.3, 4.0, 0.0, held.clock.now_ns())

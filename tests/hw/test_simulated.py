@@ -1,7 +1,6 @@
 """The simulated servo's own behaviour; the contract tests hold the shared one."""
 
 import math
-import random
 from typing import Any
 
 import pytest
@@ -38,13 +37,6 @@ def test_the_position_is_that_of_the_request_however_late_it_is_collected() -> N
     assert math.isnan(reading.torque)
 
 
-def test_its_facts_are_those_of_the_true_servo() -> None:
-    servo, _ = started(counts_per_rev=1024, torque_limit=0.5, torque_step=0.002)
-    facts = servo.facts
-    assert (facts.counts_per_rev, facts.torque_limit, facts.torque_step) == (1024, 0.5, 0.002)
-    assert servo.bus is None
-
-
 def test_its_time_begins_with_the_start() -> None:
     # A hand would have moved it, had it begun when it was opened.
     clock = SimulatedClock()
@@ -59,27 +51,6 @@ def test_its_time_begins_with_the_start() -> None:
     assert servo.collect(0).position == pytest.approx(0.5, abs=1e-3)
 
 
-def test_a_torque_sent_acts_the_device_delay_later() -> None:
-    servo, clock = started(delay=0.5e-3)
-    servo.write(1.0)
-    clock.wait_until(2 * MS)
-    servo.request()
-    assert servo.collect(0).position == pytest.approx(0.5 * 100.0 * 0.0015**2, rel=1e-9)
-
-
-def test_each_torque_acts_until_the_next_is_written() -> None:
-    """Also where nobody looks in between."""
-    servo, clock = started()
-    servo.write(1.0)
-    clock.wait_until(2 * MS)
-    servo.write(0.0)
-    clock.wait_until(3 * MS)
-    servo.request()
-    pushed = 0.5 * 100.0 * 0.002**2
-    drifted = 100.0 * 0.002 * 0.001
-    assert servo.collect(0).position == pytest.approx(pushed + drifted, rel=1e-9)
-
-
 def test_a_reading_answers_one_request() -> None:
     servo, _ = started()
     with pytest.raises(RuntimeError, match="call request first"):
@@ -88,32 +59,6 @@ def test_a_reading_answers_one_request() -> None:
     servo.collect(0)
     with pytest.raises(RuntimeError, match="call request first"):
         servo.collect(0)
-
-
-def test_a_servo_that_cannot_be_is_refused_when_it_is_opened() -> None:
-    with pytest.raises(ValueError, match="inertia"):
-        SimulatedServo(TrueServo(inertia=0.0), SimulatedClock())
-
-
-def test_the_same_run_is_the_same_to_the_bit() -> None:
-    def run(start_ns: int) -> list[float]:
-        servo, clock = started(
-            start_ns, damping=0.01, coulomb=0.09, hand="tap", counts_per_rev=4096, delay=3e-4
-        )
-        rng = random.Random(5)
-        readings = []
-        for tick in range(3000):
-            clock.wait_until(start_ns + tick * MS)
-            servo.request()
-            position = servo.collect(0).position
-            servo.write(-10.0 * position + rng.gauss(0.0, 0.1))
-            readings.append(position)
-        return readings
-
-    first = run(0)
-    assert run(0) == first
-    # Where the clock's origin lies does not matter either.
-    assert run(123_456_789_012_345_678) == first
 
 
 def test_it_has_the_drive_of_an_emulated_one() -> None:

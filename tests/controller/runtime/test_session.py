@@ -28,6 +28,7 @@ from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.dynamixel.group import DynamixelGroup
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
 from haptic_wall.hw.servo import Check, Servo
 from tests.cases import sampled
@@ -312,7 +313,7 @@ def test_decisions_for_slow_replies_are_computed_with_the_torque_off(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The decisions take up to seconds. Only a start shows how long a reply takes."""
-    real_start, real_stop = DynamixelServo.start, DynamixelServo.stop
+    real_start, real_stop = DynamixelServo.start, DynamixelGroup.stop
     torque_on, when = [False], []
 
     def start(servo: DynamixelServo) -> list[Check]:
@@ -321,16 +322,16 @@ def test_decisions_for_slow_replies_are_computed_with_the_torque_off(
         torque_on[0] = True
         return checks
 
-    def stop(servo: DynamixelServo) -> bool:
+    def stop(group: DynamixelGroup) -> bool:
         torque_on[0] = False
-        return real_stop(servo)
+        return real_stop(group)
 
     def decided(config: Config, servo: Servo, simulated: bool, **given: Any) -> Decided:
         when.append(torque_on[0])
         return guard_decisions(config, servo, simulated, **given)
 
     monkeypatch.setattr(DynamixelServo, "start", start)
-    monkeypatch.setattr(DynamixelServo, "stop", stop)
+    monkeypatch.setattr(DynamixelGroup, "stop", stop)
     monkeypatch.setattr("haptic_wall.controller.runtime.session.guard_decisions", decided)
     result, _ = session("emulated-ideal", "loop.clock=simulated", duration=0.2)
     assert when == [False, False]

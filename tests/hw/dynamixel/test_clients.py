@@ -166,52 +166,9 @@ def test_rustypot_reads_and_moves_several_servos_at_once(
         assert angle + math.pi == pytest.approx(after.position_rad, abs=near)
 
 
-@pytest.mark.dynamixel_bus(servos=[f"{X}:1", f"{X}:2", f"{X}:3:40"])
-def test_rustypot_is_told_what_is_wrong_and_never_hangs(
-    rusty: Xl330PyController, dynamixel_bus: DynamixelBus
-) -> None:
-    rusty.write_torque_enable(1, True)
-    assert rusty.write_raw_data_with_error(1, 11, [0]) == ErrorCode.ACCESS
-    assert rusty.write_raw_data_with_error(1, GOAL_CURRENT, [0xFF, 0x7F]) == ErrorCode.DATA_LIMIT
-    dynamixel_bus.inject("hardware-error:bits=overload,id=1")
-    assert rusty.read_raw_data_with_error(1, 70, 1) == ([32], ALERT)
-    rusty.set_timeout(SHORT_S)
-    assert not rusty.ping(9)
-    with pytest.raises(RuntimeError, match="9"):
-        rusty.sync_read_present_position([1, 9, 2])
-    settle(rusty)
-    rusty.set_fast_sync_read(True)
-    with pytest.raises(RuntimeError, match="3"):  # its firmware is too old
-        rusty.sync_read_present_position([1, 2, 3])
-    rusty.set_fast_sync_read(False)
-    dynamixel_bus.inject("drop:p=1,way=reply")
-    with pytest.raises(RuntimeError, match=r"timed out|Timeout"):
-        rusty.read_present_position(2)
-    dynamixel_bus.clear()
-    dynamixel_bus.inject("corrupt:p=1,flips=3,way=reply")
-    with pytest.raises(RuntimeError):
-        rusty.read_present_position(2)
-    dynamixel_bus.clear()
-    settle(rusty)
-    assert rusty.read_raw_data(2, POSITION, 4) == [0, 8, 0, 0]
-
-
 def settle(rusty: Xl330PyController) -> None:
     """A reply that comes after it was given up is taken for the next: its own habit."""
     wait_until(lambda: rusty.ping(2))
-
-
-def test_rustypot_stuffs_a_header_in_its_data(
-    rusty: Xl330PyController, dynamixel_bus: DynamixelBus
-) -> None:
-    """Goal current -1, goal velocity 0x..00FD: both ends must mean the same six bytes."""
-    data = [0xFF, 0xFF, 0xFD, 0x00, 0x00, 0x00]
-    rusty.write_raw_data(1, 44, [44, 1, 0, 0])  # Velocity Limit 300
-    assert rusty.write_raw_data_with_error(1, GOAL_CURRENT, data) == 0
-    assert rusty.read_raw_data(1, GOAL_CURRENT, 6) == data
-    dynamixel_bus.stop()
-    frames = [row.params[2:] for row in dynamixel_bus.events("rx") if row.instruction == 3]
-    assert bytes(data) in frames
 
 
 def test_a_client_that_shouts_nonsense_is_survived(dynamixel_bus: DynamixelBus) -> None:

@@ -2,7 +2,6 @@
 
 import random
 
-import pytest
 from hypothesis import assume, given, strategies
 from hypothesis import strategies as st
 
@@ -56,19 +55,6 @@ def test_crc_is_that_of_its_definition_bit_by_bit() -> None:
         assert crc16(data, start) == crc16(memoryview(bytearray(data)), start) == crc
 
 
-@given(ids, st.sampled_from(list(Instruction)), payloads)
-def test_instruction_round_trip(id_: int, instruction: Instruction, params: bytes) -> None:
-    if instruction == Instruction.STATUS:
-        return
-    assert Parser().feed(encode(id_, instruction, params)) == [Frame(id_, instruction, 0, params)]
-
-
-@given(st.integers(0, 252), st.integers(0, 255), payloads)
-def test_reply_round_trip(id_: int, error: int, params: bytes) -> None:
-    parsed = Parser().feed(encode_status(id_, error, params))
-    assert parsed == [Frame(id_, Instruction.STATUS, error, params)]
-
-
 def test_every_short_payload_of_the_stuffing_alphabet_survives() -> None:
     """All strings of up to 8 bytes over FF, FD and 00: the cases where naive stuffing loses one."""
     alphabet = (b"\xff", b"\xfd", b"\x00")
@@ -80,17 +66,6 @@ def test_every_short_payload_of_the_stuffing_alphabet_survives() -> None:
             (frame,) = parser.feed(encode(1, Instruction.WRITE, params))
             assert frame.params == params
     assert parser.corrupt == 0
-
-
-@given(ids, payloads)
-def test_length_and_crc_count_stuffed_bytes_and_no_header_is_inside(
-    id_: int, params: bytes
-) -> None:
-    wire = encode(id_, Instruction.WRITE, params)
-    assert int.from_bytes(wire[5:7], "little") == len(wire) - 7
-    assert crc16(wire[:-2]) == int.from_bytes(wire[-2:], "little")
-    assert len(wire) == 10 + len(params) + params.count(b"\xff\xff\xfd")
-    assert b"\xff\xff\xfd\x00" not in wire[4:-2]
 
 
 @given(
@@ -134,33 +109,6 @@ def test_frame_behind_a_damaged_one_is_found_at_once(data: strategies.DataObject
     assert parser.corrupt >= 1
 
 
-def test_corrupt_counts_each_broken_frame_and_each_run_of_garbage_once() -> None:
-    good = encode_status(1, 0, b"xy")
-    bad = bytearray(good)
-    bad[-1] ^= 1
-    parser = Parser()
-    parser.feed(b"hello" + good + bytes(bad) + good + b"\x00" + b"\x01" + good)
-    assert parser.corrupt == 3
-
-
-def test_reset_forgets_half_a_frame() -> None:
-    good = encode_status(1, 0, b"xy")
-    parser = Parser()
-    assert parser.feed(good[:6]) == []
-    parser.reset()
-    assert parser.feed(good) == [Frame(1, Instruction.STATUS, 0, b"xy")]
-    assert parser.corrupt == 0
-
-
-@given(st.lists(st.tuples(st.integers(0, 252), tricky), min_size=1, max_size=5))
-def test_fast_sync_reply_is_not_stuffed(items: list[tuple[int, bytes]]) -> None:
-    size = max(len(p) for _, p in items)
-    shares = [FastReply(i, 0, p.ljust(size, b"\xff")) for i, p in items]
-    wire = encode_fast_status(shares)
-    assert len(wire) == 8 + len(shares) * (size + 4)
-    assert parts(Parser(joint=len(shares)).feed(wire)) == shares
-
-
 def parts(frames: list[Frame]) -> list[FastReply]:
     """What a joint reply holds of each servo."""
     assert all(frame.instruction == Instruction.STATUS for frame in frames)
@@ -184,12 +132,6 @@ def test_of_a_joint_reply_that_ends_early_or_is_damaged_the_parts_in_front_are_f
     assert parser.idle
 
 
-@pytest.mark.parametrize("id_", [-1, 253, 255])
-def test_impossible_id_is_refused(id_: int) -> None:
-    with pytest.raises(ValueError, match=str(id_)):
-        encode(id_, Instruction.PING)
-
-
 @given(st.binary(min_size=20, max_size=20), st.integers(0, 255))
 def test_the_expected_reply_is_known_without_a_search(data: bytes, error: int) -> None:
     expected = ExpectedReplies([3], 20, "20s")
@@ -200,42 +142,6 @@ def test_the_expected_reply_is_known_without_a_search(data: bytes, error: int) -
         assert len(reply) > 31, "a stuffed one is left to search"
     else:
         assert list(found) == [(parsed.error, parsed.params)]
-
-
-def test_what_is_not_quite_the_expected_reply_is_left_to_the_parser() -> None:
-    expected = ExpectedReplies([3], 4, "H")
-    reply = encode_status(3, 0, b"abcd")
-    assert expected.match(reply) is not None
-    for other in (
-        reply[:-1],
-        reply + b"\0",
-        encode_status(4, 0, b"abcd"),
-        encode_status(3, 0, b"abcde"),
-        encode(3, Instruction.READ, b"abcde"),
-        *(reply[:at] + bytes((reply[at] ^ 1,)) + reply[at + 1 :] for at in range(len(reply))),
-    ):
-        assert expected.match(other) is None
-
-
-def test_a_stuffed_reply_is_not_taken_for_the_longer_one_it_looks_like() -> None:
-    """A late reply of 16 bytes, one stuffed in, is as long on the wire as one of 17."""
-    late = encode_status(1, 0, b"\xff\xff\xfd" + bytes(13))
-    assert len(late) == len(encode_status(1, 0, bytes(17)))
-    assert ExpectedReplies([1], 17, "H").match(late) is None
-
-
-def test_a_fast_reply_that_holds_a_header_arrives_in_pieces() -> None:
-    """It is not stuffed, so that a header in it is data."""
-    wire = encode_fast_status([FastReply(1, 0, b"\xff\xff\xfd\x00"), FastReply(2, 0, bytes(4))])
-    parser = Parser(joint=2)
-    frames = [frame for byte in wire for frame in parser.feed(bytes([byte]))]
-    assert [frame.params for frame in frames] == [b"\xff\xff\xfd\x00", bytes(4)]
-
-
-@given(st.integers(0, 255), st.lists(st.sampled_from([0xFF, 0xFD, 0x00]), max_size=6).map(bytes))
-def test_what_is_stuffed_across_the_error_byte_survives(error: int, params: bytes) -> None:
-    (frame,) = Parser().feed(encode_status(1, error, params))
-    assert frame == Frame(1, Instruction.STATUS, error, params)
 
 
 def raw_instruction(id_: int, params: bytes) -> bytes:
@@ -263,34 +169,6 @@ def test_headers_that_are_not_stuffed_are_data_where_that_is_allowed(
     found = [f for at in range(0, len(stream), cut) for f in parser.feed(stream[at : at + cut])]
     assert found == [Frame(i, Instruction.WRITE, 0, p) for i, p in messages]
     assert parser.idle
-
-
-@given(payloads, st.data(), st.integers(1, 30))
-def test_a_frame_that_is_cut_short_does_not_cost_the_next_one_there_either(
-    params: bytes, data: strategies.DataObject, cut: int
-) -> None:
-    first = encode(9, Instruction.WRITE, params)
-    first = first[: data.draw(st.integers(7, len(first) - 1))]
-    second = encode(5, Instruction.WRITE, b"abcd")
-    assume(not (first + second).startswith(encode(9, Instruction.WRITE, params)))
-    parser = Parser(unstuffed=True)
-    stream = first + second
-    found = [f for at in range(0, len(stream), cut) for f in parser.feed(stream[at : at + cut])]
-    assert found == [Frame(5, Instruction.WRITE, 0, b"abcd")]
-    assert parser.idle
-
-
-@pytest.mark.parametrize(
-    ("id_", "count", "whole"), [(5, 252, True), (254, 4, True), (255, 4, False)]
-)
-def test_behind_a_frame_that_is_cut_short_ids_are_judged_and_lengths_are_not(
-    id_: int, count: int, whole: bool
-) -> None:
-    """252 bytes make a length of 255, which no id may be."""
-    cut_short = encode(9, Instruction.WRITE, bytes(600))[:20]
-    params = bytes(count)
-    found = Parser(unstuffed=True).feed(cut_short + raw_instruction(id_, params))
-    assert found == ([Frame(id_, Instruction.WRITE, 0, params)] if whole else [])
 
 
 @given(

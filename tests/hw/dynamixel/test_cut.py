@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from random import Random
-
 import pytest
 
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode_status
 from haptic_wall.hw.dynamixel.cut import cut_torque
-from haptic_wall.hw.dynamixel.register_access import Table
-from haptic_wall.hw.dynamixel.watchdog import rearm
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.errors import ServoLostError
 from tests.cases import sampled
-from tests.hw.dynamixel.bench import BAUD, Bench
-from tests.hw.dynamixel.lines import TroubledLine
+from tests.hw.dynamixel.bench import Bench
 
 
 def pushing() -> Bench:
@@ -56,13 +51,6 @@ def test_a_frame_cut_short_by_the_drivers_death_does_not_swallow_the_cut(sent: i
     assert cut_torque(bench.line, 1) is True
 
 
-def test_a_reply_under_way_is_not_taken_for_the_confirmation() -> None:
-    bench = pushing()
-    bench.servo.request()
-    assert cut_torque(bench.line, 1) is True
-    assert bench.truth.memory["torque_enable"] == 0
-
-
 @pytest.mark.parametrize("stale", [encode_status(1, 0), encode_status(1, 0, bytes(1))])
 def test_a_late_confirmation_is_not_taken_for_the_cuts(stale: bytes) -> None:
     """It is the reply to a write of the dead driver; the cut's own first write is lost."""
@@ -86,22 +74,6 @@ def test_a_late_confirmation_is_not_taken_for_the_cuts(stale: bytes) -> None:
     assert bench.truth.memory["torque_enable"] == 0
 
 
-@pytest.mark.parametrize("lost", range(1, 6))
-def test_lost_replies_are_got_over(lost: int) -> None:
-    bench = pushing()
-    line = TroubledLine(
-        bench.memory_line,
-        lambda number, reply: [] if number < lost else [(0, reply)],
-    )
-    assert cut_torque(line, 1) is True
-
-
-def test_a_slow_adapter_is_got_over() -> None:
-    bench = pushing()
-    line = TroubledLine(bench.memory_line, lambda _, reply: [(16_000_000, reply)])
-    assert cut_torque(line, 1) is True
-
-
 def test_torque_that_stays_on_is_not_called_off() -> None:
     bench = pushing()
     bench.truth.memory["status_return_level"] = 1
@@ -114,13 +86,6 @@ def test_torque_that_stays_on_is_not_called_off() -> None:
 
     assert cut_torque(Deaf(bench.bus, bench.clock), 1) is False
     assert bench.truth.memory["torque_enable"] == 1
-
-
-def test_a_missing_servo_is_not_called_off() -> None:
-    bench = pushing()
-    begun = bench.clock.now_ns()
-    assert cut_torque(bench.line, 2) is False
-    assert bench.clock.now_ns() - begun < 120_000_000
 
 
 def test_a_vanished_port_is_not_called_off() -> None:
@@ -166,23 +131,3 @@ def test_a_bus_that_is_never_silent_is_cut_all_the_same() -> None:
             return super().read() + b"\x00\x55"
 
     assert cut_torque(Babbling(bench.bus, bench.clock), 1) is True
-
-
-def test_torque_is_armed_again_and_cut_although_a_fifth_of_the_replies_is_lost() -> None:
-    """Behind an adapter with a 16 ms timer; the wall is never on without its watchdog."""
-    armed = cut = 0
-    for seed in range(20):
-        draw, bench = Random(seed), Bench(watchdog_s=0.04)
-        bench.servo.start()
-
-        def fate(_: int, reply: bytes, draw: Random = draw) -> list[tuple[int, bytes]]:
-            return [] if draw.random() < 0.2 else [(draw.randrange(16_000_000), reply)]
-
-        line = TroubledLine(bench.memory_line, fate)
-        bench.wait(0.2)  # the watchdog trips
-        unguarded = bench.spy_unguarded()
-        armed += rearm(Table.on(line, BAUD, 1, "memory", bench.truth.model), 2)
-        assert not any(unguarded)
-        cut += cut_torque(line, 1, BAUD)
-    assert armed >= 14
-    assert cut >= 18

@@ -15,7 +15,6 @@ from haptic_wall.hw.capabilities import HasHealth
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
 from haptic_wall.hw.errors import ServoLostError, TorqueLostError
-from haptic_wall.hw.servo import Outcome
 from tests.hw.dynamixel.bench import TRUE, Bench
 from tests.hw.dynamixel.lines import Fate, TroubledLine, unharmed
 
@@ -58,14 +57,6 @@ def test_the_servos_own_current_limit_bounds_the_torque() -> None:
     assert bench.servo.write(4.0) == pytest.approx(100 * STEP)
     bench.wait(0.0001)
     assert bench.state.torque == pytest.approx(100 * STEP)
-
-
-def test_a_configured_torque_constant_wins() -> None:
-    """A constant configured 10 % high sends a current 10 % low."""
-    bench = started(torque_constant=1.1 * 4.1 / 2.3)
-    sent = bench.servo.write(1.0)
-    bench.wait(0.0001)
-    assert bench.state.torque == pytest.approx(sent / 1.1)
 
 
 def test_supply_and_temperature_are_known_once_polled() -> None:
@@ -113,15 +104,6 @@ def test_the_position_is_the_true_one_and_counts_on_over_turns() -> None:
     assert max(b - a for a, b in itertools.pairwise(seen)) < 0.02
 
 
-def test_the_torque_measured_is_the_one_that_acts() -> None:
-    bench = started()
-    bench.servo.write(-1.0)
-    bench.wait(0.001)
-    bench.servo.request()
-    reading = bench.servo.collect(bench.clock.now_ns() + 900_000)
-    assert reading.torque == pytest.approx(-1.0, abs=STEP / 2)
-
-
 def troubled(fate: Fate) -> tuple[Bench, DynamixelServo, TroubledLine]:
     """A started servo whose replies meet ``fate`` from then on."""
     bench = Bench(FREE)
@@ -130,34 +112,6 @@ def troubled(fate: Fate) -> tuple[Bench, DynamixelServo, TroubledLine]:
     servo.start()
     line.fate, line.number = fate, 0
     return bench, servo, line
-
-
-@pytest.mark.parametrize("late_ms", [None, 1.0, 2.0, 3.0])
-def test_a_moving_servo_is_never_seen_where_it_was(late_ms: float | None) -> None:
-    """At 5 rad/s a position one period old is three counts off."""
-
-    def fate(number: int, reply: bytes) -> list[tuple[int, bytes]]:
-        if number % 7 != 3:
-            return [(0, reply)]
-        return [] if late_ms is None else [(round(late_ms * 1e6), reply)]
-
-    bench, servo, _ = troubled(fate)
-    bad = 0
-    for period in range(302):  # the last of the late ones arrives in 300
-        begun = bench.clock.now_ns()
-        servo.request()
-        reading = servo.collect(begun + 600_000)
-        if reading.outcome is Outcome.OK:
-            truth = bench.state
-            assert abs(reading.position - truth.position) < COUNT / 2 + 1e-4 * truth.velocity
-        else:
-            assert math.isnan(reading.position)
-            bad += 1
-        servo.write(1.0 if period < 60 else 0.0)
-        bench.clock.wait_until(begun + 1_000_000)
-    assert bench.state.velocity > 4.0
-    assert servo.bus.counts.lost == bad == 43
-    assert servo.bus.counts.late == (0 if late_ms is None else bad)
 
 
 def test_stopping_zeroes_the_torque_first_and_reads_back_that_it_is_off() -> None:
@@ -173,15 +127,6 @@ def test_stopping_zeroes_the_torque_first_and_reads_back_that_it_is_off() -> Non
     assert bench.clock.now_ns() - begun < 1_000_000
     assert bench.truth.memory["torque_enable"] == 0
     assert bench.state.torque == 0.0
-
-
-def test_stopping_works_with_a_request_under_way() -> None:
-    bench = started()
-    bench.servo.write(1.0)
-    bench.servo.request()
-    assert bench.servo.stop() is True
-    assert bench.state.torque == 0.0
-    assert bench.servo.bus.counts.lost == 0
 
 
 def test_stopping_gets_over_lost_replies() -> None:
@@ -200,14 +145,6 @@ def test_stopping_without_any_reply_does_not_claim_that_torque_is_off() -> None:
     assert bench.truth.memory["torque_enable"] == 0  # yet all was tried
     line.fate = unharmed
     assert servo.stop() is True
-
-
-def test_stopping_twice_sends_nothing_the_second_time() -> None:
-    bench = started()
-    assert bench.servo.stop() is True
-    frames = len(bench.line.frames)
-    assert bench.servo.stop() is True
-    assert len(bench.line.frames) == frames
 
 
 def test_stopping_before_the_start_sends_no_goal() -> None:
@@ -229,14 +166,6 @@ def test_a_stopped_servo_can_be_started_again() -> None:
         bench.servo.write(0.1)
     bench.servo.start()
     assert bench.servo.write(0.1) != 0.0
-
-
-def test_a_goal_pwm_that_another_program_has_left_does_not_weaken_the_wall() -> None:
-    bench = started()
-    bench.servo.stop()
-    bench.truth.memory["goal_pwm"] = 200
-    assert all(check.ok for check in bench.servo.start())
-    assert bench.truth.memory["goal_pwm"] == bench.truth.memory["pwm_limit"] == 885
 
 
 def test_closing_stops_and_lets_go_of_the_line() -> None:
@@ -341,14 +270,6 @@ def test_torque_is_never_on_without_the_watchdog_after_a_pause(lost: int) -> Non
     assert bench.state.torque == pytest.approx(1.0, abs=STEP / 2)
 
 
-def test_a_short_pause_under_torque_is_nothing() -> None:
-    bench = started(watchdog_s=0.04)
-    bench.cycle(1.0)
-    bench.wait(0.03)
-    bench.cycle(1.0)
-    assert bench.state.torque == pytest.approx(1.0, abs=STEP / 2)
-
-
 def test_a_torque_that_the_watchdog_has_ended_is_not_brought_back_but_told() -> None:
     bench = started(watchdog_s=0.04)
     bench.cycle(1.0)
@@ -357,29 +278,6 @@ def test_a_torque_that_the_watchdog_has_ended_is_not_brought_back_but_told() -> 
         bench.cycle(1.0)
     assert bench.state.torque == 0.0
     assert bench.servo.stop() is True
-
-
-def test_a_pause_is_got_over_with_lost_replies() -> None:
-    bench, servo, _ = troubled(lambda number, reply: [] if number < 3 else [(0, reply)])
-    bench.wait(0.1)
-    servo.request()
-    servo.write(1.0)
-    bench.wait(0.001)
-    assert bench.state.torque == pytest.approx(1.0, abs=STEP / 2)
-
-
-@pytest.mark.parametrize("lost", [1, 2, 3, 4])
-def test_an_ended_torque_is_not_brought_back_when_replies_are_lost_besides(lost: int) -> None:
-    """The watchdog's state is not known then, and clearing it would bring the wall back."""
-    bench, servo, line = troubled(unharmed)
-    servo.write(1.0)
-    bench.wait(0.1)
-    line.fate, line.number = (lambda number, reply: [] if number < lost else [(0, reply)]), 0
-    with pytest.raises(TorqueLostError):
-        servo.request()
-    assert bench.truth.table.tripped
-    assert bench.state.torque == 0.0
-    assert servo.stop() is True
 
 
 def test_a_servo_silent_after_a_pause_is_lost() -> None:
@@ -391,18 +289,6 @@ def test_a_servo_silent_after_a_pause_is_lost() -> None:
         servo.request()
     assert not isinstance(lost.value, TorqueLostError)
     assert bench.clock.now_ns() - begun < 140_000_000
-
-
-def test_requests_that_nobody_hears_do_not_pass_for_talk() -> None:
-    """The watchdog trips while the cable is out; plugged in again, goals are refused unseen."""
-    bench = started(watchdog_s=0.04)
-    bench.cycle(1.0)
-    bench.line.write = lambda _data: None  # type: ignore[method-assign, assignment]
-    begun = bench.clock.now_ns()
-    with pytest.raises(ServoLostError):
-        for _ in range(100):
-            bench.cycle(1.0)
-    assert bench.clock.now_ns() - begun < 60_000_000
 
 
 def test_a_watchdog_that_trips_at_the_end_of_the_start_costs_no_torque() -> None:
@@ -440,13 +326,3 @@ def test_a_goal_kept_through_the_watchdog_does_not_come_back_with_its_arming() -
     bench.servo.request()
     assert not bench.truth.table.tripped
     assert bench.state.torque == 0.0
-
-
-def test_a_stopped_servo_may_be_left_alone_for_ever() -> None:
-    bench = started()
-    bench.cycle(1.0)
-    bench.servo.stop()
-    bench.wait(100.0)
-    assert math.isfinite(bench.servo.facts.torque_limit)
-    bench.servo.request()
-    assert bench.servo.collect(bench.clock.now_ns() + 900_000).outcome is Outcome.OK

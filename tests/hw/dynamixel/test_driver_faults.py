@@ -14,11 +14,10 @@ from dataclasses import asdict, replace
 import pytest
 
 from haptic_wall.hw.dynamixel.registers import POSITION_UNIT
-from haptic_wall.hw.errors import ServoHealthError, ServoLostError, TorqueLostError
+from haptic_wall.hw.errors import ServoHealthError, TorqueLostError
 from haptic_wall.hw.servo import Outcome, Reading
 from tests.cases import sampled
 from tests.hw.dynamixel.bench import TRUE, Bench, pin
-from tests.hw.dynamixel.lines import tapped
 
 FREE = replace(TRUE, coulomb=0.0, damping=0.0)
 MAX_SPEED = 15.0
@@ -116,19 +115,6 @@ def test_a_struck_reply_costs_no_more_than_the_periods_it_misses_and_is_counted_
     assert bad == pytest.approx(1000 * failed, abs=30 * (1 + 10 * failed) if failed else 0)
 
 
-def test_the_age_of_the_sample_in_use_grows_with_each_reading_lost() -> None:
-    bench = moving()
-    used = cycle(bench).sampled_ns
-    bench.bus.inject("drop:times=3,way=reply", bench.clock.now_ns())
-    ages = []
-    for _ in range(4):
-        begun = bench.clock.now_ns()
-        reading = cycle(bench)
-        used = reading.sampled_ns if reading.outcome is Outcome.OK else used
-        ages.append(begun - used)
-    assert ages == [1 * PERIOD_NS, 2 * PERIOD_NS, 3 * PERIOD_NS, 0]
-
-
 def test_a_jump_that_goes_away_is_refused_and_costs_its_periods() -> None:
     bench = moving()
     fresh(bench)
@@ -148,31 +134,6 @@ def test_a_jump_that_stays_is_passed_on_after_three_periods() -> None:
     outcomes = [reading.outcome for reading in readings]
     assert outcomes == [Outcome.REFUSED] * 3 + [Outcome.OK] * 2
     assert readings[3].position - before > MAX_SPEED * 4e-3
-
-
-def test_motion_at_the_speed_limit_is_never_refused_even_after_losses() -> None:
-    bench = moving(max_speed=SPEED)
-    fresh(bench)
-    bench.bus.inject("drop:p=0.2,way=reply", bench.clock.now_ns())
-    for _ in range(500):
-        cycle(bench)
-    assert set(counts(bench)) == {"lost"}
-    assert bench.state.velocity == pytest.approx(SPEED, rel=0.02)
-
-
-def test_the_models_speed_refuses_a_jump_where_no_limit_is_given() -> None:
-    """50 counts in 1 ms are 77 rad/s; three times the no-load speed of an XM430 is 14.5 rad/s."""
-    bench = moving(max_speed=None)
-    fresh(bench)
-    bench.bus.inject("jump:counts=50,for=0.002", bench.clock.now_ns() + 200_000)
-    assert [cycle(bench).outcome for _ in range(10)].count(Outcome.REFUSED) == 2
-    assert counts(bench) == {"refused": 2}
-
-
-def test_without_a_speed_limit_nothing_is_refused() -> None:
-    bench = moving(max_speed=0.0)
-    bench.bus.inject("jump:counts=500", bench.clock.now_ns())
-    assert all(cycle(bench).outcome is Outcome.OK for _ in range(5))
 
 
 # The servo's health
@@ -262,14 +223,6 @@ def test_a_servo_that_has_restarted_can_be_started_again_at_once() -> None:
     assert all(check.ok for check in bench.servo.start())
 
 
-def test_an_unplugged_servo_is_lost_and_nothing_is_made_up() -> None:
-    bench = started()
-    bench.bus.inject("unplug", bench.clock.now_ns())
-    with pytest.raises(ServoLostError, match="no longer answers"):
-        until_it_ends(bench)
-    assert bench.took_ns < 60_000_000  # type: ignore[attr-defined]
-
-
 @pytest.mark.parametrize(
     ("bits", "message"),
     [
@@ -289,24 +242,7 @@ def test_a_hardware_error_is_told_in_the_next_reading_and_named_after_the_stop(
     assert re.search(message, bench.servo.trouble)
 
 
-def test_a_servo_without_trouble_names_none() -> None:
-    bench = started()
-    assert bench.servo.stop() is True
-    assert bench.servo.trouble == ""
-
-
 # What it costs
-
-
-def test_watching_costs_no_period_and_a_hundredth_of_the_bus() -> None:
-    """At 4 Mbit/s: 83 bytes in place of a sample's 16 in one of 1000 periods, 27 in four."""
-    bench = started()
-    fresh(bench)
-    frames = len(bench.line.frames)
-    for _ in range(1000):
-        assert cycle(bench).outcome is Outcome.OK
-    assert counts(bench) == {}
-    assert len(bench.line.frames) - frames == 2000  # a request and a goal each, nothing besides
 
 
 ALL_OF_IT = "torque enable, bus watchdog, supply, temperature every 0.2 s"
@@ -332,21 +268,3 @@ def test_what_is_watched_is_what_fits_and_is_said(baud: int, period_s: float, wa
         assert reading.outcome is Outcome.OK
         bench.servo.write(0.0)
         bench.clock.wait_until(begun + round(period_s * 1e9))
-
-
-def test_a_held_pose_whose_replies_need_stuffing_costs_nothing(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Current -1 and velocity -3 are FF FF FD side by side: the reply is a byte longer."""
-    bench = Bench(replace(TRUE, coulomb=5.0), probe_torque=0.0)
-    bench.servo.start()
-    received = tapped(bench.line, monkeypatch)
-    fresh(bench)
-    bench.bus.inject("stuffing:for=0.1", bench.clock.now_ns())
-    readings = [cycle(bench, 0.5) for _ in range(100)]
-    assert b"".join(received).count(b"\xff\xff\xfd\xfd") == 100
-    assert {reading.outcome for reading in readings} == {Outcome.OK}
-    assert {reading.counts for reading in readings} == {round(bench.state.position / POSITION_UNIT)}
-    assert {reading.torque for reading in readings} == {-bench.servo.facts.torque_step}
-    assert counts(bench) == {}
-    assert cycle(bench, 0.5).torque == pytest.approx(0.5, abs=bench.servo.facts.torque_step)

@@ -15,7 +15,7 @@ from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.codec import Instruction, encode_status
 from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.register_access import Table, write_all
-from haptic_wall.hw.dynamixel.samples import QUARANTINE, Sample, Way
+from haptic_wall.hw.dynamixel.samples import Sample, Way
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.servo import Outcome
 from tests.cases import sampled
@@ -157,23 +157,6 @@ def test_late_replies_are_never_used_when_pipelined(shape: tuple[int, Way], cycl
     bench.assert_counts(3, 3, 0)
 
 
-def test_the_length_of_a_lost_reply_is_free_again_after_ten_requests(
-    monkeypatch: pytest.MonkeyPatch, shape: tuple[int, Way]
-) -> None:
-    bench = Bench(only({5}, lost), shape)
-    lengths: list[int] = []
-    write = bench.line.write
-
-    def noted(frame: bytes) -> None:
-        lengths.append(frame[10])  # of the read instruction: address, then length
-        write(frame)
-
-    monkeypatch.setattr(bench.line, "write", noted)
-    bench.run(20)
-    gone, free = lengths[5], 6 + QUARANTINE
-    assert gone not in lengths[6:free] and gone in lengths[free : free + 2]
-
-
 def test_a_backlog_that_arrives_at_once_yields_only_the_newest(shape: tuple[int, Way]) -> None:
     """A stalled adapter hands on all that it held: in order, and in one piece."""
     stalled = range(20, 26)
@@ -198,18 +181,6 @@ def test_a_reply_up_to_ten_periods_late_is_known_at_any_rate(
     bench.servo.reply_ns = 50 * US
     assert bad(bench.run(150)) == sorted(late)
     bench.assert_counts(len(late), len(late), 0)
-
-
-@pytest.mark.parametrize("cycles", [0, 1, 1.5, 2, 3])
-def test_a_copy_is_not_used(shape: tuple[int, Way], cycles: float) -> None:
-    """At 4 kHz neither the tick nor the length tells some from the sample after next."""
-    for period_ns in (PERIOD_NS, PERIOD_NS // 4):
-        copy_ns = round(cycles * period_ns)
-        fate = only({20}, lambda _, reply, ns=copy_ns: [(0, reply), (ns, reply)])  # type: ignore[misc]
-        bench = Bench(fate, shape, period_ns=period_ns)
-        bench.servo.reply_ns = 50 * US
-        assert bad(bench.run(40)) == []
-        bench.assert_counts(0, 1, 0)
 
 
 def test_broken_replies_are_counted_apart_from_lost_ones(shape: tuple[int, Way]) -> None:
@@ -263,17 +234,6 @@ def test_a_reply_is_found_wherever_it_lies(shape: tuple[int, Way], fate: Fate) -
     assert bad(Bench(fate, shape).run(20)) == []
 
 
-@pytest.mark.parametrize("noise", ["fffffd00fe000755", "fffffd0001000755", "fffffd0001140055"])
-@pytest.mark.parametrize("behind", [False, True])
-def test_noise_that_begins_like_a_frame_costs_one_period_at_most(
-    shape: tuple[int, Way], noise: str, behind: bool
-) -> None:
-    """Also where it begins like a joint reply, which may hold headers, of 1800 bytes."""
-    made = bytes.fromhex(noise)
-    fate = only({5}, lambda _, reply: [(0, reply + made if behind else made + reply)])
-    assert bad(Bench(fate, shape).run(20)) in ([], [5], [6])
-
-
 def test_a_refusal_is_no_position(shape: tuple[int, Way]) -> None:
     bench = Bench(only({5}, lambda _, reply: [(0, encode_status(reply[4] % 254, 3))]), shape)
     rows = bench.run(10)
@@ -305,26 +265,6 @@ def test_a_sample_whose_clock_disagrees_is_not_used(shape: tuple[int, Way], tick
     bench.assert_counts(1, 1, 0)
 
 
-@pytest.mark.parametrize("rate", [0.985, 1.015])
-def test_a_servo_clock_off_by_a_percent_and_a_half_is_accepted(rate: float) -> None:
-    bench = Bench(only(set(range(100, 300)), lost))
-    bench.servo.tick_rate = rate
-    assert bad(bench.run(400)) == list(range(100, 300))
-
-
-def test_the_tick_may_wrap(shape: tuple[int, Way]) -> None:
-    bench = Bench(shape=shape)
-    bench.servo.tick_offset = 32768 - 1000 - 10  # wraps ten periods from now
-    assert bad(bench.run(20)) == []
-
-
-def test_an_exchange_that_paused_works_again(shape: tuple[int, Way]) -> None:
-    bench = Bench(shape=shape)
-    for pause_s in (0, 0.1, 1, 9, 11, 33, 1000):
-        bench.clock.wait_until(bench.clock.now_ns() + round(pause_s * 1e9))
-        assert bad(bench.run(1)) == []
-
-
 @pytest.mark.parametrize("seed", sampled(range(40), 8))
 @pytest.mark.parametrize("shape", [*SHAPES, (3, Way.SYNC), (3, Way.FAST)])
 def test_no_mixture_of_troubles_yields_a_wrong_position(shape: tuple[int, Way], seed: int) -> None:
@@ -352,22 +292,6 @@ def test_no_mixture_of_troubles_yields_a_wrong_position(shape: tuple[int, Way], 
         counts = station.counts
         assert good > 150
         assert counts.cycles == 300 == good + counts.lost + counts.corrupt
-
-
-def test_a_request_in_place_of_a_collect_gives_the_last_one_up(shape: tuple[int, Way]) -> None:
-    bench = Bench(shape=shape)
-    bench.exchange.request()
-    bench.clock.wait_until(bench.clock.now_ns() + PERIOD_NS)
-    assert bad(bench.run(1)) == []
-    bench.assert_counts(1, 1, 0)
-
-
-def test_a_collect_without_a_request_is_an_error() -> None:
-    bench = Bench()
-    for _ in range(2):
-        with pytest.raises(RuntimeError, match=r"call request\(\) first"):
-            bench.exchange.collect(bench.clock.now_ns() + PERIOD_NS)
-        assert bad(bench.run(1)) == []
 
 
 @pytest.mark.parametrize("goal", [0, 1, -1, 512, -1193, 1193])
@@ -474,15 +398,6 @@ def test_a_request_may_stay_outstanding_over_several_collects(shape: tuple[int, 
     bench.assert_counts(1, 0, 0)
 
 
-def test_the_time_waited_for_a_reply_is_that_of_the_last_request() -> None:
-    bench = Bench(only({1}, lost))
-    waited = []
-    for _ in range(3):
-        bench.cycle()
-        waited.append(bench.exchange.waited_ns)
-    assert waited == [bench.servo.reply_ns, PERIOD_NS * 3 // 5, bench.servo.reply_ns]
-
-
 def test_a_wider_block_is_read_around_each_sample(shape: tuple[int, Way]) -> None:
     bench = Bench(shape=shape)
     wide = bench.exchange.widen(64, 147)
@@ -539,22 +454,3 @@ def test_a_refusal_is_a_broken_reply_of_its_servo(shape: tuple[int, Way]) -> Non
     outcomes, counted = struck(shape, lambda _, reply: [(0, encode_status(reply[4], 3))])
     assert outcomes[5] == [Outcome.CORRUPT, Outcome.OK, Outcome.OK]
     assert counted == [[0, 0, 1], [0, 0, 0], [0, 0, 0]]
-
-
-@pytest.mark.parametrize("at", range(8))
-def test_a_joint_reply_with_a_broken_head_is_broken_and_not_lost(at: int) -> None:
-    def fate(_number: int, reply: bytes) -> list[tuple[int, bytes]]:
-        return [(0, reply[:at] + bytes([reply[at] ^ 0x40]) + reply[at + 1 :])]
-
-    outcomes, counted = struck((3, Way.FAST), fate)
-    assert bad(outcomes) == [5]
-    assert counted == [[0, 0, 1]] * 3
-
-
-def test_of_a_joint_reply_with_a_broken_part_none_is_valid_from_there_on() -> None:
-    def fate(_number: int, reply: bytes) -> list[tuple[int, bytes]]:
-        return [(0, reply[:35] + bytes([reply[35] ^ 0x40]) + reply[36:])]
-
-    outcomes, counted = struck((3, Way.FAST), fate)
-    assert outcomes[5] == [Outcome.OK, Outcome.CORRUPT, Outcome.CORRUPT]
-    assert counted == [[0, 0, 0], [0, 0, 1], [0, 0, 1]]

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_wall.hw.dynamixel.codec import BROADCAST, ErrorCode, Instruction, Parser, crc16, encode
+from haptic_wall.hw.dynamixel.codec import BROADCAST, ErrorCode, Instruction, Parser, encode
 from haptic_wall.hw.emulated.adapter import Adapter
 from haptic_wall.hw.emulated.faults import KINDS
 from haptic_wall.hw.emulated.injection import Faults
@@ -37,12 +37,6 @@ CLEAN = raw(Client())
 # --- single frames ---------------------------------------------------------------------------
 
 
-def test_without_faults_nothing_changes() -> None:
-    assert Parser().feed(CLEAN)[0].id == 1
-    assert raw(Client(faults=Faults((), seed=3))) == CLEAN
-    assert Client().bus.faults == []
-
-
 @pytest.mark.parametrize(("way", "heard"), [("reply", 1), ("request", 0)])
 def test_every_hundredth_frame_is_lost_on_its_way(way: str, heard: int) -> None:
     client = Client()
@@ -55,15 +49,6 @@ def test_every_hundredth_frame_is_lost_on_its_way(way: str, heard: int) -> None:
     # What the servo heard and said: a lost reply was said, a lost request was not even heard.
     assert events["fault"] == 3
     assert events["rx"] == events["tx"] == 297 + 3 * heard
-
-
-@pytest.mark.parametrize(("every", "instruction"), [(3, "1"), (4, "85")])
-def test_both_ways_are_counted_together(every: int, instruction: str) -> None:
-    """Ask, answer, ASK, ask, answer, ASK: a lost question has no answer to be counted."""
-    client = Client()
-    client.inject(f"drop:every={every}")
-    assert [bool(raw(client)) for _ in range(30)] == [True, False] * 15
-    assert {row[3] for row in client.rows() if row[1] == "fault"} == {instruction}
 
 
 @pytest.mark.parametrize(
@@ -139,20 +124,6 @@ def test_late_by_so_much(way: str) -> None:
     assert left - start == pytest.approx(24 * BYTE_NS + (3 * MS if way == "request" else 0), abs=1)
 
 
-def test_a_late_reply_is_not_overtaken() -> None:
-    """It comes when the answer to a later request is due, in front of that one."""
-    client = Client()
-    client.inject("late:ms=2,times=1,way=reply")
-    start = client.clock.now_ns()
-    client.line.write(PING)
-    client.pass_time(MS)
-    client.line.write(encode(1, Instruction.READ, READ_POSITION))
-    assert client.line.wait(start + 10 * MS)
-    assert client.clock.now_ns() == start + 24 * BYTE_NS + 2 * MS
-    frames = Parser().feed(raw(client, b""))
-    assert [len(frame.params) for frame in frames] == [3, 4]
-
-
 def test_faults_can_be_for_one_id_and_one_time_only() -> None:
     client = Client((X, 1), (X, 2))
     client.inject("drop:id=2,way=reply,at=0.1,for=0.2")
@@ -162,15 +133,6 @@ def test_faults_can_be_for_one_id_and_one_time_only() -> None:
         client.pass_time(start + (100 * tenth + 50) * MS - client.clock.now_ns())
         outcome.append((bool(raw(client)), bool(raw(client, encode(2, Instruction.PING)))))
     assert outcome == [(True, True), (True, False), (True, False), (True, True)]
-
-
-def test_the_joint_reply_can_be_struck_too() -> None:
-    client = Client((X, 1), (X, 2))
-    request = encode(BROADCAST, Instruction.FAST_SYNC_READ, READ_POSITION + bytes([1, 2]))
-    whole = raw(client, request)
-    client.inject("truncate:keep=16,id=254,way=reply")
-    assert raw(client, request) == whole[:16]
-    assert crc16(whole[:14]) == int.from_bytes(whole[14:16], "little")
 
 
 # --- servos ----------------------------------------------------------------------------------
@@ -195,25 +157,6 @@ def test_a_stuck_encoder_stands_while_the_shaft_turns() -> None:
     assert abs(position(client) - client.position() * 4096 / (2 * math.pi)) < 1.5
     assert client.read(1, 128, 4, signed=True) > 0
     assert [name for _, _, name in client.fault_rows()] == ["stuck", "stuck over"]
-
-
-def test_the_encoder_jumps_and_the_witness_does_not() -> None:
-    client = Client()
-    before = position(client)
-    client.inject("jump:counts=500,at=0.1")
-    client.pass_time(99 * MS)
-    assert position(client) == before
-    client.pass_time(10 * MS)
-    assert position(client) == before + 500
-    assert client.position() == 1.0
-    assert {float(row[4]) for row in client.rows()} == {1.0}
-    client.inject("jump:counts=-7,repeat=0.01,times=3")
-    client.pass_time(100 * MS)
-    assert position(client) == before + 500 - 21
-    client.inject("jump:counts=1000,for=0.01")
-    assert position(client) == before + 500 - 21 + 1000
-    client.pass_time(10 * MS)
-    assert position(client) == before + 500 - 21
 
 
 def test_a_hardware_error_shows_alerts_and_shuts_down_as_configured() -> None:
@@ -271,20 +214,6 @@ def test_one_servo_stands_in_the_heat_until_that_is_lifted() -> None:
     assert (client.read(2, 146, 1), client.read(2, 70, 1)) == (32, 0)
 
 
-def test_a_brown_out_is_a_reboot_that_nobody_asked_for() -> None:
-    client = Client()
-    client.enable_current_mode()
-    client.write(1, 102, 100, 2)
-    client.inject("brown-out:at=0.01")
-    client.pass_time(10 * MS)
-    assert client.torque() == 0
-    assert client.ask(1, Instruction.PING) is None
-    client.pass_time(200 * MS)
-    assert client.read(1, 64, 1) == 0
-    assert client.read(1, 11, 1) == 0  # EEPROM: still in current mode
-    assert client.read(1, 102, 2) == client.read(1, 38, 2)
-
-
 @pytest.mark.parametrize("spec", ["unplug:at=0.01,for=0.5", "unplug:at=0.01,for=0.5,id=1"])
 def test_a_servo_off_the_cable_is_limp_and_silent_and_comes_back_as_from_power_up(
     spec: str,
@@ -305,23 +234,6 @@ def test_a_servo_off_the_cable_is_limp_and_silent_and_comes_back_as_from_power_u
     client.pass_time(310 * MS)
     assert client.answer(1, Instruction.PING).error == 0
     assert client.read(1, 64, 1) == 0
-
-
-def test_a_reply_on_its_way_breaks_off_with_the_power() -> None:
-    client = Client()
-    client.inject("brown-out:at=0.000045")  # 10 bytes of request, 8 of the reply
-    assert raw(client) == CLEAN[:8]
-    assert client.rows()[-1][1] != "tx"
-
-
-def test_a_servo_that_is_not_there_cannot_fail() -> None:
-    client = Client((X, 1), (X, 2))
-    with pytest.raises(
-        ValueError, match="no servo on this bus has the id 7; the ids here are 1, 2"
-    ):
-        client.inject("stuck:id=7")
-    with pytest.raises(ValueError, match="id 7"):
-        Client(faults=Faults(["unplug:id=7"]))
 
 
 def test_an_unplugged_adapter_ends_the_line_and_a_new_one_finds_the_servos_going_on() -> None:
@@ -346,24 +258,6 @@ def test_an_unplugged_adapter_ends_the_line_and_a_new_one_finds_the_servos_going
 
 
 # --- the record ------------------------------------------------------------------------------
-
-
-def test_the_record_stays_in_order_and_tells_who_was_struck() -> None:
-    client = Client((X, 1), (X, 2))
-    for spec in ("drop:p=0.2", "late:ms=2,p=0.2", "noise:p=0.2", "jump:counts=3,repeat=0.003"):
-        client.inject(spec)
-    for n in range(200):
-        raw(client, encode(1 + n % 2, Instruction.PING), within_ns=MS)
-    rows = client.rows()
-    times = [float(row[0]) for row in rows]
-    assert times == sorted(times)
-    struck = Counter(row[-1] for row in rows if row[1] == "fault")
-    happened = {text.split(":")[0]: count for text, count in client.bus.faults}
-    assert struck["jump"] == 2 * happened["jump"]  # one row for each servo
-    assert all(struck[name] == happened[name] > 20 for name in ("drop", "late", "noise"))
-    assert {row[3] for row in rows if row[-1] == "drop"} == {"1", "85"}
-    states = [row for row in rows if row[1] == "state"]
-    assert {float(row[4]) for row in states} == {1.0}
 
 
 STEADY = [

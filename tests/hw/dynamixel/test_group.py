@@ -167,15 +167,6 @@ def test_one_old_firmware_makes_all_answer_one_by_one_to_one_request() -> None:
         bench.assert_true(readings)
 
 
-def test_models_may_differ() -> None:
-    bench = started(48, 48, models=["XM430-W350", "XM540-W270"])
-    assert bench.group.exchange.way is Way.FAST
-    sent = bench.group.write([0.5, -0.5])
-    steps = [facts.torque_step for facts in facts_of(bench)]
-    assert sent == pytest.approx([0.5, -0.5], abs=max(steps) / 2)
-    bench.assert_true(bench.cycle())
-
-
 def test_where_one_is_missing_nobody_else_is_said_to_have_kept_its_torque() -> None:
     bench = Bench([48, 48, 48])
     bench.bus.inject("unplug:id=2", bench.clock.now_ns())
@@ -238,25 +229,6 @@ def test_two_servos_with_one_id_are_refused() -> None:
     settings = DriverSettings("", 4_000_000, 1, MODEL)
     with pytest.raises(UnfitServoError, match="give each another"):
         DynamixelGroup([settings, settings], bench.line)
-
-
-def test_a_zero_that_cannot_be_sent_keeps_nobody_from_being_switched_off(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """A port that took no byte for a moment may take the next: each servo is still told."""
-    bench = started(48, 48, 48)
-    bench.cycle([0.5, 0.5, 0.5])
-    write = bench.line.write
-    failures = iter([True])
-
-    def failing_once(data: bytes) -> None:
-        if next(failures, False):
-            raise ServoLostError("the port has sent nothing")
-        write(data)
-
-    monkeypatch.setattr(bench.line, "write", failing_once)
-    assert bench.group.stop() is True
-    assert [truth.memory["torque_enable"] for truth in bench.truths] == [0, 0, 0]
 
 
 @pytest.mark.parametrize("way", [Way.FAST, Way.SYNC])

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 import random
-import re
 from dataclasses import replace
 from typing import Any
 
@@ -30,7 +29,6 @@ from haptic_wall.hw.errors import (
 from haptic_wall.hw.plant.mechanism import OPERATOR_WAIT_S
 from tests.cases import sampled
 from tests.hw.dynamixel.bench import TRUE, Bench
-from tests.hw.dynamixel.lines import MS, TroubledLine
 
 COUNT = 2 * 3.141592653589793 / 4096
 
@@ -147,10 +145,6 @@ def test_a_servo_out_of_its_own_limits_is_refused(register: str, value: int, mes
     refused(bench, match=message)
 
 
-def test_another_model_is_named() -> None:
-    refused(Bench(model="XM430-W210"), match=r"XM430-W210 \(model number 1030\).*XM430-W350")
-
-
 def written(bench: Bench) -> list[int]:
     """The instructions sent that change a servo."""
     frames = [frame for data in bench.line.frames for frame in Parser().feed(data)]
@@ -195,12 +189,6 @@ def test_a_model_without_current_mode_is_refused_and_those_with_it_are_advised()
     advised = set(str(refusal.value).removesuffix(".").partition("use one of ")[2].split(", "))
     assert advised == {name.partition("-")[0] for name, m in MODELS.items() if m.current_mode}
     assert {"XL330", "XM430", "XD540", "XW540"} <= advised
-
-
-def test_an_unknown_model_is_refused_with_the_known_ones() -> None:
-    bench = Bench()
-    with pytest.raises(UnfitServoError, match=r"XM430-W999 is not known.*XM430-W350"):
-        type(bench.servo)(replace(bench.settings, model="XM430-W999"), bench.line)
 
 
 def test_a_model_without_published_torque_needs_a_constant() -> None:
@@ -274,22 +262,16 @@ def test_all_that_is_wrong_is_said_at_once() -> None:
     refused(bench, match=r"bit 0 .*bit 3 .*Startup Configuration")
 
 
-def test_a_watchdog_the_servo_does_not_have_is_refused() -> None:
-    with pytest.raises(UnfitServoError, match=r"0\.02 to 2\.54 s: set servo\.watchdog_s"):
-        Bench(watchdog_s=3.0)
-
-
 def test_nobody_at_this_id_is_a_missing_servo() -> None:
     bench = Bench(id=2)
     with pytest.raises(ServoMissingError, match=r"as id 2 at 4000000 baud.*wall scan`.*doctor"):
         bench.servo.start()
 
 
-@pytest.mark.parametrize("id_", [1, 2])
-def test_an_adapter_that_returns_what_is_sent_is_named(
-    id_: int, monkeypatch: pytest.MonkeyPatch
+def test_an_adapter_that_returns_what_is_sent_harms_nothing(
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    bench = Bench(id=id_)
+    bench = Bench()
     write, read, sent = bench.line.write, bench.line.read, bytearray()
 
     def echoing_write(data: bytes) -> None:
@@ -305,13 +287,10 @@ def test_an_adapter_that_returns_what_is_sent_is_named(
     monkeypatch.setattr(bench.line, "read", echoed_read)
     wait = bench.line.wait
     monkeypatch.setattr(bench.line, "wait", lambda until: bool(sent) or wait(until))
-    if id_ == 1:  # it costs time on the wire, and harms nothing else
-        checks = bench.servo.start()
-        (found,) = (check.found for check in checks if check.name == "echo")
-        assert "the adapter returns what is sent" in found
-        return
-    with pytest.raises(ServoError, match="the adapter returns what is sent"):
-        bench.servo.start()
+    assert all(check.ok for check in bench.servo.start())
+    bench.cycle(0.3)
+    assert bench.servo.bus.counts.lost == 0
+    assert bench.servo.stop() is True
 
 
 # What is set up
@@ -339,13 +318,6 @@ def test_a_tripped_watchdog_is_cleared() -> None:
     assert bench.truth.table.tripped
     bench.servo.stop()
     assert bench.servo.start()[-1].ok
-
-
-@pytest.mark.parametrize(("seconds", "units"), [(0.02, 1), (0.04, 2), (0.1, 5), (2.54, 127)])
-def test_the_watchdog_is_set_as_asked(seconds: float, units: int) -> None:
-    bench = Bench(watchdog_s=seconds)
-    bench.servo.start()
-    assert bench.truth.memory["bus_watchdog"] == units
 
 
 def test_the_watchdog_stays_quiet_through_the_start() -> None:
@@ -407,13 +379,6 @@ def test_a_shaft_that_sticks_more_than_it_rubs_is_not_driven_back(
     assert (bench.state.position - begun) * direction > -15 * COUNT
 
 
-def test_a_servo_that_turns_the_wrong_way_is_refused() -> None:
-    bench = Bench()
-    bench.line.wrong_way = True
-    refused(bench, match=r"moved the wrong way \(\+3 counts at -0\.\d+ N·m\).*Drive Mode")
-    assert abs(bench.state.position - TRUE.position) < 15 * COUNT
-
-
 @pytest.mark.parametrize("direction", [-1, 1])
 def test_a_reversed_position_is_found_by_the_probe_alone(direction: int) -> None:
     """As if the servo had not told of it in its Drive Mode."""
@@ -424,7 +389,9 @@ def test_a_reversed_position_is_found_by_the_probe_alone(direction: int) -> None
 
 def losing_the_end_of_the_push(bench: Bench, times: int) -> None:
     """The first goals of zero after the push are lost."""
-    write, pushed, lost = bench.memory_line.write, [], []
+    write = bench.memory_line.write
+    pushed: list[bool] = []
+    lost: list[bool] = []
 
     def lose(data: bytes) -> None:
         (frame,) = Parser().feed(data)
@@ -462,11 +429,6 @@ def test_a_blocked_shaft_is_refused() -> None:
     begun = bench.clock.now_ns()
     refused(bench, match=r"did not move at 0\.3 N·m: free it.*servo\.probe_torque; 0 skips")
     assert bench.clock.now_ns() - begun < 2.1e9  # three pushes of half a second
-
-
-def test_more_probe_torque_overcomes_more_friction() -> None:
-    bench = Bench(replace(TRUE, coulomb=0.5), probe_torque=0.8)
-    assert bench.found("torque sign").startswith("-3 counts")
 
 
 def test_the_probe_can_be_skipped() -> None:
@@ -614,40 +576,3 @@ def test_two_servos_with_one_id_get_no_torque(seed: int) -> None:
     apart_s, reply_s = abs(first - other) * 2e-6, 39 * 10 / baud
     if not fault and apart_s > reply_s + 2e-6:
         assert "Two servos answer as id 1" in str(refusal.value)
-
-
-def test_a_line_that_repeats_every_request_is_no_second_servo() -> None:
-    bench = Bench(probe_torque=0.0)
-    bench.bus.inject("duplicate:p=1", bench.clock.now_ns())
-    bench.servo.start()
-    for torque in [0.5] * 500 + [-0.5] * 500:  # repeated requests have replies that differ a little
-        bench.cycle(torque)
-
-
-@pytest.mark.parametrize("grid", [False, True])
-@pytest.mark.parametrize(
-    ("late_ms", "first"),
-    sampled(itertools.product((12, 40, 80, 150, 220), (0, 30, 44, 60, 300)), 4),
-)
-def test_replies_that_the_adapter_holds_are_named_with_their_delay(
-    late_ms: int, first: int, *, grid: bool
-) -> None:
-    """Each reply is held as long, or until a common time."""
-    bench = Bench(probe_torque=0.3)
-    free_ns = 0
-
-    def fate(number: int, reply: bytes) -> list[tuple[int, bytes]]:
-        nonlocal free_ns
-        now_ns = bench.clock.now_ns()
-        free_ns = free_ns if grid and now_ns < free_ns else now_ns + late_ms * MS
-        return [(free_ns - now_ns if number >= first else 0, reply)]
-
-    servo = type(bench.servo)(bench.settings, TroubledLine(bench.line, fate))
-    try:
-        servo.start()
-    except (ServoLostError, UnfitServoError) as error:
-        said = re.search(r"replies came up to (\d+) ms late: .*latency timer.*hub", str(error))
-        assert said, str(error)
-        assert (late_ms / 3 if grid else late_ms - 1) <= int(said[1]) <= late_ms + 2
-    else:
-        assert first == 300 or (grid and late_ms < 80)

@@ -1,12 +1,10 @@
 """The tables against the vendor's own, which come with dynamixel-sdk, and against the manual."""
 
-import itertools
 from pathlib import Path
 
 import dynamixel_easy_sdk
 import pytest
 
-from haptic_wall.hw.dynamixel.registers import Register
 from haptic_wall.hw.dynamixel.tables import MODELS, REGISTERS
 
 VENDOR = Path(dynamixel_easy_sdk.__file__).parent / "control_table"
@@ -75,23 +73,6 @@ def test_addresses_and_sizes_are_the_vendors(name: str, file: str, firmware: int
     assert extra <= {"startup_configuration", "backup_ready", "pwm_slope"}
 
 
-@pytest.mark.parametrize("firmware", [30, 38, 42, 45, 46, 53])
-def test_tables_are_consistent(firmware: int) -> None:
-    for model in MODELS.values():
-        check_table(list(model.registers_at(firmware).values()))
-
-
-def check_table(registers: list[Register]) -> None:
-    for before, after in itertools.pairwise(registers):
-        assert before.address + before.size <= after.address
-    for register in registers:
-        assert register.minimum <= register.default <= register.maximum, register
-        assert register.decode(register.encode(register.default)) == register.default
-        assert register.encode(register.maximum)
-        assert register.encode(register.minimum)
-        assert register.eeprom == (register.address < 64)
-
-
 # From the manual's pages: current limit, velocity limit, voltages [0.1 V], temperature, shutdown,
 # drive mode's largest value, velocity I and P, position D, I and P gain.
 PAGES = {
@@ -150,43 +131,12 @@ def test_factory_settings_and_limits_are_those_of_the_models_own_page(name: str)
     assert table["baud_rate"].maximum == (6 if name in X330 else 7)
 
 
-def test_what_a_family_has_and_has_not() -> None:
-    for name, model in MODELS.items():
-        table = model.registers
-        assert ("led" in table) == (not name.startswith("XW")), name
-        assert ("external_port_mode_3" in table) == (model.family == "X540"), name
-        assert ("external_port_data_1" in table) == (model.family == "X540"), name
-        assert ("pwm_slope" in table) == (name in X330), name
-        assert ("present_load" in table) != ("present_current" in table), name
-        assert ("present_load" in table) != model.current_mode, name
-
-
-def test_what_came_with_a_later_firmware() -> None:
-    table = MODELS["XM430-W350"].registers_at
-    assert "bus_watchdog" not in table(37)
-    assert "drive_mode" not in table(37)
-    assert table(38)["drive_mode"].maximum == 1
-    assert table(42)["drive_mode"].maximum == 5
-    assert table(45)["drive_mode"].maximum == 13
-    assert "startup_configuration" not in table(44)
-    assert "backup_ready" in table(45)
-    small = MODELS["XL330-M288"].registers_at
-    assert "backup_ready" not in small(45)
-    assert small(45)["drive_mode"].maximum == 5
-    assert small(46)["drive_mode"].maximum == 13
-
-
 @pytest.mark.parametrize(
     ("name", "torque_per_ampere"),
     [("XM430-W350", 1.783), ("XM540-W270", 2.409), ("XL330-M288", 0.354), ("XH430-V350", 4.71)],
 )
 def test_torque_constant_is_the_stall_ratio(name: str, torque_per_ampere: float) -> None:
     assert MODELS[name].torque_constant == pytest.approx(torque_per_ampere, rel=2e-3)
-
-
-@pytest.mark.parametrize("name", ["XD540-T270", "XD540-T150", "XW430-T333"])
-def test_no_torque_constant_where_none_is_published(name: str) -> None:
-    assert MODELS[name].torque_constant is None
 
 
 @pytest.mark.parametrize(

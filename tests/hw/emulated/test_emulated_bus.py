@@ -50,29 +50,6 @@ def test_position_is_sampled_when_the_last_byte_of_the_request_has_travelled() -
     assert counts == round(position * 4096 / (2 * math.pi))
 
 
-def test_two_frames_in_one_write_take_effect_one_after_the_other() -> None:
-    client = Client()
-    client.enable_current_mode()
-    start = client.clock.now_ns()
-    goal = encode(BROADCAST, Instruction.SYNC_WRITE, bytes([102, 0, 2, 0, 1, 100, 0]))
-    client.line.write(goal + encode(1, Instruction.READ, bytes([126, 0, 2, 0])))
-    (reply,) = client.replies()
-    assert int.from_bytes(reply.params, "little") == 100
-    times = [float(row[0]) for row in client.rows() if row[1] == "rx"][-2:]
-    assert times == pytest.approx(
-        [(start + n * BYTE_NS) * 1e-9 for n in (len(goal), len(goal) + 14)], abs=1e-9
-    )
-
-
-def test_a_frame_sent_while_a_reply_is_owed_waits_for_it() -> None:
-    client = Client()
-    start = client.clock.now_ns()
-    client.bus.receive(PING, start)
-    client.bus.receive(PING, start + 1_000)
-    assert len(client.bus.transmit(start + (24 + 24) * BYTE_NS - 1)) == 14
-    assert len(client.bus.transmit(start + (24 + 24) * BYTE_NS)) == 14
-
-
 def test_ping_for_all_is_answered_in_the_order_of_ids_with_a_slot_for_each_missing_one() -> None:
     client = Client((X, 7), (X, 2), ("XL330-M288", 5))
     start = client.clock.now_ns()
@@ -83,15 +60,6 @@ def test_ping_for_all_is_answered_in_the_order_of_ids_with_a_slot_for_each_missi
     assert times_of(client, "tx")[-3:] == pytest.approx([t * 1e-9 for t in due], abs=1e-9)
     assert [r.id for r in replies] == [2, 5, 7]
     assert [int.from_bytes(r.params[:2], "little") for r in replies] == [1020, 1200, 1020]
-
-
-def test_broadcast_write_and_read_are_never_answered() -> None:
-    client = Client((X, 1), (X, 2))
-    client.send(BROADCAST, Instruction.WRITE, bytes([65, 0, 1]))
-    client.send(BROADCAST, Instruction.READ, READ_POSITION)
-    client.send(BROADCAST, 0x77)
-    assert client.replies() == []
-    assert client.read(1, 65, 1) == client.read(2, 65, 1) == 1
 
 
 def test_sync_read_answers_in_the_order_asked_and_passes_over_the_missing() -> None:
@@ -138,12 +106,6 @@ def test_fast_sync_read_breaks_off_at_a_missing_servo(
     assert [frame.id for frame in Parser(joint=3).feed(wire)] == list(ids[:whole])
 
 
-def test_fast_sync_read_needs_the_firmware() -> None:
-    client = Client(firmware=44)
-    client.send(BROADCAST, Instruction.FAST_SYNC_READ, READ_POSITION + b"\x01")
-    assert client.replies() == []
-
-
 def test_a_wrong_crc_is_answered_with_its_error() -> None:
     client = Client()
     frame = bytearray(encode(1, Instruction.WRITE, bytes([65, 0, 1])))
@@ -152,13 +114,6 @@ def test_a_wrong_crc_is_answered_with_its_error() -> None:
     (reply,) = client.replies()
     assert (reply.id, reply.error) == (1, ErrorCode.CRC)
     assert client.read(1, 65, 1) == 0
-
-
-def test_a_changed_id_answers_once_as_the_old_one() -> None:
-    client = Client()
-    assert client.answer(1, Instruction.WRITE, bytes([7, 0, 9])).id == 1
-    assert client.ask(1, Instruction.PING) is None
-    assert client.ask(9, Instruction.PING) is not None
 
 
 def test_only_servos_at_the_hosts_speed_hear_it() -> None:

@@ -1,11 +1,10 @@
 """Indirect addresses: scattered registers read and written in one piece."""
 
-import pytest
 from hypothesis import given, settings, strategies
 from hypothesis import strategies as st
 
-from haptic_wall.hw.dynamixel.codec import ErrorCode, Instruction
-from tests.hw.dynamixel.emulated_client import MS, TORQUE_UNIT, Client
+from haptic_wall.hw.dynamixel.codec import Instruction
+from tests.hw.dynamixel.emulated_client import Client
 
 LED, HOMING, WATCHDOG, GOAL_CURRENT, GOAL_POSITION = 65, 20, 98, 102, 116
 TICK, CURRENT, POSITION = 120, 126, 132
@@ -30,48 +29,6 @@ def test_the_manuals_first_example() -> None:
     assert client.read(1, LED, 1) == 1
     assert client.write(1, LED, 0, 1) == 0
     assert client.read(1, DATA_1, 1) == 0
-
-
-def test_what_is_measured_is_of_the_instant_through_indirect_data_too() -> None:
-    client = Client()
-    client.enable_current_mode()
-    show(client, TICK, TICK + 1, *range(POSITION, POSITION + 4), CURRENT, CURRENT + 1, LED)
-    client.write(1, GOAL_CURRENT, 100, 2)
-    client.pass_time(30 * MS)
-    reply = client.answer(1, Instruction.READ, words(DATA_1, 9))
-    sampled = client.clock.now_ns() - (11 + 9) * 2_500
-    assert int.from_bytes(reply.params[:2], "little") == (sampled - 5 * MS) // MS
-    direct = client.read(1, POSITION, 4, signed=True)
-    assert abs(int.from_bytes(reply.params[2:6], "little") - direct) <= 2  # 100 µs later
-    assert int.from_bytes(reply.params[6:8], "little") == 100
-    assert client.torque() == pytest.approx(100 * TORQUE_UNIT)
-
-
-def test_several_registers_in_one_write_all_or_nothing() -> None:
-    client = Client()
-    client.enable_current_mode()
-    show(client, LED, GOAL_CURRENT, GOAL_CURRENT + 1)
-    assert client.write(1, DATA_1, 1 | 50 << 8, 3) == 0
-    assert client.torque() == pytest.approx(50 * TORQUE_UNIT)
-    assert client.write(1, DATA_1, 0 | 5000 << 8, 3) == ErrorCode.DATA_LIMIT
-    assert client.read(1, LED, 1) == 1
-
-
-@pytest.mark.parametrize(
-    ("address", "error"),
-    [
-        (DATA_1, 0),  # its own, as from the factory
-        (DATA_1 + 1, ErrorCode.DATA_RANGE),  # would be a chain
-        (DATA_29, ErrorCode.DATA_RANGE),
-        (HOMING, ErrorCode.DATA_RANGE),  # EEPROM
-        (662, ErrorCode.DATA_RANGE),
-        (64, 0),
-        (661 - 84, 0),  # between registers
-        (ADDRESS_29, 0),
-    ],
-)
-def test_what_may_be_shown(address: int, error: int) -> None:
-    assert Client().write(1, ADDRESS_1, address, 2) == error
 
 
 @settings(max_examples=60)

@@ -11,10 +11,8 @@ import pytest
 from haptic_wall.hw.dynamixel.codec import (
     BROADCAST,
     ErrorCode,
-    Frame,
     Instruction,
     crc16,
-    encode,
 )
 from haptic_wall.hw.emulated.instructions import CLEAR_KEY
 from haptic_wall.hw.truth import TrueServo
@@ -35,13 +33,6 @@ def words(*values: int) -> bytes:
 def at(turns: float) -> TrueServo:
     """At rest so many turns from its zero."""
     return replace(FREE, position=turns * 2 * math.pi)
-
-
-def raw_frame(id_: int, instruction: int, params: bytes) -> bytes:
-    """As a host sends it that does not stuff."""
-    body = bytes([instruction]) + params
-    frame = b"\xff\xff\xfd\x00" + bytes([id_]) + words(len(body) + 2) + body
-    return frame + words(crc16(frame))
 
 
 # Factory reset
@@ -119,15 +110,6 @@ def test_clear_brings_the_position_back_into_one_turn() -> None:
         assert client.read(1, POSITION, 4, signed=True) == 1024
 
 
-def test_clear_is_refused_while_it_moves() -> None:
-    client = Client(true=at(3.25))
-    client.enable_current_mode()
-    client.write(1, GOAL_CURRENT, 300, 2)
-    client.pass_time(50 * MS)
-    assert client.answer(1, Instruction.CLEAR, b"\x01" + CLEAR_KEY).error == ErrorCode.RESULT_FAIL
-    assert client.read(1, POSITION, 4) > 3 * 4096
-
-
 # Bulk
 
 
@@ -140,18 +122,6 @@ def test_bulk_read_is_answered_by_each_in_the_order_asked() -> None:
     assert [(r.id, r.error, r.params) for r in replies] == [
         (1, 0, words(120)),
         (2, 0, bytes([client.read(2, 146, 1)])),
-    ]
-
-
-def test_bulk_read_passes_over_the_missing_and_reports_errors_one_by_one() -> None:
-    client = Client((X, 1), (X, 2))
-    asked = [(2, 9000, 1), (8, POSITION, 4), (1, POSITION, 4), (1, LED, 1)]
-    params = b"".join(bytes([i]) + words(address, size) for i, address, size in asked)
-    client.send(BROADCAST, Instruction.BULK_READ, params)
-    replies = client.replies()
-    assert [(r.id, r.error, len(r.params)) for r in replies] == [
-        (2, ErrorCode.ACCESS, 0),
-        (1, 0, 4),
     ]
 
 
@@ -185,12 +155,6 @@ def leds(client: Client) -> list[int]:
     return [servo.memory["led"] for servo in client.servos.values()]
 
 
-def test_two_of_a_kind_with_one_id_cannot_be_told_from_one_by_a_ping() -> None:
-    client = Client((X, 1), (X, 2))
-    client.write(2, ID, 1, 1)
-    assert client.ask(1, Instruction.PING) == Frame(1, Instruction.STATUS, 0, b"\xfc\x03\x30")
-
-
 def test_different_answers_of_one_id_collide_and_both_obey() -> None:
     client = Client((X, 1), ("XL330-M288", 2))
     client.write(2, ID, 1, 1)
@@ -206,38 +170,6 @@ def test_different_answers_of_one_id_collide_and_both_obey() -> None:
 # What a host may send that is not as it should be
 
 
-def test_a_header_that_a_host_does_not_stuff_is_data_to_a_servo() -> None:
-    """Servos count bytes; the vendor's SDK sends FF FF FD 00 as it is, and it arrives."""
-    client = Client()
-    header = b"\xff\xff\xfd\x00"
-    for payload in (header, header + header + b"\x01\x07", 5 * header):
-        client.line.write(raw_frame(1, Instruction.WRITE, words(INDIRECT_DATA) + payload))
-        (reply,) = client.replies()
-        assert (reply.id, reply.error) == (1, 0)
-        data = client.answer(1, Instruction.READ, words(INDIRECT_DATA, len(payload))).params
-        assert data == payload
-
-
-def test_what_a_host_does_not_stuff_is_unstuffed_all_the_same() -> None:
-    """FF FF FD FD loses a byte, so the rest of the write is one too short."""
-    client = Client()
-    goals = words(0xFFFF) + bytes([0xFD, 0xFD, 0xFF, 0xFF])  # goal current -1, velocity -515
-    client.line.write(raw_frame(1, Instruction.WRITE, words(GOAL_CURRENT) + goals))
-    (reply,) = client.replies()
-    assert reply.error == ErrorCode.DATA_LENGTH
-    # The same bytes, stuffed as they should be, are refused for their value alone.
-    reply = client.answer(1, Instruction.WRITE, words(GOAL_CURRENT) + goals)
-    assert reply.error == ErrorCode.DATA_LIMIT
-
-
-def test_a_good_frame_right_behind_one_that_is_cut_short_is_carried_out() -> None:
-    client = Client()
-    cut = encode(1, Instruction.WRITE, words(GOAL_CURRENT) + bytes(60))[:30]
-    client.line.write(cut + encode(1, Instruction.PING))
-    (reply,) = client.replies()
-    assert reply.params[:2] == words(1020)
-
-
 # Others
 
 
@@ -247,22 +179,6 @@ def test_a_registered_write_is_checked_again_when_it_is_carried_out() -> None:
     client.write(1, TORQUE_ENABLE, 1, 1)
     assert client.answer(1, Instruction.ACTION).error == ErrorCode.ACCESS
     assert client.read(1, HOMING, 4) == 0
-
-
-@pytest.mark.parametrize(
-    "instruction",
-    [
-        Instruction.SYNC_READ,
-        Instruction.SYNC_WRITE,
-        Instruction.BULK_READ,
-        Instruction.BULK_WRITE,
-        Instruction.FAST_SYNC_READ,
-        Instruction.FAST_BULK_READ,
-    ],
-)
-def test_lists_are_for_all_and_not_for_one(instruction: Instruction) -> None:
-    reply = Client().answer(1, instruction, words(LED, 1) + b"\x01")
-    assert reply.error == ErrorCode.INSTRUCTION
 
 
 @pytest.mark.parametrize(("ids", "shares"), [((1, 2, 3), 3), ((1, 9, 2), 1), ((9, 1, 2), 0)])

@@ -14,8 +14,7 @@ from haptic_wall.hw.dynamixel.codec import ErrorCode
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.truth import TrueServo
-from tests.cases import sampled
-from tests.hw.dynamixel.emulated_client import BAUD, FREE, MS, Client
+from tests.hw.dynamixel.emulated_client import BAUD, Client
 from tests.hw.emulated.sdk_port import LinePort
 from tests.typed import not_none
 
@@ -109,35 +108,6 @@ def test_extended_mode_counts_turns_and_position_mode_forgets_them() -> None:
     assert servo["present_position"] == pytest.approx(-10_000 % 4096, abs=5)
 
 
-@pytest.mark.parametrize("drive_mode", [0, 1])
-@pytest.mark.parametrize("model", [X, X540])
-def test_homing_offset_and_reverse_hold_for_goals_as_for_present_positions(
-    model: str, drive_mode: int
-) -> None:
-    servo = Sdk(model, drive_mode=drive_mode, homing_offset=500).on()
-    start = servo["present_position"]
-    assert start == 2048 + 500
-    servo.write(goal_position=start + 300)
-    servo.pass_time(1)
-    assert servo["present_position"] == pytest.approx(start + 300, abs=4)
-    sign = -1 if drive_mode else 1
-    assert (servo.client.position() - math.pi) * COUNTS == pytest.approx(sign * 300, abs=4)
-
-
-@pytest.mark.parametrize(("model", "sign"), [(X, 1), (X540, -1), ("XW430-T200", -1)])
-def test_reverse_inverts_velocity_and_pwm_of_some_models_only(model: str, sign: int) -> None:
-    true = replace(FREE, torque_constant=1.5)
-    servo = Sdk(model, VELOCITY, true, drive_mode=1).on(goal_velocity=50)
-    servo.pass_time(2)
-    assert servo["present_velocity"] == pytest.approx(50, abs=1)
-    assert servo.servo.state(servo.client.clock.now_ns()).velocity * sign > 0
-    servo = Sdk(model, PWM, true, drive_mode=1).on(goal_pwm=200)
-    servo.pass_time(0.5)
-    assert servo["present_pwm"] == 200
-    assert servo["present_velocity"] > 0
-    assert servo.servo.state(servo.client.clock.now_ns()).velocity * sign > 0
-
-
 @pytest.mark.parametrize(("model", "goal"), [(X, 150), (X, -80), (SMALL, 200), (LOAD, 100)])
 def test_velocity_mode_settles_at_its_goal(model: str, goal: int) -> None:
     servo = Sdk(model, VELOCITY).on(goal_velocity=goal)
@@ -148,19 +118,6 @@ def test_velocity_mode_settles_at_its_goal(model: str, goal: int) -> None:
     servo.write(goal_velocity=0)
     servo.pass_time(3)
     assert servo["moving"] == 0
-
-
-@pytest.mark.parametrize("name", sampled((n for n, m in MODELS.items() if m.no_load_rpm), 4))
-@pytest.mark.parametrize("duty", [885, -300])
-def test_a_duty_turns_a_free_motor_at_its_share_of_the_no_load_speed(name: str, duty: int) -> None:
-    true = TrueServo(inertia=0.0005, torque_limit=20.0)
-    servo = Sdk(name, PWM, true).on(goal_pwm=duty)
-    servo.pass_time(1.5)
-    expected = not_none(MODELS[name].no_load_rpm) / 0.229 * duty / 885
-    assert servo["present_velocity"] == pytest.approx(expected, abs=1)
-    assert servo["present_pwm"] == duty
-    if "present_current" in servo.registers:
-        assert abs(servo["present_current"]) <= 1
 
 
 def test_current_based_position_gives_way_where_goal_current_says() -> None:
@@ -177,30 +134,6 @@ def test_current_based_position_gives_way_where_goal_current_says() -> None:
     given_way = soft.client.position() - math.pi
     assert given_way == pytest.approx(0.5 - limit / 4, abs=0.02 / 4 + 0.001)
     assert firm.client.position() - math.pi < 0.15
-
-
-def test_torque_off_leaves_it_limp_on_its_way() -> None:
-    servo = Sdk(mode=VELOCITY, true=FREE).on(goal_velocity=100)
-    servo.pass_time(1)
-    speed = servo.servo.state(servo.client.clock.now_ns()).velocity
-    servo.write(torque_enable=0)
-    servo.pass_time(1)
-    assert servo.client.torque() == 0
-    assert servo.servo.state(servo.client.clock.now_ns()).velocity == pytest.approx(speed, rel=0.01)
-    assert servo["present_pwm"] == 0
-
-
-@pytest.mark.parametrize("mode", [VELOCITY, POSITION, EXTENDED, PWM])
-def test_a_reboot_under_way_leaves_it_limp(mode: int) -> None:
-    servo = Sdk(mode=mode, true=FREE)
-    servo.on(goal_pwm=800, **({"goal_velocity": 100} if mode == VELOCITY else {}))
-    if mode in (POSITION, EXTENDED):
-        servo.write(goal_position=4000)
-    servo.pass_time(0.05)
-    assert servo.handler.reboot(servo.port, 1) == (sdk.COMM_SUCCESS, 0)
-    assert servo.client.torque() == 0
-    servo.pass_time(0.5)
-    assert servo.client.torque() == 0
 
 
 @pytest.mark.parametrize("mode", [VELOCITY, POSITION, CURRENT_POSITION, PWM])
@@ -220,28 +153,6 @@ def test_the_bus_watchdog_stops_it(mode: int) -> None:
     servo.write(bus_watchdog=0)
     servo.pass_time(0.5)
     assert servo.client.position() == pytest.approx(stopped, abs=0.02)
-
-
-def test_looking_often_or_rarely_makes_no_difference() -> None:
-    ends = []
-    for looks in (1, 500):
-        servo = Sdk(true=replace(MX64, hand="push", hand_origin=math.pi, backlash=0.0044))
-        servo.on(goal_position=3000)
-        begun, span = servo.client.clock.now_ns(), 2_000 * MS
-        for n in range(1, looks + 1):
-            servo.servo.state(begun + span * n // looks)
-        ends.append(servo.servo.state(begun + span))
-    assert ends[0] == pytest.approx(ends[1], rel=1e-9)
-
-
-def test_backlash_lies_between_the_encoder_and_the_shaft() -> None:
-    """0.25° as published for the 430 and 540 series: the controller does not feel half of it."""
-    play = math.radians(0.25)
-    servo = Sdk(true=replace(MX64, coulomb=0.001, backlash=play)).on(goal_position=2300)
-    servo.pass_time(1)
-    shaft = servo.client.position() * COUNTS
-    assert servo["present_position"] == pytest.approx(2300, abs=2)
-    assert abs(shaft - servo["present_position"]) <= play * COUNTS / 2 + 1
 
 
 def test_two_masses_are_kept_up_on_an_idle_bus() -> None:

@@ -4,8 +4,6 @@ import math
 from dataclasses import replace
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from haptic_wall.hw.dynamixel.tables import MODELS, Model
 from haptic_wall.hw.emulated.motor import motor_of
@@ -34,27 +32,6 @@ def test_stall_and_no_load_are_the_published_ones(model: Model) -> None:
     )
 
 
-def test_an_xl330_agrees_with_a_published_identification() -> None:
-    """Rhoban "bam", xl330 m1: k_t 0.370 N·m/A, R 3.50 ohm, identified from duty and motion."""
-    model = MODELS[SMALL]
-    motor = motor_of(model, not_none(model.torque_constant))
-    assert motor.torque_constant == pytest.approx(0.37005, rel=0.05)
-    assert motor.resistance == pytest.approx(3.49835, rel=0.05)
-    torque_per_volt = motor.torque_constant / motor.resistance
-    assert torque_per_volt == pytest.approx(0.37005 / 3.49835, rel=0.02)
-
-
-@given(duty=st.floats(-1, 1), speed=st.floats(-12, 12))
-def test_the_supply_gives_the_power_the_motor_takes(duty: float, speed: float) -> None:
-    """U i_s = R i² + k_e w i: loss and what goes into the gear."""
-    model = MODELS[SMALL]
-    motor = motor_of(model, not_none(model.torque_constant))
-    current = motor.current(duty, 5.0, speed)
-    supply = 5.0 * math.copysign(motor.sensed(current, 5.0, speed), current * duty)
-    taken = motor.resistance * current**2 + motor.back_emf * speed * current
-    assert supply == pytest.approx(taken, abs=1e-9)
-
-
 def held(model: str, goal: int, true: TrueServo = HELD) -> Client:
     """A servo in current mode, held by friction, with this Goal Current for a while."""
     client = Client((model, 1), true=true, recorded=False)
@@ -72,14 +49,6 @@ def test_torque_of_a_supply_sensed_servo_goes_with_the_root_of_its_current(goal:
     assert client.read(1, PRESENT_CURRENT, 2, signed=True) == pytest.approx(goal, abs=1)
     pwm = client.read(1, PRESENT_PWM, 2, signed=True)
     assert pwm == pytest.approx(885 * share, abs=1)
-
-
-def test_torque_of_a_phase_sensed_servo_is_in_proportion() -> None:
-    for goal in (92, 368, 735):
-        client = held("XM430-W350", goal)
-        assert client.torque() == pytest.approx(goal * TORQUE_UNIT)
-        share = goal * 2.69e-3 / 2.3
-        assert client.read(1, PRESENT_PWM, 2) == pytest.approx(885 * share, abs=1)
 
 
 def test_goal_pwm_limits_the_torque_of_current_mode_too() -> None:
@@ -107,13 +76,6 @@ def test_goal_pwm_limits_the_torque_of_current_mode_too() -> None:
     assert client.torque() == 0.0
 
 
-def test_a_supply_sensed_servo_runs_no_faster_than_its_no_load_speed() -> None:
-    client = held(SMALL, 1750, replace(HELD, coulomb=0.0))
-    client.pass_time(3000 * MS)
-    velocity = client.read(1, PRESENT_VELOCITY, 4, signed=True)
-    assert velocity == pytest.approx(103 / 0.229, abs=2)
-
-
 def test_back_emf_in_current_mode_is_asked_for() -> None:
     """Held torque as commanded by default; what 12 V can drive where that is wanted."""
     speeds = []
@@ -125,33 +87,6 @@ def test_back_emf_in_current_mode_is_asked_for() -> None:
         speeds.append(client.servos[1].state(client.clock.now_ns()).velocity)
     assert speeds[0] == pytest.approx(500 * TORQUE_UNIT / FREE.inertia * 0.1, rel=1e-3)
     assert speeds[1] == pytest.approx(46 * RPM, rel=0.02)
-
-
-@pytest.mark.parametrize("volts", [9.0, 16.5])
-def test_a_voltage_beyond_its_limits_is_an_error(volts: float) -> None:
-    """Bit 0 is not in Shutdown from the factory: torque stays. With it, torque goes."""
-    for shutdown, torque in ((0x34, 300 * TORQUE_UNIT), (0x35, 0.0)):
-        client = Client(true=HELD)
-        client.write(1, SHUTDOWN, shutdown, 1)
-        client.enable_current_mode()
-        client.write(1, GOAL_CURRENT, 300, 2)
-        client.servos[1].set_supply(volts, client.clock.now_ns())
-        assert client.read(1, VOLTAGE, 2) == round(volts * 10)
-        assert client.read(1, HARDWARE_ERROR, 1) == 0x01
-        assert client.torque() == pytest.approx(torque)
-
-
-def test_a_weaker_supply_limits_a_moving_servo() -> None:
-    client = Client(true=replace(FREE, back_emf=True, supply=14.0))
-    client.enable_current_mode()
-    client.write(1, GOAL_CURRENT, 500, 2)
-    client.pass_time(500 * MS)
-    velocity = client.servos[1].state(client.clock.now_ns()).velocity
-    assert velocity == pytest.approx(46 * RPM * 14.0 / 12.0, rel=1e-3)
-    client.servos[1].set_supply(10.0, client.clock.now_ns())
-    client.pass_time(500 * MS)
-    velocity = client.servos[1].state(client.clock.now_ns()).velocity
-    assert velocity == pytest.approx(46 * RPM * 10.0 / 12.0, rel=1e-3)
 
 
 def test_goal_current_acts_through_the_current_loop() -> None:

@@ -1,6 +1,5 @@
 """The control table's rules, as a client meets them on the wire."""
 
-import itertools
 import math
 from dataclasses import replace
 
@@ -8,7 +7,7 @@ import pytest
 
 from haptic_wall.hw.dynamixel.codec import ALERT, ErrorCode, Instruction
 from haptic_wall.hw.dynamixel.tables import MODELS
-from tests.hw.dynamixel.emulated_client import FREE, MS, TORQUE_UNIT, US, Client
+from tests.hw.dynamixel.emulated_client import FREE, MS, TORQUE_UNIT, Client
 
 ID, RETURN_DELAY, DRIVE_MODE, OPERATING_MODE, HOMING = 7, 9, 10, 11, 20
 TEMPERATURE_LIMIT, MIN_VOLTAGE, CURRENT_LIMIT, STARTUP = 31, 34, 38, 60
@@ -38,34 +37,6 @@ def test_torque_is_current_times_torque_constant_and_moves_the_servo() -> None:
     client.pass_time(10 * MS - 11 * 2_500)
     expected = start - 0.5 * 50 * TORQUE_UNIT / FREE.inertia * 0.01**2
     assert client.position() == pytest.approx(expected, abs=1e-9)
-
-
-def test_torque_constant_can_be_given() -> None:
-    client = Client(true=replace(FREE, torque_constant=1.2))
-    client.enable_current_mode()
-    client.write(1, GOAL_CURRENT, 100, 2)
-    assert client.torque() == pytest.approx(0.269 * 1.2)
-
-
-def test_torque_saturates_in_the_mechanism_and_the_measured_current_tells() -> None:
-    client = Client(true=replace(FREE, torque_limit=0.5))
-    client.enable_current_mode()
-    client.write(1, GOAL_CURRENT, 1193, 2)
-    assert client.torque() == 0.5
-    assert client.read(1, CURRENT, 2, signed=True) == round(0.5 / TORQUE_UNIT)
-
-
-def test_without_torque_enable_it_is_limp_and_coasts() -> None:
-    client = Client()
-    client.enable_current_mode()
-    client.write(1, GOAL_CURRENT, 100, 2)
-    client.pass_time(5 * MS)
-    assert client.write(1, TORQUE_ENABLE, 0, 1) == 0
-    assert client.torque() == 0.0
-    speed = client.servos[1].state(client.clock.now_ns()).velocity
-    client.pass_time(20 * MS)
-    assert speed > 0
-    assert client.servos[1].state(client.clock.now_ns()).velocity == pytest.approx(speed)
 
 
 @pytest.mark.parametrize("address", [ID, RETURN_DELAY, OPERATING_MODE, CURRENT_LIMIT, STARTUP])
@@ -125,20 +96,6 @@ def test_a_write_over_several_registers_is_all_or_nothing() -> None:
     assert client.read(1, GOAL_VELOCITY, 4) == 200
 
 
-@pytest.mark.parametrize(
-    ("params", "error"),
-    [
-        ("84 00 04", ErrorCode.DATA_LENGTH),
-        ("84 00 00 00", ErrorCode.DATA_LENGTH),
-        ("00 10 04 00", ErrorCode.ACCESS),
-        ("50 02 FF 00", ErrorCode.ACCESS),
-    ],
-)
-def test_a_read_that_cannot_be_carries_an_error_and_no_data(params: str, error: ErrorCode) -> None:
-    reply = Client().answer(1, Instruction.READ, bytes.fromhex(params))
-    assert (reply.error, reply.params) == (error, b"")
-
-
 def test_block_read_is_one_instant() -> None:
     """Tick, current, velocity and position of a servo in free acceleration agree."""
     client = Client(tick=100)
@@ -161,17 +118,6 @@ def test_block_read_is_one_instant() -> None:
     assert speed**2 / (2 * acceleration) == pytest.approx(travelled, abs=0.003)
     assert volts == 120
     assert 20 < temperature < 80
-
-
-def test_tick_wraps_from_32767_to_0() -> None:
-    client = Client(tick=32_760)
-    ticks = []
-    for _ in range(12):
-        ticks.append(client.read(1, TICK, 2))
-        client.pass_time(MS - 62_500)  # a read takes 14 + 11 bytes
-    assert max(ticks) == 32_767
-    assert min(ticks) == 0
-    assert all((b - a) % 32_768 == 1 for a, b in itertools.pairwise(ticks))
 
 
 def test_a_tripped_watchdog_drops_the_torque_on_time_and_refuses_goals() -> None:
@@ -218,25 +164,6 @@ def test_what_restarts_the_watchdog() -> None:
     assert client.torque() == 0.0
 
 
-def test_watchdog_sleeps_while_torque_is_off() -> None:
-    client = Client()
-    client.write(1, WATCHDOG, 1, 1)
-    client.pass_time(500 * MS)
-    assert client.read(1, WATCHDOG, 1) == 1
-
-
-@pytest.mark.parametrize(("model", "inverts_torque"), [("XM430-W350", False), ("XM540-W270", True)])
-def test_reverse_inverts_position_and_on_x540_torque(model: str, inverts_torque: bool) -> None:
-    client = Client((model, 1))
-    before = client.read(1, POSITION, 4, signed=True)
-    assert client.write(1, DRIVE_MODE, 1, 1) == 0
-    assert client.read(1, POSITION, 4, signed=True) == -before
-    client.enable_current_mode()
-    client.write(1, GOAL_CURRENT, 100, 2)
-    assert (client.torque() < 0) == inverts_torque
-    assert client.read(1, CURRENT, 2, signed=True) == 100
-
-
 @pytest.mark.parametrize(("firmware", "on"), [(44, 0), (45, 1)])
 def test_torque_on_by_goal_update(firmware: int, on: int) -> None:
     client = Client(firmware=firmware)
@@ -244,36 +171,6 @@ def test_torque_on_by_goal_update(firmware: int, on: int) -> None:
     client.write(1, OPERATING_MODE, 0, 1)
     client.write(1, GOAL_CURRENT, 0, 2)
     assert client.read(1, TORQUE_ENABLE, 1) == on
-
-
-def test_startup_configuration_enables_torque_at_power_up() -> None:
-    client = Client()
-    client.write(1, STARTUP, 1, 1)
-    client.ask(1, Instruction.REBOOT)
-    client.pass_time(500 * MS)
-    assert client.read(1, TORQUE_ENABLE, 1) == 1
-
-
-@pytest.mark.parametrize(
-    ("mode", "offset", "shown"),
-    [
-        (3, 1024, 1024),
-        (3, -1024, -1024),
-        (3, 1025, 0),
-        (3, -4096, 0),
-        (4, 4096, 4096),
-        (0, 2000, 2000),
-    ],
-)
-def test_position_mode_ignores_a_homing_offset_beyond_a_quarter_turn(
-    mode: int, offset: int, shown: int
-) -> None:
-    client = Client()
-    client.write(1, 11, mode, 1)
-    before = client.read(1, POSITION, 4, signed=True)
-    assert client.write(1, HOMING, offset, 4) == 0
-    assert client.read(1, HOMING, 4, signed=True) == offset
-    assert client.read(1, POSITION, 4, signed=True) == before + shown
 
 
 def test_position_counts_over_turns_and_a_reboot_forgets_them() -> None:
@@ -299,15 +196,6 @@ def test_status_return_level(level: int, answered: set[str]) -> None:
     }
     assert {name for name, reply in asked.items() if reply is not None} == answered
     assert client.servos[1].memory["led"] == 1  # done, answered or not
-
-
-@pytest.mark.parametrize("value", [0, 1, 250, 254])
-def test_return_delay(value: int) -> None:
-    client = Client()
-    client.write(1, RETURN_DELAY, value, 1)
-    before = client.clock.now_ns()
-    assert client.ask(1, Instruction.PING) is not None
-    assert client.clock.now_ns() - before == (10 + 14) * 2_500 + value * 2 * US
 
 
 def test_a_voltage_out_of_limits_raises_the_alert_but_answers_go_on() -> None:
@@ -374,16 +262,6 @@ def test_a_servo_without_published_stall_data_needs_a_torque_constant() -> None:
     with pytest.raises(ValueError, match="XD540-T270"):
         Client(("XD540-T270", 1))
     Client(("XD540-T270", 1), true=replace(FREE, torque_constant=2.0))
-
-
-def test_firmware_before_38_has_no_watchdog_and_no_drive_mode() -> None:
-    client = Client(firmware=37)
-    assert client.write(1, WATCHDOG, 1, 1) == ErrorCode.ACCESS
-    assert client.write(1, DRIVE_MODE, 0, 1) == ErrorCode.ACCESS
-    client.enable_current_mode()
-    client.write(1, GOAL_CURRENT, 20, 2)
-    client.pass_time(3000 * MS)
-    assert client.torque() == pytest.approx(20 * TORQUE_UNIT)
 
 
 @pytest.mark.parametrize("name", MODELS)

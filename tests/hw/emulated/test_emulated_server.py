@@ -1,8 +1,6 @@
 """The real process on a pseudo-terminal, driven by an independent client: the vendor's SDK."""
 
 import csv
-import errno
-import fcntl
 import json
 import os
 import select
@@ -15,7 +13,6 @@ import tty
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NoReturn
 
 import dynamixel_sdk
 import pytest
@@ -24,7 +21,6 @@ from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 from haptic_wall.controller.emulated_bus.bus import PROGRAM
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode
 from haptic_wall.hw.dynamixel.codec.frames import Frame
-from haptic_wall.hw.emulated.server import PseudoTerminal
 from tests.typed import not_none
 
 pytestmark = pytest.mark.realtime
@@ -92,17 +88,6 @@ def ask(descriptor: int, frame: bytes, within_s: float) -> Frame | None:
             if frames:
                 return frames[0]
     return None
-
-
-def test_a_kernel_that_does_not_tell_the_speed_is_no_trouble(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def refused(*_: object) -> NoReturn:
-        raise OSError(errno.ENOTTY, "Inappropriate ioctl for device")
-
-    monkeypatch.setattr(fcntl, "ioctl", refused)
-    with PseudoTerminal() as terminal:
-        assert terminal.baud is None
 
 
 def test_terminal_is_raw_and_clients_come_and_go_at_their_speed() -> None:

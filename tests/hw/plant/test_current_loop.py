@@ -2,7 +2,6 @@
 
 import math
 import random
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -13,7 +12,6 @@ from haptic_wall.hw.plant.current_loop import STEP_NS
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.truth import TrueServo
 from tests.cases import sampled
-from tests.hw.oracles import Body, Electric, integrate_current_loop
 
 MS = 1_000_000
 STALL, NO_LOAD = 4.1, 4.82
@@ -90,36 +88,6 @@ def test_the_lag_stays_within_its_stated_error(
         assert torque == pytest.approx(wanted, abs=1e-11)
 
 
-@pytest.mark.parametrize("bandwidth", [20.0, 200.0, 1500.0])
-@pytest.mark.parametrize("droop", [0.0, 0.02, 0.8])
-def test_back_emf_friction_and_lag_together(bandwidth: float, droop: float) -> None:
-    """Thrown to and fro, up to where the supply limits the current, and stuck in between."""
-    rng = random.Random(5)
-    goals = [rng.choice([-4.0, -1.5, 0.05, 0.0, 2.0, 4.0]) for _ in range(6)]
-    true = servo(
-        damping=0.012,
-        coulomb=0.09,
-        current_bandwidth=bandwidth,
-        back_emf=True,
-        current_droop=droop,
-    )
-    period_ns = 10 * MS
-    exact = integrate_current_loop(
-        Body(0.012, 0.012, 0.09),
-        Electric(math.tau * bandwidth, STALL, BRAKING, droop),
-        0.0,
-        0.0,
-        [(period_ns * 1e-9, goal) for goal in goals],
-    )
-    assert max(abs(velocity) for _, velocity, _ in exact) > 0.6 * NO_LOAD
-    for (position, velocity, torque), (x, v, wanted) in zip(
-        played(true, goals, period_ns), exact, strict=True
-    ):
-        assert position == pytest.approx(x, abs=3e-5)
-        assert velocity == pytest.approx(v, abs=1e-3)
-        assert torque == pytest.approx(wanted, abs=4e-3)
-
-
 @pytest.mark.parametrize("values", sampled([{"back_emf": True}, {"current_bandwidth": 150.0}], 2))
 def test_the_instants_at_which_it_is_looked_at_do_not_matter(values: dict[str, Any]) -> None:
     true = servo(
@@ -158,12 +126,6 @@ def test_goals_are_taken_over_at_the_ticks_of_the_loop() -> None:
     assert mechanism.torque == 0.0
     mechanism.advance(start_ns + 600_000)
     assert mechanism.torque == 2.0
-
-
-def test_a_command_at_a_tick_is_taken_over_there() -> None:
-    mechanism = Mechanism(servo(current_period=0.5e-3), 3 * MS)
-    mechanism.command(1.0, 5 * MS)
-    assert mechanism.torque == 1.0
 
 
 @pytest.mark.parametrize(
@@ -211,41 +173,7 @@ def test_a_held_voltage_does_not_pass_through_the_loop() -> None:
     assert mechanism.torque == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    "name", ["current_bandwidth", "current_period", "current_droop", "dead_band"]
-)
-@pytest.mark.parametrize("value", [-1.0, math.inf, math.nan])
-def test_impossible_values_are_refused(name: str, value: float) -> None:
-    with pytest.raises(ValueError, match=f"{name}: found .*, wanted a number from 0 to"):
-        Mechanism(servo(back_emf=True, **{name: value}), 0)
-
-
-MX106 = servo(
-    inertia=0.026609,
-    damping=0.035202,
-    coulomb=0.10352,
-    torque_limit=8.4,
-    no_load_speed=45 * math.tau / 60,
-    back_emf=True,
-    current_droop=0.02,
-)
 """Mechanism: Rhoban "bam". Motor: ROBOTIS e-Manual, 12 V."""
-
-
-@pytest.mark.parametrize("lag", [{}, {"current_bandwidth": 200.0}])
-@pytest.mark.parametrize("sign", sampled([-1, 1], 2))
-@pytest.mark.parametrize(("speed", "low", "high"), [(2.0, 0.85, 0.92), (3.0, 0.73, 0.76)])
-def test_an_mx106_makes_less_than_its_goal_when_it_turns(
-    speed: float, low: float, high: float, sign: int, lag: dict[str, Any]
-) -> None:
-    """Running freely at this speed, the measured current is this fraction of the goal."""
-    friction = MX106.coulomb + MX106.damping * speed
-    left = MX106.current_droop * MX106.torque_limit * (speed / MX106.no_load_speed) ** 2
-    mechanism = Mechanism(replace(MX106, **lag), 0)
-    mechanism.command(sign * (friction + left), 0)
-    mechanism.advance(4000 * MS)
-    assert mechanism.velocity == pytest.approx(sign * speed, rel=3e-3)
-    assert low <= sign * mechanism.torque / (friction + left) <= high
 
 
 @pytest.mark.parametrize("inertia", [1e-8, 1e-6, 1e-4, 1e-2])

@@ -155,32 +155,6 @@ def test_a_linear_step_of_any_length_is_the_matrix_exponential() -> None:
         assert [*motor, *output] == pytest.approx(expected[:4].tolist(), rel=1e-11, abs=1e-12)
 
 
-@pytest.mark.parametrize("settings", [{}, {"coulomb": 0.09}, {"coulomb": 0.09, "hand": "push"}])
-def test_a_stiff_transmission_is_none(settings: dict[str, Any]) -> None:
-    """The difference falls as 1 / k, in proportion to the twist that the torques make."""
-    rigid = TrueServo(inertia=0.015, damping=0.012, counts_per_rev=0, **settings)
-    differences = []
-    for stiffness in (2e5, 2e7):
-        stiff = replace(
-            rigid,
-            inertia=0.012,
-            load_inertia=0.003,
-            transmission_stiffness=stiffness,
-            transmission_damping=0.02 * math.sqrt(stiffness * 0.0024),
-        )
-        random, both = np.random.default_rng(1), (Mechanism(rigid, 0), Mechanism(stiff, 0))
-        largest = 0.0
-        for k in range(300):
-            torque = 0.4 * math.sin(0.02 * k) + 0.1 * random.normal()
-            for one in both:
-                one.command(torque, k * MS)
-                one.advance((k + 1) * MS)
-            largest = max(largest, abs(both[0].position - both[1].position))
-        differences.append(largest)
-    assert differences[0] < 1e-4
-    assert differences[1] < max(0.05 * differences[0], 1e-7)
-
-
 @pytest.mark.parametrize(("load", "stiffness", "damping"), [(1e-7, 1e5, 0.0), (1e-6, 1e3, 1.0)])
 def test_events_are_found_beside_a_motion_that_is_over_within_a_substep(
     load: float, stiffness: float, damping: float
@@ -252,17 +226,3 @@ def test_backlash_is_between_the_masses() -> None:
     assert mechanism.motor_velocity == pytest.approx(0.44, rel=1e-9)
     mechanism.advance(46 * MS)
     assert mechanism.measured()[0] > 0.0
-
-
-@pytest.mark.parametrize(
-    ("settings", "match"),
-    [
-        ({"transmission_stiffness": 0.0}, "transmission_stiffness: found 0, wanted above 0"),
-        ({"load_inertia": 0.0}, "load_inertia: found 0"),
-        ({"load_inertia": math.nan}, "load_inertia: found nan"),
-        ({"transmission_damping": -1.0}, "transmission_damping: found -1"),
-    ],
-)
-def test_half_a_transmission_is_refused(settings: dict[str, Any], match: str) -> None:
-    with pytest.raises(ValueError, match=match):
-        Mechanism(replace(LINEAR, **settings), 0)

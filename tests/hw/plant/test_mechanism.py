@@ -38,23 +38,6 @@ def test_a_torque_acts_its_delay_later_to_the_nanosecond() -> None:
     assert mechanism.velocity == pytest.approx(100.0 * (3 * MS - 1_234_567) * 1e-9, rel=1e-12)
 
 
-def test_without_delay_a_torque_acts_at_once() -> None:
-    mechanism = Mechanism(FREE, 0)
-    mechanism.command(0.5, 3 * MS)
-    assert mechanism.torque == 0.5
-    mechanism.advance(4 * MS)
-    assert mechanism.velocity == pytest.approx(0.05, rel=1e-12)
-
-
-def test_several_torques_under_way_act_one_after_the_other() -> None:
-    mechanism = Mechanism(servo(delay=2.5e-3), 0)
-    for k, torque in enumerate([1.0, -2.0, 0.5, 0.0]):
-        mechanism.command(torque, k * MS)
-    mechanism.advance(20 * MS)
-    assert mechanism.torque == 0.0
-    assert mechanism.velocity == pytest.approx(100.0 * 1e-3 * (1.0 - 2.0 + 0.5), rel=1e-9)
-
-
 def test_the_instants_at_which_it_is_looked_at_do_not_matter() -> None:
     true = servo(
         damping=0.01, coulomb=0.09, delay=1.7e-3, backlash=0.004, hand="tap", position=0.05
@@ -74,29 +57,6 @@ def test_the_instants_at_which_it_is_looked_at_do_not_matter() -> None:
     assert often.measured()[0] == pytest.approx(seldom.measured()[0], abs=1e-10)
 
 
-def test_the_same_commands_give_the_same_motion_to_the_bit() -> None:
-    def motion() -> tuple[float, float]:
-        rng = random.Random(4)
-        mechanism = Mechanism(servo(coulomb=0.09, damping=0.01, hand="push", delay=1e-4), 0)
-        for k in range(3000):
-            mechanism.command(rng.gauss(0.0, 0.3), k * MS)
-        return mechanism.position, mechanism.velocity
-
-    assert motion() == motion()
-
-
-def test_time_does_not_go_back() -> None:
-    mechanism = Mechanism(FREE, 10)
-    mechanism.advance(20)
-    mechanism.advance(20)
-    with pytest.raises(ValueError, match="from 20 to 19"):
-        mechanism.advance(19)
-    with pytest.raises(ValueError, match="from 20 to 0"):
-        mechanism.command(1.0, 0)
-    with pytest.raises(ValueError, match="time went back"):
-        Mechanism(FREE, 10).advance(9)
-
-
 @pytest.mark.parametrize("torque", [math.nan, math.inf, -math.inf])
 def test_a_torque_that_is_no_number_never_reaches_it(torque: float) -> None:
     mechanism = Mechanism(FREE, 0)
@@ -106,15 +66,6 @@ def test_a_torque_that_is_no_number_never_reaches_it(torque: float) -> None:
     mechanism.advance(MS)
     assert mechanism.torque == 0.2
     assert math.isfinite(mechanism.position)
-
-
-@pytest.mark.parametrize(
-    ("wanted", "acting"), [(5.0, 4.1), (-5.0, -4.1), (4.1, 4.1), (0.3, 0.3), (1e300, 4.1)]
-)
-def test_it_saturates(wanted: float, acting: float) -> None:
-    mechanism = Mechanism(servo(torque_limit=4.1), 0)
-    assert mechanism.command(wanted, 0) == acting
-    assert mechanism.torque == acting
 
 
 @given(st.floats(-10.0, 10.0), st.floats(1e-4, 0.5), st.floats(0.1, 5.0))
@@ -145,11 +96,6 @@ def test_the_encoder_rounds_to_the_nearest_count_over_turns() -> None:
         mechanism = Mechanism(servo(counts_per_rev=4096, position=position), 0)
         assert mechanism.measured()[1] == expected
         assert mechanism.measured()[0] == pytest.approx(expected * count, rel=1e-15)
-
-
-def test_without_an_encoder_the_position_is_exact_and_nothing_is_counted() -> None:
-    mechanism = Mechanism(servo(position=0.123456789), 0)
-    assert mechanism.measured() == (0.123456789, 0)
 
 
 def test_backlash_hides_motion_within_the_play_and_follows_beyond_it() -> None:

@@ -125,18 +125,6 @@ def test_two_masses_grow_beyond_their_ceiling_as_their_poles_say(
             assert bends[-300:].max() < 0.4 * bends[:300].max()
 
 
-def test_the_torque_limit_hides_growth_beyond_the_ceiling_of_a_motors_encoder() -> None:
-    """Such a wall grows at 250 Hz. What saturates swings by less than an encoder's count."""
-    true = replace(linked_servo("motor"), torque_limit=4.1)
-    servo = (true.inertia, true.damping, true.load_inertia, 200.0, true.transmission_damping)
-    ceiling = float(flexible_ceiling(*servo, PERIOD, 0.0, encoder="motor"))
-    positions = wall_motion(true, 2.0, 1.02 * ceiling, 3000)[-200:]
-    half_a_cycle = np.abs(positions[2:] - positions[:-2]).max()
-    expected = 4.0 / math.pi * 4.1 / (true.inertia * (math.tau * 252.0) ** 2)
-    assert half_a_cycle == pytest.approx(2.0 * expected, rel=0.3)
-    assert half_a_cycle < math.tau / 4096
-
-
 def linked_servo(encoder: EncoderSide) -> TrueServo:
     """A load of 0.003 kg·m² that vibrates at 46 Hz with a damping ratio of 2 %."""
     return replace(

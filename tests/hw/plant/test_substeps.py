@@ -7,7 +7,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from scipy.special import ellipk
 
 from haptic_wall.hw.truth import TrueServo
 from tests.cases import sampled
@@ -116,18 +115,6 @@ def test_a_small_swing_in_a_cog_has_the_frequency_of_its_stiffness() -> None:
         assert state.position == pytest.approx(math.cos(math.pi * turns) * 1e-5, rel=1e-4)
 
 
-def test_a_pendulum_of_large_swing_has_its_period() -> None:
-    # T = 4 K(sin²(a/2)) / w, K the complete elliptic integral.
-    gravity, angle, amplitude = 1.2, 0.4, 2.5
-    move = Substeps(FREE, Effects(gravity=gravity, gravity_angle=angle)).step
-    rate = math.sqrt(gravity / FREE.inertia)
-    period = 4.0 * float(ellipk(math.sin(0.5 * amplitude) ** 2)) / rate
-    state = move(State(angle + amplitude, 0.0), FREE, 0.0, period)
-    assert state.position == pytest.approx(angle + amplitude, abs=1e-6)
-    state = move(State(angle + amplitude, 0.0), FREE, 0.0, 0.25 * period)
-    assert state.position == pytest.approx(angle, abs=1e-4)
-
-
 def test_energy_stays_the_same_over_a_minute_without_friction_and_input() -> None:
     effects = Effects(gravity=0.6, cogging=0.05, cogging_periods=24.0, cogging_phase=1.0)
     move = Substeps(FREE, effects).step
@@ -192,55 +179,3 @@ def test_a_stuck_shaft_stays_stuck_for_ever_and_breaks_away_at_the_static_fricti
     plain = Substeps(MX64, Effects(static_friction=0.15)).step
     assert plain(state, MX64, -0.15, 1000.0) == state
     assert plain(state, MX64, math.nextafter(-0.15, -1.0), 1.0).position < 0.3
-
-
-def test_a_hand_that_pulls_harder_and_harder_breaks_it_away_at_the_static_friction() -> None:
-    # All of the hand's torque is load: it must pass 0.15 / (1 - 0.2).
-    move = Substeps(MX64, Effects(static_friction=0.15, load_friction=0.2)).step
-    pull = Pull(4.0, 0.0, 0.0, -0.5)
-    instant = 0.15 / 0.8 / (4.0 * 0.5)
-    assert move(State(0.0, 0.0), MX64, 0.0, instant - 1e-9, pull) == State(0.0, 0.0)
-    assert move(State(0.0, 0.0), MX64, 0.0, instant + 1e-4, pull).position < 0.0
-    # It then slides with the Coulomb friction, which is less: it starts with a jolt.
-    later = move(State(0.0, 0.0), MX64, 0.0, instant + 1e-4, pull)
-    net = 0.15 / 0.8 - (MX64.coulomb + 0.2 * 0.15 / 0.8)
-    assert later.velocity == pytest.approx(-net / MX64.inertia * 1e-4, rel=0.01)
-
-
-def test_both_directions_have_their_own_viscous_friction() -> None:
-    parameters = PlantParameters(0.01, damping=0.02)
-    move = Substeps(parameters, Effects(damping_back=0.05)).step
-    for speed, damping in ((3.0, 0.02), (-3.0, 0.05)):
-        end = move(State(0.0, speed), parameters, 0.0, 0.1)
-        assert end.velocity == pytest.approx(speed * math.exp(-damping / 0.01 * 0.1), rel=1e-12)
-
-
-def test_a_braked_motor_loads_the_gear_less() -> None:
-    """At the speed where braking has used the torque up, the motor puts no load on the gear."""
-    effects = Effects(load_friction=0.3)
-    move = Substeps(FREE, effects).step
-    braked = PlantParameters(FREE.inertia, damping=0.1)
-    end = move(State(0.0, 0.0), braked, 0.5, 10.0)
-    # 0.5 - 0.1 v = 0.3 |0.5 - 0.1 v| has the only solution v = 5.
-    assert end.velocity == pytest.approx(5.0, rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("effects", "said"),
-    [
-        ({"load_friction": 1.0}, "load_friction: found 1.0, wanted a number from 0 to 0.9"),
-        ({"cogging_periods": 0.0}, "cogging_periods: found 0.0"),
-        ({"damping_back": -0.1}, "damping_back: found -0.1"),
-        ({"gravity_angle": math.inf}, "gravity_angle: found inf"),
-    ],
-)
-def test_impossible_effects_are_refused_by_name(effects: dict[str, float], said: str) -> None:
-    with pytest.raises(ValueError, match=said):
-        Substeps(FREE, Effects(**effects))
-
-
-def test_static_friction_below_the_kinetic_one_is_refused() -> None:
-    with pytest.raises(
-        ValueError, match=r"static_friction: found 0\.05 N·m, wanted .*coulomb, 0\.09039"
-    ):
-        Substeps(MX64, Effects(static_friction=0.05))

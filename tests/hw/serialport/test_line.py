@@ -12,7 +12,6 @@ import stat
 import subprocess
 import sys
 import termios
-import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -73,32 +72,6 @@ def test_every_byte_passes_unchanged_both_ways(ends: Ends, line: FdLine) -> None
     assert received == EVERY_BYTE
 
 
-def test_more_bytes_than_a_reply_has_are_all_read(ends: Ends, line: FdLine) -> None:
-    os.write(ends.far, 4 * EVERY_BYTE)
-    received = b""
-    while len(received) < 1024 and line.wait(time.monotonic_ns() + 5_000_000_000):
-        received += line.read()
-    assert received == 4 * EVERY_BYTE
-    os.write(ends.far, 4 * EVERY_BYTE)
-    received = b""
-    while len(received) < 1024:
-        received += line.read()
-    assert received == 4 * EVERY_BYTE, "bytes that nobody waits for, too"
-
-
-def test_nothing_received_is_no_bytes_and_no_waiting(line: FdLine) -> None:
-    assert line.read() == b""
-    assert line.wait(time.monotonic_ns() - 1) is False
-
-
-def test_a_wait_ends_when_bytes_come(ends: Ends, line: FdLine) -> None:
-    sender = threading.Timer(0.02, os.write, (ends.far, b"x"))
-    sender.start()
-    assert line.wait(time.monotonic_ns() + 10_000_000_000) is True
-    sender.join()
-    assert line.read() == b"x"
-
-
 def test_what_was_sent_to_the_previous_user_is_not_received(ends: Ends) -> None:
     first = open_port(ends.path, 1_000_000)
     os.write(ends.far, b"a reply nobody waited for")
@@ -134,18 +107,6 @@ def test_a_closed_line_is_lost_and_touches_nobody_elses_file(line: FdLine) -> No
 def test_a_port_that_stops_sending_is_a_lost_servo(line: FdLine) -> None:
     with pytest.raises(ServoLostError, match="sent nothing"):
         line.write(bytes(1_000_000))  # nobody reads at the far end
-
-
-def test_the_descriptor_is_not_inherited_by_chance(ends: Ends) -> None:
-    descriptor = open_port(ends.path, 1_000_000)
-    assert not os.get_inheritable(descriptor)
-    os.close(descriptor)
-
-
-def test_the_rate_is_set(ends: Ends) -> None:
-    descriptor = open_port(ends.path, 4_000_000)
-    assert termios.tcgetattr(descriptor)[4] == termios.B4000000
-    os.close(descriptor)
 
 
 def test_an_adapter_that_makes_another_rate_is_refused(
@@ -233,14 +194,6 @@ def test_a_refused_permission_names_what_grants_it(
     advice = f"usermod -aG {group}" if mode & 0o060 == 0o060 and group != "root" else "chmod a\\+rw"
     with pytest.raises(PortError, match=f"may not be used by this user.*{advice}"):
         open_port(ends.path, 1_000_000)
-
-
-def test_a_second_opening_is_refused(ends: Ends) -> None:
-    first = open_port(ends.path, 1_000_000)
-    with pytest.raises(PortBusyError, match="locked by another program"):
-        open_port(ends.path, 1_000_000)
-    os.close(first)
-    os.close(open_port(ends.path, 1_000_000))
 
 
 def test_a_terminal_program_that_holds_an_adapter_is_a_holder() -> None:

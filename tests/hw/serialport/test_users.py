@@ -16,7 +16,7 @@ from haptic_wall.controller.doctor.adapter import examine_port
 from haptic_wall.hw.errors import PortBusyError
 from haptic_wall.hw.serialport import users as port_users
 from haptic_wall.hw.serialport.port import open_port
-from haptic_wall.hw.serialport.users import LOOKS, PortUsers, exclusive, holder, is_terminal
+from haptic_wall.hw.serialport.users import LOOKS, PortUsers, exclusive, holder
 from tests.typed import not_none
 
 OPENER = """
@@ -64,11 +64,6 @@ def opened_by_another(path: str) -> Iterator[None]:
         yield
         not_none(other.stdin).close()
         not_none(other.stdout).read()
-
-
-def test_nobody_is_nobody(port: Port) -> None:
-    assert port.looks(3 * LOOKS) == ""
-    assert port.users.look_everywhere() == ""
 
 
 def test_another_program_is_named_soon_after_it_has_opened_the_port(port: Port) -> None:
@@ -132,8 +127,3 @@ def test_exclusive_use_is_taken_of_adapters_only(
     assert asked == ([] if pseudo else [termios.TIOCEXCL])
     made.close()
     assert asked[-1] == termios.TIOCNXCL
-
-
-def test_a_terminal_is_known_without_opening_it(port: Port) -> None:
-    assert is_terminal(os.fstat(port.near).st_rdev)
-    assert not is_terminal(Path("/dev/null").stat().st_rdev)
