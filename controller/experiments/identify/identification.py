@@ -29,8 +29,7 @@ from haptic_wall.controller.experiments.identify.bench import (
 from haptic_wall.controller.experiments.identify.excitation import Bounds, Guess
 from haptic_wall.controller.experiments.identify.fitting import Fit, rounding_of
 from haptic_wall.controller.experiments.identify.misfit import misfit
-from haptic_wall.controller.experiments.identify.mode import Mode
-from haptic_wall.controller.experiments.identify.mode_search import find_mode
+from haptic_wall.controller.experiments.identify.mode import Mode, find_mode
 from haptic_wall.controller.experiments.identify.motion import Motion, motion_of
 from haptic_wall.controller.experiments.identify.output_error import Prior
 from haptic_wall.controller.experiments.identify.torque_gain import torque_gain
@@ -168,7 +167,7 @@ def identify(
     bench, fit = begun(config, folder, bounds, tell)
     played, fit = bench.fitted("motions", bench.corrected(fit), FULL * reach)
     heaviest = heaviest_load(fit.inertia, config.belief())
-    mode = find_mode(bench, fit, bounds, FULL * reach, config.servo.encoder, heaviest)
+    mode = find_mode(bench, fit, bounds, FULL * reach, config.servo.encoder)
     found = _judged(played, fit, bounds, tuple(bench.logs), mode, heaviest)
     return replace(found, warnings=(*found.warnings, *_echo(fit, config)))
 

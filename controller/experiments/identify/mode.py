@@ -1,50 +1,60 @@
 """Finds a servo's vibration mode in its cruises: frequency and damping ratio with bounds.
 
-Everything that fits nearly as well as the best fit is inside the bounds. Where a rigid shaft does,
-no mode was seen, and the result is the frequency below which there is none.
+The servo cruises while its torque sweeps all frequencies. Everything that fits nearly as well as
+the best fit is inside the bounds. Where a rigid shaft does, no mode was seen, and the result is the
+frequency below which there is none.
+
+An encoder on the output does not see the ratio of the two masses: to both together the motion is
+the same whatever the load's share. Bounds of that ratio come from what was believed.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from haptic_wall.controller.experiments.identify.bench import Bench
+from haptic_wall.controller.experiments.identify.cruise import cruise_of, cruises, survey
+from haptic_wall.controller.experiments.identify.excitation import Bounds
+from haptic_wall.controller.experiments.identify.fitting import Fit
 from haptic_wall.controller.experiments.identify.mode_fit import (
     FEWEST,
-    HIGHEST_HZ,
     LAGS_S,
-    LOWEST_HZ,
-    PER_OCTAVE,
-    RATIOS,
-    Cruises,
     ModeModel,
+    cruises_of,
 )
-from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.experiments.identify.motion import motion_of
 
-WORSE, BEYOND = 1.05, 1.02
+_WORSE, _BEYOND = 1.05, 1.02
 """Squares of what cannot be true, over the least: that there is no mode, or one; and that a mode
 that was seen has other values"""
-SEEN_HZ = 220.0
+LOWEST_HZ, HIGHEST_HZ = 5.0, 400.0
+"""Frequencies between which a mode is looked for"""
+_SEEN_HZ = 220.0
 """Above it a mode cannot be told from a lag of the current loop"""
-MOST_RATIO = 0.3
-"""Largest damping ratio that is looked for"""
-LEAST_LOAD = 0.2
+_PER_OCTAVE, _RATIOS = 12, (0.01, 0.04, 0.15, 0.3)
+"""Frequencies and damping ratios at which a mode is looked for; the last is the largest"""
+_LEAST_LOAD = 0.2
 """Load over motor inertia from which a mode is seen by an encoder on the motor"""
-_CLEARLY = 1.3
-"""Squares over the limit from which a lag of the current loop need not be tried"""
 _FLOORS = (0.01, 0.1)
 """Least relative distance of the bounds of frequency and damping ratio"""
+_CLEARLY = 1.4
+"""Squares over those of a rigid shaft from which a lag of the current loop need not be tried"""
 _GAINS = (0.4, 2.5)
 """Of a vibration at the output, fitted freely, over that of two masses"""
-_STARTS = 3
-_FEWEST_CRUISES = 4
-_IMPOSSIBLE = 1e6
-"""Stands for infinite squares, over those of a rigid shaft"""
-_NARROWEST, _WIDEST = (0.004, 0.05), (0.7, 5.0)
-"""First and last distance of a bound that is tried, in the logarithm of each value"""
+_BOX, _CLOSER, _ROUNDS = (0.06, 0.7), 0.4, 5
+"""Half the size of the grid about the best point so far, in the logarithm of frequency and ratio;
+its factor from one round to the next; number of rounds"""
+_FIRST, _WIDEST, _OTHER = (0.004, 0.05), (0.7, 5.0), (0.03, 1.2)
+"""Distances in those logarithms: the first and the last bound that are tried, and how far a value
+gives way when the other one is bounded"""
+FEWEST_CRUISES = 6
+"""Least number that tells something"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,204 +74,142 @@ class Mode:
     """Inertia of motor and load, in commanded units [kg·m²]"""
     load_ratio: float | None
     """Load over motor inertia, where the encoder is on the motor and has seen it"""
-    lag: float
-    """Time constant that the current loop may have [s]"""
-    residual: float
-    """Root mean square of measured less fitted position [rad]"""
 
 
-@dataclass(frozen=True, slots=True)
-class _Point:
+class _Point(NamedTuple):
     cost: float
     hertz: float
     ratio: float
     lag: float
 
 
-def looked_at(model: ModeModel) -> Mode:
-    """Return the mode that cruises over all frequencies show."""
-    rigid = min(model.solved(None, lag=lag).cost for lag in LAGS_S)
-    count = round(PER_OCTAVE * math.log2(HIGHEST_HZ / LOWEST_HZ)) + 1
-    grid = np.geomspace(LOWEST_HZ, HIGHEST_HZ, count).tolist()
-    rows = [[_Point(model.solved(f, z).cost, f, z, 0.0) for z in RATIOS] for f in grid]
-    points = [min(row, key=_cost) for row in rows]
-    starts = sorted(_valleys(points), key=_cost)[:_STARTS]
-    best = min((_refined(model, start) for start in starts), key=_cost)
-    best = _with_lag(model, best)
-    least = min(best.cost, rigid)
-    seen = rigid > WORSE * least and LOWEST_HZ <= best.hertz < SEEN_HZ
-    if seen and _is_like(model, best):
-        return _seen(model, best)
-    least = rigid  # what fits better is no vibration
-    solved = model.solved(None)
-    return Mode(
-        None,
-        min(_lowest(model, points, WORSE * least), SEEN_HZ),
-        HIGHEST_HZ,
-        *(0.0, 0.0, 0.0),
-        1.0 / float(solved.gains[0]),
-        None,
-        0.0,
-        math.sqrt(solved.cost / model.samples),
-    )
-
-
-def closer(model: ModeModel, mode: Mode) -> Mode:
-    """Return a mode that was seen, by other cruises."""
-    assert mode.hertz is not None
-    start = _Point(math.inf, mode.hertz, mode.ratio, mode.lag)
-    return _seen(model, _with_lag(model, _refined(model, start)))
-
-
-def one_way(model: ModeModel, mode: Mode, load_ratio: float, least: float) -> Cruises:
-    """Return the cruises, each with its longest part in which the motor keeps its direction.
+def find_mode(
+    bench: Bench, fit: Fit, bounds: Bounds, amplitude: float, encoder: str
+) -> Mode | None:
+    """Move a fitted servo, and return its vibration mode, or the absence of one.
 
     Args:
-        model: Model of the cruises.
-        mode: One that was seen.
-        load_ratio: Largest possible load over motor inertia.
-        least: Slowest speed in the cruise's direction [rad/s].
+        bench: The servo.
+        fit: Fit of its other motions.
+        bounds: Limits of the motions.
+        amplitude: Wanted excursion to each side [rad].
+        encoder: Side of the transmission that it measures.
+
+    Returns:
+        None: the cruises were too short to tell anything.
     """
-    assert mode.hertz is not None
-    cruises = model.cruises
-    motor = model.motor_speed(mode.hertz, mode.ratio, mode.lag, load_ratio)
-    ahead = (motor * cruises.way[:, None] > least) & (cruises.weights > 0.0)
-    kept = np.zeros_like(cruises.weights)
-    for row, line in zip(kept, ahead, strict=True):
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], line.astype(int), [0]])))
-        runs = edges.reshape(-1, 2)
-        if runs.size:
-            first, last = runs[np.argmax(runs[:, 1] - runs[:, 0])]
-            row[first:last] = float(last - first >= FEWEST)
-    used = np.any(kept > 0.0, axis=1)
-    if np.count_nonzero(used) < _FEWEST_CRUISES:
-        return cruises
-    weights = (cruises.weights * kept)[used]
-    return replace(
-        cruises,
-        weights=weights,
-        position=cruises.position[used],
-        torque=cruises.torque[used],
-        way=cruises.way[used],
-    )
+    cruise = cruise_of(fit, bounds, amplitude)
+    phases = cruises(cruise, survey(cruise), bench.corrected(fit), bounds)
+    played = bench.play("mode", phases)
+    rows = played.rows[played.rows["sampled_ns"] > 0]
+    spans = []
+    for number, phase in enumerate(phases):
+        sampled = (rows["sampled_ns"][rows["phase"] == number] - rows["sampled_ns"][0]) * 1e-9
+        if phase.wave == "sine" and sampled.size > FEWEST:
+            spans.append((float(sampled[0]), float(sampled[-1]), -float(np.sign(phase.center))))
+    decay = max(fit.damping, 0.0) / fit.inertia
+    motion, delay = motion_of(played.rows), max(fit.delay, 0.0)
+    found = cruises_of(motion, spans, bounds.period, delay, decay, fit.effects)
+    if len(found.weights) < FEWEST_CRUISES:
+        return None
+    return mode_of(ModeModel(found, encoder, fit.inertia))
 
 
-def _cost(point: _Point) -> float:
-    return point.cost
-
-
-def _valleys(points: list[_Point]) -> Iterator[_Point]:
-    """Yield the points that are lower than their neighbours."""
-    for n, point in enumerate(points):
-        beside = [*points[max(n - 1, 0) : n], *points[n + 1 : n + 2]]
-        if all(point.cost <= other.cost for other in beside):
-            yield point
-
-
-def _lowest(model: ModeModel, points: list[_Point], limit: float) -> float:
-    """Return the lowest frequency at which there may be a mode [Hz]."""
-    gain = LEAST_LOAD if model.on_motor else None
-    for point in points:
-        if point.cost > _CLEARLY * limit:
-            continue
-        tried = (
-            model.solved(point.hertz, z, lag, gain).cost
-            for z in (RATIOS[0], RATIOS[1], MOST_RATIO)
-            for lag in LAGS_S
+def mode_of(model: ModeModel) -> Mode:
+    """Return the mode that cruises over all frequencies show."""
+    rigid = min(model.solved(None, lag=lag).cost for lag in LAGS_S)
+    octaves = math.log2(HIGHEST_HZ / LOWEST_HZ)
+    grid = np.geomspace(LOWEST_HZ, HIGHEST_HZ, round(_PER_OCTAVE * octaves) + 1).tolist()
+    coarse = {hertz: min(_points(model, [hertz], _RATIOS, (0.0,))) for hertz in grid}
+    best = min(coarse.values())
+    for round_ in range(_ROUNDS):
+        away = [width * _CLOSER**round_ for width in _BOX]
+        near, ratios = (
+            np.clip(value * np.exp(np.linspace(-far, far, 7)), *ends).tolist()
+            for value, far, ends in zip(
+                best[1:3], away, ((LOWEST_HZ, HIGHEST_HZ), (1e-4, _RATIOS[-1])), strict=True
+            )
         )
-        if any(cost <= limit for cost in tried):
-            return point.hertz
-    return HIGHEST_HZ
+        best = min(best, *_points(model, near, ratios, (best.lag,) if round_ else LAGS_S))
+    if rigid > _WORSE * best.cost and LOWEST_HZ < best.hertz < _SEEN_HZ and _is_like(model, best):
+        return _seen(model, best)
+    # What fits better than a rigid shaft is no vibration.
+    gain = _LEAST_LOAD if model.on_motor else None
+    possible = (
+        hertz
+        for hertz, point in coarse.items()
+        if point.cost <= _CLEARLY * rigid
+        and min(_points(model, [hertz], _RATIOS, LAGS_S, gain)).cost <= _WORSE * rigid
+    )
+    low = min(next(possible, HIGHEST_HZ), _SEEN_HZ)
+    inertia = 1.0 / float(model.solved(None).gains[0])
+    return Mode(None, low, HIGHEST_HZ, 0.0, 0.0, 0.0, inertia, None)
 
 
-def _with_lag(model: ModeModel, best: _Point) -> _Point:
-    """Return the best fit with any lag of the current loop."""
-    others = [_refined(model, replace(best, lag=lag)) for lag in LAGS_S if lag != best.lag]
-    return min((best, *others), key=_cost)
+def _points(
+    model: ModeModel,
+    frequencies: Sequence[float],
+    ratios: Sequence[float],
+    lags: Sequence[float],
+    gain: float | None = None,
+) -> list[_Point]:
+    """Return the squares on a grid."""
+    return [
+        _Point(model.solved(*each, gain).cost, *each)
+        for each in itertools.product(frequencies, ratios, lags)
+    ]
 
 
 def _is_like(model: ModeModel, point: _Point) -> bool:
     """Return whether the vibration has the gain of two masses when it is fitted freely."""
-    gains = model.solved(point.hertz, point.ratio, point.lag, free=True).gains
+    gains = model.solved(*point[1:], free=True).gains
     share = float(gains[1] / gains[0])
     return share > 0.0 if model.on_motor else _GAINS[0] < -share < _GAINS[1]
 
 
-def _load_of(model: ModeModel, point: _Point) -> float:
-    """Return load over motor inertia as an encoder on the motor has seen it."""
-    gains = model.solved(point.hertz, point.ratio, point.lag).gains
-    return float(gains[1] / gains[0])
-
-
 def _seen(model: ModeModel, best: _Point) -> Mode:
-    ends = [_ends(model, best, which) for which in (0, 1)]
     (low_hz, high_hz), (low_ratio, high_ratio) = (
-        (min(low, value * (1.0 - floor)), max(high, value * (1.0 + floor)))
-        for (low, high), value, floor in zip(ends, (best.hertz, best.ratio), _FLOORS, strict=True)
+        (
+            min(value * math.exp(low), value * (1.0 - floor)),
+            max(value * math.exp(high), value * (1.0 + floor)),
+        )
+        for value, floor, (low, high) in zip(
+            best[1:3], _FLOORS, (_ends(model, best, which) for which in (0, 1)), strict=True
+        )
     )
+    gains = model.solved(*best[1:]).gains
     return Mode(
         best.hertz,
         low_hz,
         high_hz,
         best.ratio,
         low_ratio,
-        high_ratio,
-        1.0 / float(model.solved(best.hertz, best.ratio, best.lag).gains[0]),
-        _load_of(model, best) if model.on_motor else None,
-        best.lag,
-        math.sqrt(best.cost / model.samples),
+        min(high_ratio, max(_RATIOS[-1], best.ratio)),
+        1.0 / float(gains[0]),
+        float(gains[1] / gains[0]) if model.on_motor else None,
     )
 
 
-def _refined(model: ModeModel, start: _Point) -> _Point:
-    """Return the nearest best fit with the start's lag."""
-    from scipy.optimize import minimize
-
-    scale = model.solved(None).cost
-
-    def cost(point: FloatArray) -> float:
-        return min(model.solved(*_values(point), start.lag).cost / scale, _IMPOSSIBLE)
-
-    begun = np.log([start.hertz, start.ratio])
-    simplex = begun + np.array([[0.0, 0.0], [0.02, 0.0], [0.0, 0.5]])
-    options = {"initial_simplex": simplex, "xatol": 3e-4, "fatol": 1e-6, "maxfev": 80}
-    found = minimize(cost, begun, method="Nelder-Mead", options=options)
-    return _Point(float(found.fun) * scale, *_values(found.x), start.lag)
-
-
-def _values(point: FloatArray) -> tuple[float, float]:
-    hertz = float(np.clip(np.exp(point[0]), 0.8 * LOWEST_HZ, 1.2 * HIGHEST_HZ))
-    return hertz, float(np.clip(np.exp(point[1]), 1e-4, MOST_RATIO))
-
-
 def _ends(model: ModeModel, best: _Point, which: int) -> tuple[float, float]:
-    """Return between which values of one quantity some value of the other fits nearly as well."""
-    from scipy.optimize import minimize_scalar
-
-    at = np.log([best.hertz, best.ratio])
-    limit = BEYOND * best.cost
+    """Return how far a value may be away, in its logarithm, where the other one gives way."""
 
     def fits(away: float) -> bool:
-        def cost(other: float) -> float:
-            point = at.copy()
-            point[which] += away
-            point[1 - which] += other
-            return model.solved(*_values(point), best.lag).cost
+        for other in sorted(np.linspace(-1.0, 1.0, 9) * _OTHER[1 - which], key=abs):
+            far = (away, other) if which == 0 else (other, away)
+            hertz, ratio = best.hertz * math.exp(far[0]), best.ratio * math.exp(far[1])
+            if model.solved(hertz, min(ratio, _RATIOS[-1]), best.lag).cost < _BEYOND * best.cost:
+                return True
+        return False
 
-        if cost(0.0) < limit:
-            return True
-        reach = 1.2 if which == 0 else 0.03
-        options = {"xatol": 0.01 * reach, "maxiter": 8}
-        found = minimize_scalar(cost, bounds=(-reach, reach), method="bounded", options=options)
-        return float(found.fun) < limit
+    return -_furthest(lambda far: fits(-far), which), _furthest(fits, which)
 
-    ends = []
-    for sign in (-1.0, 1.0):
-        low, high = 0.0, _NARROWEST[which]
-        while high < _WIDEST[which] and fits(sign * high):
-            low, high = high, 2.0 * high
-        for _ in range(3):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if fits(sign * middle) else (low, middle)
-        ends.append(float(np.exp(at[which] + sign * high)))
-    return ends[0], min(ends[1], MOST_RATIO if which else 1.2 * HIGHEST_HZ)
+
+def _furthest(fits: Callable[[float], bool], which: int) -> float:
+    """Return a distance a little beyond the largest that fits."""
+    low, high = 0.0, _FIRST[which]
+    while high < _WIDEST[which] and fits(high):
+        low, high = high, 2.0 * high
+    for _ in range(3):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if fits(middle) else (low, middle)
+    return high

@@ -32,16 +32,11 @@ _SETTLED_S = 0.02
 """Left out at the beginning of a cruise [s]"""
 Sample = TypeVar("Sample", np.float64, np.complex128)
 FEWEST = 80
-"""Samples of a cruise, and of its part in one direction"""
+"""Least samples of a cruise"""
 _LIGHTEST, _HEAVIEST = 0.6, 1.7
 """Range of 1 / J over that of other motions"""
 _RIDGE, _NOTHING = 1e-10, 1e-300
 """Keep columns that are alike apart, relative to their squares; stands for no square"""
-LOWEST_HZ, HIGHEST_HZ = 5.0, 400.0
-"""Frequencies between which a mode is looked for"""
-PER_OCTAVE = 12
-RATIOS = (0.01, 0.04, 0.15)
-"""Damping ratios at which a mode is looked for"""
 LAGS_S = (0.0, 0.5e-3, 1.0e-3)
 """Time constants of the current loop that may be there unknown"""
 
@@ -132,10 +127,6 @@ class Solved:
     """Sum of squares [rad²]"""
     gains: FloatArray
     """1 / J of the rigid motion [1/(kg·m²)]; for an encoder on the motor also of the vibration"""
-    delay: float
-    """More than assumed [s]"""
-    own: FloatArray
-    """Coefficients of each cruise's own columns, p × q"""
 
 
 class ModeModel:
@@ -204,25 +195,6 @@ class ModeModel:
             return replace(found, cost=math.inf)
         return found
 
-    def motor_speed(self, hertz: float, ratio: float, lag: float, load_ratio: float) -> FloatArray:
-        """Return the motor's speed in the best fit, per cruise and sample [rad/s].
-
-        Args:
-            hertz: Frequency [Hz].
-            ratio: Damping ratio.
-            lag: As for ``solved``.
-            load_ratio: Load over motor inertia, of which an encoder on the output sees nothing.
-        """
-        solved = self.solved(hertz, ratio, lag)
-        forced = self._mode(self._lagged[lag], hertz, ratio)[1]
-        changing = np.gradient(self._nuisance(hertz, ratio), self.cruises.period, axis=0)
-        free = solved.own[:, -2:] @ changing[:, -2:].T
-        rigid = solved.own[:, :-2] @ changing[:, :-2].T + solved.gains[0] * self._rigid[lag][1]
-        gain = solved.gains[1] if self.on_motor else -solved.gains[0]
-        share = 1.0 if self.on_motor else -load_ratio
-        found: FloatArray = rigid + share * (free + gain * forced)
-        return found
-
     def _torque(self, lag: float) -> FloatArray:
         from scipy.signal import lfilter
 
@@ -287,8 +259,6 @@ class ModeModel:
         return Solved(
             float(square[0, 0] - found @ square[1:, 0]),
             found[:-1],
-            float(found[-1] / (found[0] or 1.0)),
-            own[:, :, 0] - own[:, :, 1:] @ found,
         )
 
 
@@ -301,24 +271,3 @@ def _pole(hertz: float, ratio: float) -> tuple[complex, float]:
     w = math.tau * hertz
     damped = w * math.sqrt(1.0 - ratio**2)
     return complex(-ratio * w, damped), damped
-
-
-def joined(one: Cruises, other: Cruises) -> Cruises:
-    """Return the cruises of two motions of one servo."""
-    longest = max(one.time.size, other.time.size)
-
-    def together(name: str, length: int) -> FloatArray:
-        parts = [getattr(each, name) for each in (one, other)]
-        return np.concatenate(
-            [np.pad(each, ((0, 0), (0, length - each.shape[1]))) for each in parts]
-        )
-
-    return Cruises(
-        together("position", longest),
-        together("weights", longest),
-        one.period * np.arange(longest, dtype=np.float64),
-        together("torque", _FINE * longest),
-        np.concatenate([one.way, other.way]),
-        one.period,
-        one.decay,
-    )

@@ -125,14 +125,14 @@ def _loaded(
 def _is_sure(before: Fit, after: Fit) -> bool:
     """Return whether effects explain more than chance does."""
     sure = _SURE * (before.noise / before.residual) ** 2 / np.count_nonzero(before.pieces.held)
-    return (after.residual / before.residual) ** 2 < 1.0 - sure
+    return bool((after.residual / before.residual) ** 2 < 1.0 - sure)
 
 
 def _with_fading(fit: Fit, priors: Priors | None) -> Fit:
     """Return the fit with friction that fades with the speed, where the motion has it."""
     half = 0.5 * fit.coulomb
     start = replace(fit, coulomb=half, effects=replace(fit.effects, excess=half, fading=_FADES))
-    found = fitted(_with(start, (*fit.effects.fitted, *FADING)), priors)
+    found = fitted(_with(start, (*fit.effects.fitted, *FADING)), priors, thorough=False)
     brakes = fit.weaker[0] > 0.0
     return fit if brakes and not _is_sure(fit, found) else found
 
@@ -140,17 +140,19 @@ def _with_fading(fit: Fit, priors: Priors | None) -> Fit:
 def _with_cogging(fit: Fit, priors: Priors | None) -> Fit:
     """Return the fit with cogging, where the motion has it."""
     center = float(np.median(fit.pieces.position))
-    sine, cosine, periods = _cogging(fit, center)
+    explained, sine, cosine, periods = _cogging(fit, center)
+    if explained < _SURE * fit.noise**2:
+        return fit
     effects = replace(
         fit.effects, center=center, cogging_sine=sine, cogging_cosine=cosine, periods=periods
     )
     names = (*fit.effects.fitted, *COGGING)
-    found = fitted(_with(replace(fit, effects=effects), names), priors)
+    found = fitted(_with(replace(fit, effects=effects), names), priors, thorough=False)
     return found if _is_sure(fit, found) else fit
 
 
-def _cogging(fit: Fit, center: float) -> tuple[float, float, float]:
-    """Return the cogging that explains most of what a fit leaves: two sizes [N·m], and periods."""
+def _cogging(fit: Fit, center: float) -> tuple[float, float, float, float]:
+    """Return the cogging that explains most: these squares [rad²], two sizes [N·m], and periods."""
     model = model_of(fit, (*NAMES[:4], *fit.effects.fitted), None)
     linear = model.linear(model.begin, fit.speeds[None])
     weights = linear.weights
@@ -163,7 +165,7 @@ def _cogging(fit: Fit, center: float) -> tuple[float, float, float]:
 
     known = np.linalg.qr(rest(linear.shared).T)[0]
     left = rest(linear.left[None])[0]
-    most, best = -1.0, (0.0, 0.0, 0.0)
+    best = (0.0, 0.0, 0.0, 0.0)
     for periods in range(*_PERIODS):
         angle = periods * (fit.pieces.position - center)
         torques = np.stack([np.sin(angle), np.cos(angle)])
@@ -171,9 +173,8 @@ def _cogging(fit: Fit, center: float) -> tuple[float, float, float]:
         waves = waves - (waves @ known) @ known.T
         target = waves @ left
         sizes = np.linalg.lstsq(waves @ waves.T, target, rcond=1e-9)[0]
-        if float(target @ sizes) > most:
-            sine, cosine = (fit.inertia * sizes).tolist()
-            most, best = float(target @ sizes), (sine, cosine, float(periods))
+        sine, cosine = (fit.inertia * sizes).tolist()
+        best = max(best, (float(target @ sizes), sine, cosine, float(periods)))
     return best
 
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.linalg import expm
 
 from haptic_wall.controller.experiments.identify.effects import NONE
-from haptic_wall.controller.experiments.identify.mode import Mode, looked_at
+from haptic_wall.controller.experiments.identify.mode import Mode, mode_of
 from haptic_wall.controller.experiments.identify.mode_fit import ModeModel, cruises_of
 from haptic_wall.controller.experiments.identify.motion import Motion
 from haptic_wall.controller.experiments.identify.vibration import (
@@ -58,10 +58,10 @@ def moved(hertz: float, ratio: float, load: float, encoder: str = "output") -> M
     return Motion(at, position, at.copy(), np.concatenate(torques))
 
 
-def mode_of(motion: Motion, encoder: str = "output") -> Mode:
+def found_in(motion: Motion, encoder: str = "output") -> Mode:
     spans = [(0.4 * n - 0.02, 0.4 * (n + 1) - 1e-6, 1.0 - 2.0 * (n % 2)) for n in range(8)]
     cruises = cruises_of(motion, spans, PERIOD, 0.0, FRICTION / WHOLE, NONE)
-    return looked_at(ModeModel(cruises, encoder, WHOLE))
+    return mode_of(ModeModel(cruises, encoder, WHOLE))
 
 
 def believed(inertia: float) -> Belief:
@@ -73,7 +73,7 @@ def believed(inertia: float) -> Belief:
     ("hertz", "ratio", "load"), sampled([(38.0, 0.02, 0.3), (110.0, 0.01, 1.0)], 2)
 )
 def test_a_vibration_is_found_within_its_bounds(hertz: float, ratio: float, load: float) -> None:
-    mode = mode_of(moved(hertz, ratio, load))
+    mode = found_in(moved(hertz, ratio, load))
     assert mode.low_hz <= hertz <= mode.high_hz < 1.1 * mode.low_hz
     by_motor = FRICTION * load / (2.0 * math.tau * hertz * WHOLE)
     assert mode.low_ratio <= ratio + by_motor <= mode.high_ratio < 5.0 * ratio
@@ -82,13 +82,13 @@ def test_a_vibration_is_found_within_its_bounds(hertz: float, ratio: float, load
 
 
 def test_an_encoder_on_the_motor_tells_the_load() -> None:
-    mode = mode_of(moved(38.0, 0.02, 0.5, "motor"), "motor")
+    mode = found_in(moved(38.0, 0.02, 0.5, "motor"), "motor")
     assert mode.low_hz <= 38.0 <= mode.high_hz
     assert mode.load_ratio == pytest.approx(0.5, rel=0.1)
 
 
 def test_of_a_rigid_servo_a_lower_bound_is_told_and_believed() -> None:
-    mode = mode_of(moved(5000.0, 0.05, 0.1))
+    mode = found_in(moved(5000.0, 0.05, 0.1))
     assert mode.hertz is None
     assert mode.low_hz > 100.0
     found = vibration_of(mode, FRICTION, 1.0, 1.0, 1000.0)
@@ -106,7 +106,7 @@ def test_of_a_rigid_servo_a_lower_bound_is_told_and_believed() -> None:
 
 
 def test_friction_on_the_motor_is_taken_from_the_damping_ratio() -> None:
-    mode = Mode(10.0, 9.9, 10.1, 0.02, 0.018, 0.022, WHOLE, None, 0.0, 4e-4)
+    mode = Mode(10.0, 9.9, 10.1, 0.02, 0.018, 0.022, WHOLE, None)
     found = vibration_of(mode, 0.03, 1.0, 2.0, 1000.0)
     assert found.ratio is not None
     by_motor = 0.03 * 2.0 / (2.0 * math.tau * 10.0 * WHOLE)
