@@ -170,4 +170,4 @@ def test_hardware_without_a_torque_limit_is_not_moved(cli: Cli, tmp_path: Path) 
         "servo: {backend: dynamixel, port: /dev/none, baud: 4000000, model: XM430-W350}\n"
         "model: {inertia: 0.012, damping: 0.01, coulomb: 0.09, delay: 0.001, torque_gain: 1}\n"
     )
-    assert "servo.torque_limit: found nothing" in cli.refused("delay", config, "--out", tmp_path)
+    assert "servo.torque_limit: found none" in cli.refused("delay", config, "--out", tmp_path)
