@@ -110,7 +110,6 @@ def measure_delay(
     config: Config,
     folder: Path,
     delay_steps: Sequence[int],
-    reach: float = REACH,
     tell: Callable[[str], None] = lambda _text: None,
 ) -> LoopDelay:
     """Measure the loop's delay on the servo of a configuration.
@@ -119,17 +118,16 @@ def measure_delay(
         config: The servo and its settings; a scripted operator is switched off.
         folder: Folder for the logs.
         delay_steps: Periods to be inserted and recovered, in addition to the configured ones.
-        reach: Largest excursion from the start [rad].
         tell: Called with messages for a person.
 
     Raises:
-        UserError: The reach, the torque limit or the folder is invalid.
+        UserError: The torque limit or the folder is invalid.
         UnidentifiableError: The servo did not respond, or not as a rigid one.
         ExperimentInterruptedError: A person has ended it.
         ExperimentTrippedError: A trip has ended it.
         ServoError: The servo could not be started.
     """
-    bounds = bounds_of(config, reach)
+    bounds = bounds_of(config, REACH)
     bench, fit = begun(config, folder, bounds, tell)
     points: list[DelayPoint] = []
     runs = sorted({config.delay.steps, *delay_steps})

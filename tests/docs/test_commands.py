@@ -24,7 +24,6 @@ from haptic_wall.controller.experiments import cluster
 from haptic_wall.controller.experiments.maps import maps
 from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError, Testbed
 from haptic_wall.controller.live.run_socket import AliveRun, socket_of
-from haptic_wall.controller.paper import items
 from haptic_wall.controller.settings.changes import changed, difference
 from haptic_wall.controller.settings.load import load_config
 from tests.cases import whole_only
@@ -89,7 +88,7 @@ def cut_short(monkeypatch: pytest.MonkeyPatch, thorough: bool) -> None:
         "haptic_wall.controller.report.boundary.plot_boundary",
         lambda _question, _found, path: path.touch(),
     )
-    monkeypatch.setattr(items, "ITEMS", ("fig8",))
+    monkeypatch.setattr("haptic_wall.controller.cli.paper._NAMES", ["fig8"])
 
 
 class Nobody(Executor):

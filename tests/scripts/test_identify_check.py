@@ -49,13 +49,6 @@ def test_a_seed_is_found_as_well_as_the_page_says(kind: Kind, thorough: bool) ->
         assert error <= said + 5e-4 * (1e-3 if unit == "ms" else 1e-2 * truth)
 
 
-@pytest.mark.whole
-def test_cogging_is_not_taken_for_load_friction_that_fades() -> None:
-    found = effect_identified((REAL_KINDS[1], "cogging", 7005))
-    assert isinstance(found, Bounded) and found.held
-    assert found.named == ("cogs",)
-
-
 def test_the_bounds_of_a_real_servo_hold_it(thorough: bool) -> None:
     """The first of those that the page counts."""
     if not thorough:

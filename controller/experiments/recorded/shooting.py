@@ -24,6 +24,8 @@ _TRIES, _REFINED, _AT_ONCE = 48, 2, 8
 """Number of starts that are drawn, of those that a fit begins at, and of those moved at once"""
 _SMOOTHED_S, _DELAYS_S = 0.07, (0.0, 0.002, 0.005, 0.01, 0.02, 0.04)
 """For the first start: window of the smoothing, and delays of the torque [s]"""
+_BEGINNING_S = 0.05
+"""Length of that through which the parabola is laid [s]"""
 _STEP = 1e-4
 """Of a parameter, relative, for its derivative"""
 
@@ -79,19 +81,14 @@ def first_terms(stretches: tuple[Motion, ...], *, weight: bool) -> dict[str, flo
     return {name: max(value, least.get(name, -np.inf)) for name, value in terms.items()}
 
 
-def beginnings(pieces: Pieces, over_s: float = 0.05) -> FloatArray:
-    """Estimate position and speed at each piece's first row, by a parabola through its beginning.
-
-    Args:
-        pieces: The record.
-        over_s: Length of the beginning [s].
-    """
+def beginnings(pieces: Pieces) -> FloatArray:
+    """Estimate position and speed at the first row of each piece, by a parabola."""
     own = np.empty((2, len(pieces.sampled)))
     for at, (time, position, held) in enumerate(
         zip(pieces.sampled, pieces.position, pieces.held, strict=True)
     ):
         since = time[held] - time[0]
-        near = slice(0, max(6, int(np.searchsorted(since, over_s))))
+        near = slice(0, max(6, int(np.searchsorted(since, _BEGINNING_S))))
         parts = np.polynomial.polynomial.polyfit(since[near], position[held][near], 2)
         own[:, at] = parts[:2]
     return own
