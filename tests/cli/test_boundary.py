@@ -57,6 +57,7 @@ def test_the_points_are_those_of_the_theory_in_the_order_asked(cli: Cli) -> None
     )
 
 
+@pytest.mark.whole
 def test_the_design_is_told_for_the_stiffest_wall_asked_for(cli: Cli) -> None:
     found = cli.json("boundary", *LOOP, "--virtual-damping=0.05,0.2,0.1")
     stiffest = max(found["points"], key=lambda point: point["one_sided"])

@@ -43,6 +43,7 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     return kept
 
 
+@pytest.mark.whole
 def test_delay_reports_value_and_error_and_leaves_its_files(
     cli: Cli, tmp_path: Path, figures: list[Figure]
 ) -> None:

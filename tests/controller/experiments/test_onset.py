@@ -132,6 +132,7 @@ def both_sides(
     )
 
 
+@pytest.mark.whole
 def test_with_play_motion_comes_to_less_than_the_kick_below_and_to_more_above(
     thorough: bool,
 ) -> None:

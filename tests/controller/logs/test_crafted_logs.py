@@ -18,6 +18,7 @@ from haptic_wall.controller.logs.file import SCHEMA
 from haptic_wall.controller.logs.reader import LogReader, TimeSpan
 from haptic_wall.controller.logs.writer import LogWriter, append_end
 from haptic_wall.controller.system.printable import printable
+from tests.cases import sampled
 from tests.support.told_logs import EVENTS, metadata, rows
 
 
@@ -97,7 +98,7 @@ HOSTILE = {
 }
 
 
-@pytest.mark.parametrize("how", HOSTILE)
+@pytest.mark.parametrize("how", sampled(HOSTILE, 2))
 def test_what_no_run_writes_is_refused_in_one_sentence(
     log: Path, capsys: pytest.CaptureFixture[str], how: str
 ) -> None:

@@ -53,6 +53,7 @@ def test_over_one_damping_the_theory_is_a_level_line(monkeypatch: pytest.MonkeyP
         assert np.asarray(line.get_xdata()).tolist() == [0, 1]  # of the picture's width
 
 
+@pytest.mark.whole
 def test_few_dampings_stand_on_an_even_scale(monkeypatch: pytest.MonkeyPatch) -> None:
     few = drawn(monkeypatch, [0.0, 100.0])
     assert few.get_xscale() == "linear"

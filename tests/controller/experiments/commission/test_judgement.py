@@ -16,6 +16,7 @@ def question(name: str = "simulated", *sets: str) -> GuardQuestion:
     return GuardQuestion.of(load_config(name, ["loop.clock=simulated", *sets]).config, None)
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     "sets",
     [

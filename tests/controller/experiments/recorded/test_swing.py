@@ -89,6 +89,7 @@ def test_friction_is_that_of_the_published_models() -> None:
             assert 0.3 - 0.1 - net == pytest.approx(friction, abs=2e-3), name
 
 
+@pytest.mark.whole
 def test_the_result_does_not_depend_on_where_the_horn_is_mounted() -> None:
     """The first 0.7 s of a real drop, whose standard errors changed tenfold."""
     file = ROOT / "docs" / "examples" / "xl330-pendulum" / "kp100_lift_and_drop.csv"
