@@ -199,7 +199,7 @@ def carry_out(
     else:
         tables = () if rows is None else (f"{what}.csv",)
         with writing("--out", folder):
-            begun = any((folder / name).is_file() for name in others)  # it is continued
+            begun = any((folder / name).exists() for name in others)  # it is continued
         take_folder("--out", folder, () if begun else (*files, *tables), force=asked.force)
     asked.may_move()
     with work or moving(asked.config, seconds), endings():
@@ -208,12 +208,12 @@ def carry_out(
     held = {**RESULT_MARK, "name": asked.name, **report(found)}
     with writing("--out", folder):
         folder.mkdir(parents=True, exist_ok=True)
-    seen = drawn_or_noted("--out", picture, partial(draw, found, asked.name))
     table = [] if rows is None else [folder / f"{what}.csv"]
-    paths = [result, *table, *([seen] if seen else [])]
     with writing("--out", folder), ExitStack() as all_or_none:
         if rows is not None:
             _write_table(all_or_none.enter_context(whole(table[0])), rows(found))
+        seen = drawn_or_noted("--out", picture, partial(draw, found, asked.name))
+        paths = [result, *table, *([seen] if seen else [])]
         part = all_or_none.enter_context(whole(result))
         part.write_text(as_json({**held, "files": paths}) + "\n", encoding="utf-8")
     where = ["", "written", *(f"  {path}" for path in paths)]

@@ -86,6 +86,7 @@ def command(asked: Asked, samples: list[int] | None, measure: str | None, fresh:
         },
         lambda found, name, path: plot_zwidth(found, config.wall, name, path),
         _text,
+        others=("measured",),
     )
 
 

@@ -179,7 +179,7 @@ def test_an_export_that_is_interrupted_leaves_nothing(
     assert set(tmp_path.iterdir()) == {target, log}
 
 
-LOSES: tuple[str, ...] = ("servo.faults=drop:p=0.5,at=2.0",)
+LOSES: tuple[str, ...] = ("servo.faults=drop:p=0.3,at=2.0",)
 OSCILLATES: tuple[str, ...] = (
     *("wall.side=both", "servo.hand=none", "servo.kick=0.05", "servo.coulomb=0"),
     *("servo.delay=0.006", "model.delay=0.002"),

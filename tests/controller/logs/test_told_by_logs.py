@@ -23,7 +23,7 @@ def written(path: Path, told: dict[str, Any]) -> Path:
         log.append(made)
         for event in told["events"]:
             if isinstance(event, dict):
-                with suppress(sqlite3.Error, OSError, OverflowError):
+                with suppress(sqlite3.Error, OSError, OverflowError, UnicodeEncodeError):
                     log.event(event)
     append_end(path, told["end"])
     return path

@@ -126,8 +126,8 @@ def test_theory_and_measurement_are_found_to_agree(
     assert [point["agree"] for point in found["boundary"]] == [True] * len(SWEPT)
     assert found["delay"]["device"]["agree"]
     for point, swept in zip(found["boundary"], report["sweep"]["points"], strict=True):
-        # The sweep predicts it by another way: the onset's amplitude over a grid of stiffnesses.
-        assert point["expected"] == pytest.approx(swept["predicted_with_friction"], rel=2e-3)
+        # By two ways: the damping of friction at the kick, and the onset over a grid.
+        assert point["expected"] == pytest.approx(swept["predicted_with_friction"], rel=5e-3)
 
 
 def test_the_page_is_one_file_with_its_pictures_in_it(

@@ -51,14 +51,14 @@ def test_a_free_swing_is_that_of_the_solver(interval: float) -> None:
 @pytest.mark.whole
 def test_a_driven_motion_is_that_of_the_solver() -> None:
     truth = Truth()
-    time = np.arange(0.0, 2.0, 0.005)
+    time = np.arange(0.0, 2.0, 0.0025)  # the torque jumps between two samples
     torque = 0.2 * np.sin(9.0 * time) + 0.15 * np.sign(np.sin(4.0 * time))
     true = swing(truth, time, truth.hanging, torque)
     pieces, _ = pieces_of(
         record_of({"time_s": time, "position_rad": true, "torque_nm": torque}).stretches
     )
     terms = terms_of(truth, gain=truth.gain / truth.total, delay=truth.delay)
-    assert off(pieces, terms, truth.hanging) < 2e-3
+    assert off(pieces, terms, truth.hanging) < 1e-3
 
 
 def test_friction_is_that_of_the_published_models() -> None:
