@@ -65,7 +65,7 @@ class DetectionRecord:
     worst: State
     """The worst state"""
     worst_at: int
-    """Sample of the largest amplitude in that state"""
+    """Sample of the largest amplitude in that state; a growing and a sustained one are one"""
     first_alarm_s: float
     """Time of the first alarm, on the record's own clock [s]; NaN: none"""
 
@@ -90,7 +90,8 @@ class DetectionRecord:
             alarm: Shape (n,).
         """
         worst = State(int(state.max())) if state.size else State.QUIET
-        largest = int(np.argmax(np.where(state == worst, amplitude, -1.0))) if state.size else 0
+        of_it = state >= min(worst, State.SUSTAINED)
+        largest = int(np.argmax(np.where(of_it, amplitude, -1.0))) if state.size else 0
         first = float(times[np.argmax(alarm)]) if alarm.any() else math.nan
         return cls(state, frequency_hz, amplitude, growth, alarm, worst, largest, first)
 

@@ -159,14 +159,19 @@ class Watch:
         return self.backstop.is_faster(half_cycle / _OUTRUNS)
 
     def _note(self, state: State) -> None:
-        """Report the worst state, and the largest oscillation in it on the whole wall."""
-        if state < self.state or (state == self.state and self.backstop.derating.scale < 1.0):
+        """Report the worst state, and the largest oscillation on the whole wall.
+
+        A growing and a sustained motion are one oscillation: where it has grown is part of it.
+        """
+        worse, least = state > self.state, min(self.state, State.SUSTAINED)
+        if state < least or (not worse and self.backstop.derating.scale < 1.0):
             return
         frequency_hz, amplitude = self.seen
-        if state > self.state or amplitude > self.amplitude:
-            self.state = state
+        if (worse and least < State.SUSTAINED) or amplitude > self.amplitude:
             self.amplitude = amplitude
             self.frequency_hz = frequency_hz
+        if worse:
+            self.state = state
 
 
 def oscillation_report(watch: Watch) -> dict[str, object]:

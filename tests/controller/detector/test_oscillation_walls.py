@@ -127,9 +127,8 @@ def test_oscillation_at_the_torque_limit_is_sustained_and_measured(size: float) 
             continue
         watch = listen(walls[i], trace, 1.0, once=False).watch
         assert watch.state >= State.SUSTAINED
-        frequency, amplitude = watch.seen  # the report's are of the worst state, while it grew
-        assert frequency == pytest.approx(truth[0], rel=0.05)
-        assert amplitude == pytest.approx(truth[1], rel=0.2)
+        assert watch.frequency_hz == pytest.approx(truth[0], rel=0.05)
+        assert watch.amplitude == pytest.approx(truth[1], rel=0.2)
         measured += 1
     assert measured >= 5
 
