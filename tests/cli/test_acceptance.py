@@ -69,7 +69,7 @@ def accepted(
     return folder
 
 
-@pytest.mark.whole
+@pytest.mark.thorough
 def test_an_emulated_servo_is_accepted_to_the_end(tmp_path: Path) -> None:
     """Down to the bytes: each step through the driver, on a bus in memory."""
     with pytest.MonkeyPatch.context() as patch:

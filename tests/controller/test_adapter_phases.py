@@ -30,7 +30,7 @@ def test_no_phase_makes_every_pipelined_reply_miss_its_tick(shift_us: int) -> No
 @pytest.mark.parametrize("timer_ms", [0, 1, 16])
 @pytest.mark.parametrize(
     "phase",
-    [pytest.param(n, marks=() if n == 5 else pytest.mark.whole) for n in range(20)],
+    [n if n % 5 == 0 else pytest.param(n, marks=pytest.mark.thorough) for n in range(20)],
 )
 def test_by_default_the_schedule_suits_the_adapter_at_every_phase(
     timer_ms: int, phase: int

@@ -331,7 +331,7 @@ WIDE: list[dict[str, Any]] = [
 
 
 @pytest.mark.whole
-@pytest.mark.parametrize("encoder", sampled(["motor", "output"], 2))
+@pytest.mark.parametrize("encoder", ["motor", pytest.param("output", marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("case", WIDE)
 def test_walls_in_wide_doubt_are_stable_on_every_servo_in_it(
     case: dict[str, Any], encoder: str

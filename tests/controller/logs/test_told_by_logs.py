@@ -49,7 +49,7 @@ def test_whatever_a_log_tells_has_a_result_or_one_sentence(
 ) -> None:
     monkeypatch.setattr(LiveServer, "run", one_turn)
     found: list[str] = []
-    for number in range(5000 if thorough else 500 if wholly else 40):
+    for number in range(5000 if thorough else 100 if wholly else 40):
         told = story(Random(f"story {number}"))
         found += faults(written(tmp_path / "a.hwlog", told), number)
     assert found == []
