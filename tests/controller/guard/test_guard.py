@@ -31,7 +31,6 @@ from haptic_wall.controller.theory import (
 from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.chain import Chain
 from haptic_wall.controller.theory.velocity_filter import FilterKind, VelocityFilter
-from tests.cases import sampled
 
 COUNT = 2 * math.pi / 4096
 
