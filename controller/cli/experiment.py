@@ -206,10 +206,9 @@ def carry_out(
         found = measure(folder)
     result, picture = (folder / name for name in files)
     held = {**RESULT_MARK, "name": asked.name, **report(found)}
-    with writing("--out", folder):
-        folder.mkdir(parents=True, exist_ok=True)
     table = [] if rows is None else [folder / f"{what}.csv"]
     with writing("--out", folder), ExitStack() as all_or_none:
+        folder.mkdir(parents=True, exist_ok=True)  # it may have gone meanwhile
         if rows is not None:
             _write_table(all_or_none.enter_context(whole(table[0])), rows(found))
         seen = drawn_or_noted("--out", picture, partial(draw, found, asked.name))

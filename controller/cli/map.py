@@ -156,7 +156,6 @@ def _computed(
     from haptic_wall.controller.experiments.cluster import cluster
     from haptic_wall.controller.experiments.maps.maps import critical_map
 
-    folder.mkdir(parents=True, exist_ok=True)
     kept = wanted.kept(folder / _ROWS, resume=resume, fresh=force and not resume)
     with nullcontext(None) if dask is None else cluster(dask) as pool:
         found = critical_map(wanted, executor=pool, workers=workers, progress=progress, kept=kept)

@@ -67,7 +67,6 @@ def command(asked: Asked, samples: list[int] | None, measure: str | None, fresh:
         asked = replace(asked, yes=True)  # nothing moves
 
     def measured(folder: Path) -> Sequence[Width]:
-        folder.mkdir(parents=True, exist_ok=True)
         measure_points(chosen, folder / "measured", fresh, say)
         return widths
 

@@ -14,6 +14,8 @@ WEIGHT = ("sine", "cosine")
 COGGING = ("cogging_sine", "cogging_cosine", "periods")
 ALWAYS: tuple[tuple[str, ...], ...] = (("gear",), ("uneven",), ("drag",), ("dead_band",), WEIGHT)
 """Effects that are always tried, each with the names of its values"""
+EVERY = tuple(name for group in ALWAYS for name in group)
+"""The names of all of these values"""
 ROUGH = ("gear", "dead_band", *WEIGHT)
 """Effects without which an inertia can be far off"""
 

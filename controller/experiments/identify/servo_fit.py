@@ -12,7 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from haptic_wall.controller.experiments.identify.effects import ALWAYS, COGGING, FADING, ROUGH
+from haptic_wall.controller.experiments.identify.effects import (
+    ALWAYS,
+    COGGING,
+    EVERY,
+    FADING,
+    ROUGH,
+)
 from haptic_wall.controller.experiments.identify.fitting import (
     NAMES,
     Fit,
@@ -78,8 +84,7 @@ def fit_servo(
     hints = _hinted(plain) if explained else ()
     if explained and not hints:
         return plain
-    every = tuple(name for group in ALWAYS for name in group)
-    fit = _loaded(motion, hints or every, step, priors, hinted=bool(hints))
+    fit = _loaded(motion, hints or EVERY, step, priors, hinted=bool(hints))
     return plain if fit.residual > _BETTER * plain.residual and plain.backlash else fit
 
 
@@ -210,8 +215,7 @@ def _hinted(fit: Fit) -> tuple[str, ...]:
 
     Each is tried by itself, because beside all others none may seem to be needed.
     """
-    every = tuple(name for group in ALWAYS for name in group)
-    model = model_of(fit, (*NAMES[:4], *every), None)
+    model = model_of(fit, (*NAMES[:4], *EVERY), None)
     linear = model.linear(model.begin, fit.speeds[None])
     period = float(np.median(np.diff(fit.pieces.motion.sampled)))
     found: list[str] = []

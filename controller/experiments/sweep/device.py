@@ -105,7 +105,7 @@ class Device:
 
     def exact(self, virtual_damping: float, delay: float) -> float:
         """Return the critical stiffness without friction [N·m/rad]; 0: none."""
-        return float(self.loop.critical(virtual_damping, delay).stiffness)
+        return self._critical(virtual_damping, delay, 0.0)[0]
 
     def linear(self, virtual_damping: float, delay: float) -> float:
         """Return the linear condition's limit [N·m/rad]."""
