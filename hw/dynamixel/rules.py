@@ -81,7 +81,7 @@ class Seen:
 
 
 class Verdict(NamedTuple):
-    """What a rule finds; there is a fault where it says why."""
+    """The finding of a rule; it is a fault if ``why`` is not empty."""
 
     found: str
     wanted: str

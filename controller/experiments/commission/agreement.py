@@ -21,7 +21,7 @@ _KEYS = {
     **{"stderr": "uncertainty", "without_friction": "exact"},
     **{key: key for key in ("larger_grows", "reason")},
 }
-"""What of a sweep's point is told again, and by which name it goes there"""
+"""Keys of a compared point, with the keys of the sweep's point that they repeat"""
 _PERCENT = 0.05
 """Smallest uncertainty of the predicted stiffness, as a fraction: friction is not exactly Coulomb's
 """
