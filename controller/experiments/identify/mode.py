@@ -134,7 +134,7 @@ def mode_of(model: ModeModel) -> Mode:
         best = min(best, *_points(model, near, ratios, (best.lag,) if round_ else LAGS_S))
     if rigid > _WORSE * best.cost and LOWEST_HZ < best.hertz < _SEEN_HZ and _is_like(model, best):
         return _seen(model, best)
-    # No vibration was seen. One is still possible where its fit is hardly worse than a rigid shaft's.
+    # None was seen. One is still possible where its fit is hardly worse than a rigid shaft's.
     gain = _LEAST_LOAD if model.on_motor else None
     possible = (
         hertz

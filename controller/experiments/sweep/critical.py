@@ -247,8 +247,8 @@ class PointSearch:
                 # Beyond its reach at once: noise shakes friction loose, which held it elsewhere.
                 start = asked.sign * float(released[0] - rows["position"][0])
                 missed[asked.sign].append(asked.aim - start)
-        # Friction and gravity keep the shaft from the spring's centre, so the next trial aims beside
-        # it. The offset is limited: a shaft that friction holds does not follow any aim.
+        # Friction and gravity keep the shaft from the spring's centre, so the next trial aims
+        # beside it. The offset is limited: a shaft that friction holds does not follow any aim.
         most = max(_MOST_OFFSET * kick, KICK)
         for sign, ways in missed.items():
             offset = self._offset[sign] + float(np.mean(ways or [0.0]))
