@@ -2,6 +2,7 @@
 
 import random
 
+from dynamixel_sdk import robotis_def
 from hypothesis import assume, given, strategies
 from hypothesis import strategies as st
 
@@ -42,6 +43,22 @@ def test_published_fast_sync_reply() -> None:
     # Every servo's CRC covers everything before it, so each prefix checks on its own.
     for end in (14, 22, 30):
         assert crc16(FAST_REPLY[:end]) == int.from_bytes(FAST_REPLY[end : end + 2], "little")
+
+
+def test_instructions_have_the_numbers_of_the_manufacturers_library() -> None:
+    """A servo answers none that it does not know; clients and emulated servos share this table."""
+    theirs = {
+        name[5:]: code for name, code in vars(robotis_def).items() if name.startswith("INST_")
+    }
+    named = {one.name: one.value for one in Instruction}
+    assert len(theirs) > 12 and theirs.items() <= named.items()
+
+
+def test_noise_before_and_between_frames_is_counted_once_a_run() -> None:
+    parser, frame = Parser(), encode(1, Instruction.PING)
+    for noise, corrupt in ((b"\x01\x02", 1), (b"\xff\xff\x00\xff", 2), (b"", 2), (b"\xfd", 3)):
+        assert len(parser.feed(noise + frame)) == 1
+        assert parser.corrupt == corrupt
 
 
 def test_crc_is_that_of_its_definition_bit_by_bit() -> None:
