@@ -83,6 +83,12 @@ def test_a_touch_of_a_count_is_no_contact(depth: float) -> None:
     assert len(seen.last) == 0
 
 
+def test_on_an_encoder_the_surface_itself_is_outside() -> None:
+    depths = [-2.0, 0.0, 0.0, 3.0, 5.0, 3.0, 0.0, 0.0, -2.0]
+    seen = watched([(depth * COUNT, -max(depth, 0.0)) for depth in depths], COUNT)
+    assert [one.duration for one in seen.last] == pytest.approx([3 * PERIOD])
+
+
 @pytest.mark.parametrize(("lag", "damping", "gaining"), [(8, 0.0, 4), (0, 0.02, 0)])
 def test_contacts_left_clearly_faster_than_entered_are_counted(
     lag: int, damping: float, gaining: int

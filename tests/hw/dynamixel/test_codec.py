@@ -188,6 +188,11 @@ def test_headers_that_are_not_stuffed_are_data_where_that_is_allowed(
     assert parser.idle
 
 
+def test_a_long_frame_behind_a_truncated_one_is_found_where_headers_may_be_data() -> None:
+    cut, behind = encode(1, Instruction.WRITE, bytes(40))[:20], encode(2, 3, bytes(252))
+    assert Parser(unstuffed=True).feed(cut + behind) == [Frame(2, 3, 0, bytes(252))]
+
+
 @given(
     st.lists(st.integers(0, 252), min_size=1, max_size=40, unique=True),
     st.integers(2, 20),
