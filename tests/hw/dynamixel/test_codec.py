@@ -59,6 +59,7 @@ def test_noise_before_and_between_frames_is_counted_once_a_run() -> None:
     for noise, corrupt in ((b"\x01\x02", 1), (b"\xff\xff\x00\xff", 2), (b"", 2), (b"\xfd", 3)):
         assert len(parser.feed(noise + frame)) == 1
         assert parser.corrupt == corrupt
+    assert parser.feed(b"\x00" * 9) == [] and parser.corrupt == 4
 
 
 def test_crc_is_that_of_its_definition_bit_by_bit() -> None:
