@@ -19,6 +19,7 @@ from haptic_wall.controller.logs.reader import LogReader, TimeSpan
 from haptic_wall.controller.logs.writer import LogWriter, append_end
 from haptic_wall.controller.system.printable import printable
 from tests.cases import sampled
+from tests.cli.test_text import REPORT
 from tests.support.told_logs import EVENTS, metadata, rows
 
 
@@ -28,7 +29,7 @@ def log(tmp_path: Path) -> Path:
     with LogWriter(path, metadata()) as writer:
         writer.append(rows(6_000))
         writer.event(EVENTS[0])
-    append_end(path, {"stop_reason": "duration", "rows": 6_000})
+    append_end(path, REPORT | {"rows": 6_000})
     return path
 
 

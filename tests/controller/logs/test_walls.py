@@ -104,10 +104,9 @@ def test_the_picture_has_each_wall_in_its_time(
     assert told(capsys, "log", path, "--plot", tmp_path / "run.png")[0] == 0
 
 
-def test_the_summary_tells_who_asked(swung: Swung, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_log_tells_who_asked(swung: Swung, capsys: pytest.CaptureFixture[str]) -> None:
     changes = json.loads(told(capsys, "log", swung[0], "--json")[1])["changes"]
-    assert changes["count"] == 3 and {each["by"]["user"] for each in changes["last"]} == {"me"}
-    assert "changes     3" in told(capsys, "log", swung[0])[1]
+    assert len(changes) == 3 and {each["by"]["user"] for each in changes} == {"me"}
 
 
 @pytest.mark.parametrize(
