@@ -10,8 +10,8 @@ from typing import Any
 
 import click
 
-from haptic_wall.controller.cli.options import FileToWrite, answer, say, writing
-from haptic_wall.controller.cli.places import force_option, take_file
+from haptic_wall.controller.cli.options import put, writing
+from haptic_wall.controller.cli.places import FileToWrite, force_option
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.settings.fields import Field, fields, sections
 from haptic_wall.controller.settings.load import (
@@ -40,7 +40,7 @@ _HINT = """\
     help="The preset to start from; `haptic-wall presets` lists them.",
 )
 @force_option
-def command(file: Path, preset: str, force: bool) -> None:
+def command(file: Path, preset: str) -> None:
     """Write a commented configuration to FILE, which every command takes as CONFIG.
 
     The file contains the preset's settings with their comments. It lists all other settings as
@@ -54,14 +54,10 @@ def command(file: Path, preset: str, force: bool) -> None:
             wanted="another name",
             advice=f"give for example `haptic-wall init my-{file}.yaml --from {file}`",
         )
-    take_file("FILE", file, force=force)
     text = commented(preset)
     with writing("FILE", file), whole(file) as part:
         part.write_text(text, encoding="utf-8")
-    if file == Path("/dev/stdout"):
-        say(f"the preset {preset}, commented")
-    else:
-        answer(f"{file}: the preset {preset}; `haptic-wall run {file}` runs it")
+    put(f"{file}: the preset {preset}; `haptic-wall run {file}` runs it")
 
 
 def commented(preset: str) -> str:

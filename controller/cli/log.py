@@ -10,18 +10,14 @@ import click
 
 from haptic_wall.controller.cli.drawing import drawn
 from haptic_wall.controller.cli.options import (
-    FileToWrite,
     answer,
-    as_json,
     json_option,
     reading,
-    refuse_other_pictures,
-    refuse_same_file,
     stretch_between,
     stretch_options,
     writing,
 )
-from haptic_wall.controller.cli.places import force_option, take_file
+from haptic_wall.controller.cli.places import FileToWrite, plot_option
 from haptic_wall.controller.cli.text import entry, report_text
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
@@ -38,8 +34,7 @@ _READ_BYTES_S, _WRITTEN_ROWS_S = 5e7, 1.2e5
 @click.argument("log", type=click.Path(path_type=Path))
 @stretch_options
 @click.option("--csv", "csv_path", type=FileToWrite(), help="Write the rows as CSV to this path.")
-@click.option("--plot", type=FileToWrite(), help="Draw the rows as PNG to this path.")
-@force_option
+@plot_option("Draw the rows as PNG to this path.")
 @json_option
 def command(
     log: Path,
@@ -47,19 +42,11 @@ def command(
     end_s: float | None,
     csv_path: Path | None,
     plot: Path | None,
-    force: bool,
-    as_json_wanted: bool,
 ) -> None:
     """Print the report of LOG, a file that run wrote; on request export its rows, or draw them.
 
     --from and --to choose the stretch of rows, in seconds since the log's first row.
     """
-    refuse_same_file({"LOG": log, "--csv": csv_path, "--plot": plot})
-    if csv_path is not None:
-        take_file("--csv", csv_path, force=force)
-    if plot is not None:
-        refuse_other_pictures("--plot", plot)
-        take_file("--plot", plot, force=force)
     with (
         reading("LOG", log, "a log of run"),
         working("reading the log", log.stat().st_size / _READ_BYTES_S),
@@ -81,7 +68,7 @@ def command(
             plot_log(read, path, (read.end or {}).get("stop_reason"))
 
         drawn("--plot", plot, draw)
-    answer(as_json(found) if as_json_wanted else _text(found, log))
+    answer(found, lambda: _text(found, log))
 
 
 def _found(read: LogReader) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from haptic_wall.controller.logs.writer import LogWriter, append_end
 from haptic_wall.controller.settings.changes import changed
 from haptic_wall.controller.settings.load import load_config
 from tests.cases import sampled
+from tests.cli.test_text import REPORT
 from tests.support.told_logs import one_turn, rows
 
 RUNS = ("run", "identify", "delay")
@@ -156,11 +157,12 @@ def hostile_logs(name: str) -> Iterator[Path]:
     for wall in (SHELL, part, {"law": "sum", "parts": [part]}):
         paths = {f"wall.{key}": value for key, value in wall.items()}
         applied = {"row": 100, "at_s": 0.1, "outcome": "applied", "set": [], "changed": paths}
+        applied |= {"by": {"user": "me", "pid": 7}, "waited_s": 0.01}
         for config, events in (({**good, "wall": {**good["wall"], **wall}}, []), (good, [applied])):
             path = Path("hostile.hwlog")
             with LogWriter(path, {"name": "hostile", "config": config}, force=True) as log:
                 log.append(rows(200))
-            append_end(path, {"rows": 200, "stop_reason": "duration"}, events)
+            append_end(path, REPORT | {"rows": 200}, events)
             yield path
 
 

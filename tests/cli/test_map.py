@@ -199,7 +199,7 @@ def _unfinished(folder: Path) -> None:
     """Leave what a map that is killed in its third task leaves."""
     setting = MapSettings.of(load_config("simulated", ("servo.torque_step=0",)).config)
     question = maps.MapQuestion(setting, [0.0, 0.1], [0, 1, 2], [0.1])
-    kept = question.kept(folder / ROWS, resume=False, fresh=False)
+    kept = question.kept(folder / ROWS, fresh=False)
     for task in question.tasks()[:2]:
         kept.add(task, question.compute(task)())
     with (folder / ROWS).open("a") as file:
@@ -213,12 +213,9 @@ def test_a_killed_map_goes_on_and_ends_with_the_same_bytes(
     folder, whole = tmp_path / "killed", tmp_path / "whole"
     folder.mkdir()
     _unfinished(folder)
-    assert "found an unfinished map there; give --resume to continue it, or --force" in cli.refused(
-        "map", *_FEW, "--out", folder
-    )
     left = _Counting()
     _computed_by(left, monkeypatch)
-    assert cli("map", *_FEW, "--out", folder, "--resume")[0] == 0
+    assert cli("map", *_FEW, "--out", folder)[0] == 0
     assert left.tasks == 4
     assert cli("map", *_FEW, "--out", whole)[0] == 0
     names = sorted(path.name for path in whole.iterdir())

@@ -59,7 +59,7 @@ def test_a_folder_that_another_command_writes_to_is_refused(
     (folder / "out").mkdir()
     (folder / "link").symlink_to("out")
     with command():
-        take_folder("--out", folder / "out", (), force=False)
+        take_folder("--out", folder / "out", ())
         assert "another command is writing" in cli.refused(*arguments, "--out", "link")
     assert not (folder / "out" / name).exists()
 

@@ -6,7 +6,6 @@ import resource
 import signal
 import time
 from collections.abc import Callable
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -97,12 +96,11 @@ def placed(
     plot: Path | None,
     witness: Path | None,
     name: str = "simulated",
-    force: bool = False,
 ) -> tuple[tuple[Path, Path | None], Context]:
     """Where a run would write, and the context that keeps others from writing there."""
     context = click.Context(run_command.command)
     with context.scope(cleanup=False):
-        return run_command._places(log, plot, witness, name, draws=True, force=force), context
+        return run_command._places(log, plot, witness, name, draws=True), context
 
 
 def test_the_log_of_a_living_run_is_not_replaced(cli: Cli, folder: Path) -> None:
@@ -140,15 +138,6 @@ def test_a_pipe_is_refused_before_anybody_waits_for_its_reader(
 ) -> None:
     os.mkfifo(tmp_path / "pipe")
     assert f"{option}: pipe is a pipe; name a file" in cli.refused("run", *BRIEF, option, "pipe")
-
-
-@pytest.mark.parametrize("option", ["--log", "--plot"])
-def test_the_configuration_is_not_written_over(cli: Cli, folder: Path, option: str) -> None:
-    text = (resources.files("haptic_wall.controller") / "presets/simulated.yaml").read_text()
-    (folder / "mine").write_text(text)
-    err = cli.refused("run", *BRIEF, "./mine", option, "mine")
-    assert f"CONFIG and {option} both name mine" in err
-    assert (folder / "mine").read_text() == text
 
 
 MINE = {"notes.txt": b"mine", "photo.png": b"\x89PNG\r\n\x1a\n" + 300 * b"x", "empty": b""}

@@ -80,7 +80,7 @@ def test_the_same_settings_go_on_and_others_are_refused(
     assert "4 of 4 points were measured before" in told
     told = cli.refused("sweep", "simulated", *PLANT, *POINTS, "--out", folder, "--kick=0.03")
     assert "other settings" in told
-    assert "--fresh" in told
+    assert "--force" in told
     assert json.loads((folder / "sweep.json").read_text()) == before
 
 
