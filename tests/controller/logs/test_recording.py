@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.logs import csv_table
+from haptic_wall.controller.logs import csv_recording
 from haptic_wall.controller.logs.detected import read_recording
 from haptic_wall.controller.theory.checks import FloatArray
 from tests.typed import not_none
@@ -111,7 +111,7 @@ def test_a_csv_larger_than_what_fits_is_refused_at_once(
         file.truncate(1 << 40)
     with pytest.raises(UserError, match=f"found {1 << 40} bytes, wanted a CSV of at most"):
         read_recording(path)
-    monkeypatch.setattr(csv_table, "MOST_ROWS", 99)
+    monkeypatch.setattr(csv_recording, "MOST_ROWS", 99)
     times = np.arange(100.0)
     with pytest.raises(UserError, match="found more than 99 rows"):
         read_recording(write(path, time_s=times, position_rad=times))
