@@ -62,7 +62,7 @@ class RunningWall:
 
     def __init__(self, log: Path, arguments: Sequence[str], said: IO[str] | None = None) -> None:
         self.log = log
-        self._answer = tempfile.TemporaryFile()
+        self._answer = tempfile.TemporaryFile()  # noqa: SIM115 - closed in close()
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", __name__, str(os.getpid()), *arguments],
             stdin=subprocess.DEVNULL,

@@ -204,9 +204,9 @@ def rows(found: Any, info: ValidationInfo) -> Any:  # noqa: ANN401 - whatever th
     """Read a profile from a CSV file, or convert a list of pairs to tuples; a log names no file."""
     if not isinstance(found, str) or not (info.context or {}).get("files", True):
         return tuple(map(pair, found)) if isinstance(found, list) else found
-    limits = {"most_rows": MOST_ROWS, "most_bytes": 2**18}
+    names = ("position_rad", "torque_nm")
     try:
-        columns = read_columns(Path(found), ("position_rad", "torque_nm"), field="", **limits)
+        columns = read_columns(Path(found), names, field="", most_rows=MOST_ROWS, most_bytes=2**18)
     except UserError as error:
         raise refusal(replace(error.problem, field=None)) from None
     except OSError as error:
