@@ -31,7 +31,7 @@ from haptic_wall.controller.cli.places import (
     refuse_other_pictures,
     take_file,
 )
-from haptic_wall.controller.cli.text import brief_text, report_text
+from haptic_wall.controller.cli.text import report_text
 from haptic_wall.controller.cli.working import is_shown, working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.file import SUFFIX, foreign_beside, is_held
@@ -151,7 +151,7 @@ def command(
             str(log) if ended.logged else None,
             None if warning or plot is None else str(plot),
         )
-        answer(report, lambda: (report_text if verbose else brief_text)(report))
+        answer(report, lambda: report_text(report, brief=not verbose))
     no_wall = report["waited_for"] or report["no_stiffness"]
     sys.exit(reports.exit_status(ended.stop_reason, no_wall, ended.log))
 

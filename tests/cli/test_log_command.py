@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from haptic_wall.controller.cli.log import command
-from haptic_wall.controller.cli.text import brief_text, report_text
+from haptic_wall.controller.cli.text import report_text
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.writer import LogWriter, append_end
 from haptic_wall.controller.report.sketch import Sketch
@@ -177,7 +177,7 @@ def test_report_and_log_give_one_reason_with_the_commanded_number_and_the_schedu
     report = cli.json(*run, "--duration", duration, "--log", path)
     reasons, now = report["guard"]["reasons"], report["guard"]["commanded"]["stiffness"]
     assert reasons[0].startswith(f"{begins} {now:.4g} ")
-    text = " ".join(brief_text(report).split())
+    text = " ".join(report_text(report, brief=True).split())
     assert f"wall {now:.4g} N·m/rad of 1e+06 requested" in text
     assert f" why {reasons[0]} " in text and " cycles, immediate: " in report_text(report)
     assert cli.json("log", path)["report"]["guard"] == report["guard"]

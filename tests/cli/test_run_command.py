@@ -15,7 +15,7 @@ import pytest
 from click.core import Context
 
 from haptic_wall.controller.cli import run as run_command
-from haptic_wall.controller.cli.text import brief_text
+from haptic_wall.controller.cli.text import report_text
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.writer import LogWriter
 from haptic_wall.controller.processes import inline
@@ -288,6 +288,6 @@ def test_a_requested_wall_without_stiffness_is_no_success(
     report = json.loads(out)
     assert (found, report["stop_reason"], report["wall_came_on"]) == (status, "duration", True)
     assert (report["no_stiffness"] is not None) == (status == 3)
-    first = brief_text(report).replace("\n", " ")
+    first = report_text(report, brief=True).replace("\n", " ")
     assert ("THE WALL HAS NO STIFFNESS: the guard commands 0 of 8" in first) == (status == 3)
     assert ("ended as planned" in first) == (status == 0)
