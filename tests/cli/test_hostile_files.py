@@ -4,16 +4,13 @@ A canary leaves a file when its module is imported, its function called or its c
 """
 
 import importlib
-import io
 import json
-import pickle
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 import pytest
 
 from haptic_wall.controller.cli.main import COMMANDS, main
@@ -131,23 +128,6 @@ def test_a_run_imports_and_makes_its_own_law(canary: str) -> None:
     words = ["--set", "loop.clock=simulated", "--set", f"wall.law={canary}:Law"]
     assert call("run", "simulated", *words) == 0
     assert left() == {"imported", "made"}
-
-
-@pytest.mark.parametrize("command", [*takers("config"), *takers("log")])
-def test_what_only_looks_like_a_file_of_ours_is_not_loaded(canary: str, command: str) -> None:
-    class Bomb:
-        def __reduce__(self) -> Any:
-            return eval, (f"__import__({canary!r})",)
-
-    pickled = io.BytesIO()
-    np.save(pickled, np.array([Bomb()], object), allow_pickle=True)
-    tag = f"wall: {{law: !!python/object/apply:{canary}.function []}}\n"
-    plugin = f"servo: {{backend: '{canary}:Law', inertia: 1}}\n"
-    Path("matplotlibrc").write_text(f"backend: module://{canary}\n")
-    for content in (pickled.getvalue(), pickle.dumps(Bomb()), tag.encode(), plugin.encode()):
-        Path("file").write_bytes(content)
-        assert call(command, "file") == 2
-        assert left() == set(), content
 
 
 def hostile_logs(name: str) -> Iterator[Path]:

@@ -2,9 +2,9 @@
 
 import csv
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import pytest
@@ -126,59 +126,3 @@ def test_a_stretch_that_is_none_is_refused(
     log: Path, cli: Cli, arguments: list[str], said: str
 ) -> None:
     assert said in cli.refused("log", log, *arguments)
-
-
-@pytest.mark.parametrize("option", ["--csv", "--plot"])
-def test_an_export_that_is_interrupted_leaves_nothing(
-    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str
-) -> None:
-    target = tmp_path / "out.png"
-    words = [str(log), "--from", "0.1", option, str(target)]
-    assert CliRunner().invoke(command, words).exit_code == 0
-    before = target.read_bytes()
-    seen = []
-
-    def interrupted(*arguments: object) -> NoReturn:
-        path = next(given for given in arguments if isinstance(given, Path))
-        path.write_bytes(b"half")
-        seen.append(path)
-        raise KeyboardInterrupt
-
-    for place in ("logs.csv_export.write_csv", "report.run.plot_log"):
-        monkeypatch.setattr(f"haptic_wall.controller.{place}", interrupted)
-    assert CliRunner().invoke(command, [*words, "--force"]).exit_code
-    assert seen
-    assert target.read_bytes() == before
-    assert set(tmp_path.iterdir()) == {target, log}
-
-
-LOSES: tuple[str, ...] = ("servo.faults=drop:p=0.3,at=2.0",)
-OSCILLATES: tuple[str, ...] = (
-    *("wall.side=both", "servo.hand=none", "servo.kick=0.05", "servo.coulomb=0"),
-    *("servo.delay=0.006", "model.delay=0.002"),
-)
-
-
-@pytest.mark.whole
-@pytest.mark.parametrize(
-    ("sets", "duration", "begins"),
-    [
-        (LOSES, 1.3, "the guard allows"),
-        (OSCILLATES, 3.0, "the wall has"),
-    ],
-)
-def test_report_and_log_give_one_reason_with_the_commanded_number_and_the_schedule(
-    cli: Cli, tmp_path: Path, sets: Sequence[str], duration: float, begins: str
-) -> None:
-    """Also where lost replies, or an alarm, have reduced the wall."""
-    path = tmp_path / "a.hwlog"
-    sets = ["loop.clock=simulated", "wall.stiffness=1e6", "safety.max_loss=0.9", *sets]
-    run = ["run", "emulated-ideal", *(f"--set={each}" for each in sets), "--no-plot"]
-    report = cli.json(*run, "--duration", duration, "--log", path)
-    reasons, now = report["guard"]["reasons"], report["guard"]["commanded"]["stiffness"]
-    assert reasons[0].startswith(f"{begins} {now:.4g} ")
-    text = " ".join(report_text(report, brief=True).split())
-    assert f"wall {now:.4g} N·m/rad of 1e+06 requested" in text
-    assert f" why {reasons[0]} " in text and " cycles, immediate: " in report_text(report)
-    assert cli.json("log", path)["report"]["guard"] == report["guard"]
-    assert f" why {reasons[0]} why " in " ".join(cli("log", path).out.split())

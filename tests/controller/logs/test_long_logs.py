@@ -10,10 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from haptic_wall.controller.detector.state import State
-from haptic_wall.controller.logs import detected as seen
 from haptic_wall.controller.logs.csv_export import write_csv
-from haptic_wall.controller.logs.detected import read_recording
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.writer import LogWriter
 from haptic_wall.controller.report import sketch
@@ -111,19 +108,3 @@ def test_a_sketch_keeps_every_peak_in_little_memory(monkeypatch: pytest.MonkeyPa
     assert drawn.time[-1] == pytest.approx(99.999)
     assert drawn.mean_velocity.size == 200
     assert drawn.medians_us["lateness_ns"] == pytest.approx(1.35, rel=0.02)
-
-
-@pytest.mark.whole
-def test_detect_sees_the_same_in_windows_as_in_the_whole(
-    logs: list[Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    recording = read_recording(logs[2])
-    whole = seen.detect_all(recording, NOTHING)
-    monkeypatch.setattr(seen, "WINDOW", 6_000)
-    parted = seen.detect_all(recording, NOTHING)
-    ((part,), (record,)) = recording.parts, parted.records
-    assert record.state.size == part.times.size == 29_800
-    assert parted.state == whole.state >= State.SUSTAINED
-    assert parted.first_alarm_s == pytest.approx(whole.first_alarm_s, abs=0.5)
-    assert parted.frequency_hz == pytest.approx(whole.frequency_hz, rel=0.1)
-    assert parted.amplitude == pytest.approx(whole.amplitude, rel=0.1)

@@ -119,14 +119,6 @@ def run(tmp_path: Path) -> Iterator[Run]:
     run.recorders[-1].end(-9)
 
 
-def test_nothing_is_said_of_a_recorder_that_does_its_work(run: Run) -> None:
-    run.go(5.0)
-    notes, rows = run.end()
-    assert notes == run.told == []
-    assert run.monitor.lacking == 0
-    np.testing.assert_array_equal(rows, np.arange(5000))
-
-
 def test_a_killed_recorder_is_told_at_once_and_no_row_is_lost(run: Run) -> None:
     run.go(2.0)
     run.recorders[-1].end(-9)
@@ -177,19 +169,6 @@ def test_a_full_disk_is_told_at_once_and_only_what_memory_cannot_hold_is_lost(ru
     assert f"lacks {missing} of {run.words[Word.HEAD]} rows" in note
     assert run.monitor.lacking == missing
     assert np.all(np.diff(rows) > 0)
-
-
-def test_what_the_disk_lost_for_good_is_told_once_and_noted(run: Run) -> None:
-    run.go(1.0)
-    for _ in range(2):
-        run.recorders[-1].lose("run.hwlog: Input/output error")
-        run.go(1.0)
-    (told,) = run.told
-    assert "part of the log is lost (run.hwlog: Input/output error)" in told
-    (note,), rows = run.end()
-    assert "Input/output error), and the lost rows are not known" in note
-    assert run.monitor.lacking is None
-    np.testing.assert_array_equal(rows, np.arange(3000), "and all else is kept")
 
 
 @pytest.mark.parametrize("how", ["killed", "stopped"])
