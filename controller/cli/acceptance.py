@@ -14,8 +14,8 @@ from haptic_wall.controller.cli.commission import announced, folder_for, write_a
 from haptic_wall.controller.cli.experiment import REACH, Asked, experiment, folder_option, moving
 from haptic_wall.controller.cli.failure import EndedEarlyError
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
-from haptic_wall.controller.cli.options import as_json, say, writing
-from haptic_wall.controller.cli.places import take_folder
+from haptic_wall.controller.cli.options import answer, as_json, say, writing
+from haptic_wall.controller.cli.places import is_forced, take_folder
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.system.files import whole
@@ -34,16 +34,14 @@ _EMULATED_S = 60.0
 
 @click.command()
 @click.option("--plan", "only_plan", is_flag=True, help="Only announce the steps.")
-@click.option("--fresh", is_flag=True, help="Replace an earlier acceptance in DIR.")
 @experiment(
     folder_option(
         "Folder for report.html, acceptance.json, acceptance.zip and the measurements. The command"
         " continues an interrupted acceptance in DIR."
     ),
-    force=False,
     of_walls=True,
 )
-def command(asked: Asked, only_plan: bool, fresh: bool) -> None:
+def command(asked: Asked, only_plan: bool) -> None:
     """Commission CONFIG's servo and an emulated one beside it, and judge the belief by both.
 
     The command takes the steps of commission, and repeats them with an emulated servo that is what
@@ -63,12 +61,12 @@ def command(asked: Asked, only_plan: bool, fresh: bool) -> None:
     out = folder_for(asked, announcement, only_plan, "acceptance")
     if out is None:
         return
-    take_folder("--out", out, (), force=False)
+    take_folder("--out", out, ())
     mark = f"{_MEASURED}/{ROWS}"
     refuse_foreign(out, mark, (_JSON, _PAGE, bundle.FILE, _MEASURED, _EMULATED))
     announced(asked, announcement)
 
-    bench = StepContext(config, asked.name, REACH, out / _MEASURED, say, fresh, PLOTS)
+    bench = StepContext(config, asked.name, REACH, out / _MEASURED, say, is_forced(), PLOTS)
     bench = replace(bench, points=acceptance.points(config))
     with writing("--out", out):
         with moving(config, announcement.seconds):
@@ -99,7 +97,7 @@ def command(asked: Asked, only_plan: bool, fresh: bool) -> None:
             raise EndedEarlyError(kept, INTERRUPTED)
         with working("writing the report", DRAWING_S):
             report = _packed(asked, out, real, twin)
-    asked.answer(report, lambda: _text(report))
+    answer(report, lambda: _text(report))
     sys.exit(real.exit_status)
 
 

@@ -11,7 +11,7 @@ import click
 
 from haptic_wall.controller.bench import words
 from haptic_wall.controller.cli import interrupt
-from haptic_wall.controller.cli.options import answer, as_json, json_option, say
+from haptic_wall.controller.cli.options import answer, json_option, say
 from haptic_wall.controller.cli.working import length
 from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.system.signals import on_signals
@@ -43,7 +43,7 @@ ABOUT_S = {
     help="Measure only this section (repeatable).",
 )
 @json_option
-def command(names: tuple[str, ...], as_json_wanted: bool) -> None:
+def command(names: tuple[str, ...]) -> None:
     """Measure timing, limits, simulation and bus cycles of this program on this machine.
 
     Compared programs take turns over several rounds; the figures are medians. Times hold for this
@@ -64,7 +64,7 @@ def command(names: tuple[str, ...], as_json_wanted: bool) -> None:
 
     report = measured(chosen, tell)
     with on_signals(signal.SIG_IGN):  # a held Ctrl-C must not cost the report
-        answer(as_json(report) if as_json_wanted else _text(report))
+        answer(report, lambda: _text(report))
     if report["interrupted"]:
         sys.exit(interrupt.INTERRUPTED)
 

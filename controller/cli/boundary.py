@@ -14,15 +14,12 @@ from haptic_wall.controller.cli.boundary_text import boundary_text
 from haptic_wall.controller.cli.drawing import drawn_or_noted
 from haptic_wall.controller.cli.numbers import Number, Numbers, Span
 from haptic_wall.controller.cli.options import (
-    FileToWrite,
     answer,
-    as_json,
     config_argument,
     json_option,
-    refuse_other_pictures,
     set_option,
 )
-from haptic_wall.controller.cli.places import force_option, take_file
+from haptic_wall.controller.cli.places import plot_option
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.guard.belief import Belief, Bounded
@@ -70,16 +67,13 @@ _POSITIVE: Final = Number(0, above=True)
 @click.option("--counts-per-rev", type=_POSITIVE, metavar="N",
               help="Encoder counts in one turn; with --torque-limit.")  # fmt: skip
 @click.option("--torque-limit", type=_POSITIVE, metavar="NM", help="Torque limit [N·m].")
-@click.option("--plot", type=FileToWrite(), help="Draw the K-B plane as PNG to this path.")
-@force_option
+@plot_option("Draw the K-B plane as PNG to this path.")
 @json_option
 def command(
     config: str | None,
     sets: tuple[str, ...],
     dampings: list[float] | None,
     plot: Path | None,
-    force: bool,
-    as_json_wanted: bool,
     **given: Any,  # noqa: ANN401 - the options that make the question
 ) -> None:
     """Compute the stiffness limits of a wall over its virtual damping, and remedies to raise them.
@@ -92,9 +86,6 @@ def command(
     \b
     haptic-wall boundary --servo MX-64 --period 0.001 --delay 0.002 --virtual-damping 0,0.1,0.5
     """  # noqa: D301 - the \b is what click takes for "as it stands"
-    if plot is not None:
-        refuse_other_pictures("--plot", plot)
-        take_file("--plot", plot, force=force)
     if config is None and sets:
         raise UserError("there is no CONFIG", field="--set", advice="give a preset or a file too")
     question = _of_options(given) if config is None else _of_config(config, sets, given)
@@ -108,7 +99,7 @@ def command(
         from haptic_wall.controller.report.boundary import plot_boundary
 
         drawn_or_noted("--plot", plot, partial(plot_boundary, question, found))
-    answer(as_json(found) if as_json_wanted else boundary_text(found))
+    answer(found, lambda: boundary_text(found))
 
 
 def _of_config(name: str, sets: tuple[str, ...], given: dict[str, Any]) -> Question:

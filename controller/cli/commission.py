@@ -16,8 +16,8 @@ import click
 from haptic_wall.controller.cli.drawing import drawn_or_noted
 from haptic_wall.controller.cli.experiment import REACH, Asked, experiment, folder_option, moving
 from haptic_wall.controller.cli.numbers import Number
-from haptic_wall.controller.cli.options import as_json, refuse_same_file, say, writing
-from haptic_wall.controller.cli.places import take_folder
+from haptic_wall.controller.cli.options import answer, as_json, say, writing
+from haptic_wall.controller.cli.places import is_forced, take_folder
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.errors import UserError
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.option("--fresh", is_flag=True, help="Replace an earlier commissioning in DIR.")
 @click.option("--plan", "only_plan", is_flag=True, help="Only announce the motions and their size.")
 @click.option(
     "--reach",
@@ -46,10 +45,9 @@ if TYPE_CHECKING:
         "Folder for report.html, config.yaml, commission.json, pictures and logs/. The command"
         " continues an interrupted commissioning of the same settings in DIR."
     ),
-    force=False,
     of_walls=True,
 )
-def command(asked: Asked, fresh: bool, only_plan: bool, reach: float) -> None:
+def command(asked: Asked, only_plan: bool, reach: float) -> None:
     """Examine, identify and measure CONFIG's servo; report its stiffest wall and the reasons.
 
     It runs doctor, identify, delay and a short sweep, and writes DIR/config.yaml for haptic-wall
@@ -72,9 +70,10 @@ def command(asked: Asked, fresh: bool, only_plan: bool, reach: float) -> None:
     from haptic_wall.controller.experiments.commission.steps import CONFIG, StepContext
     from haptic_wall.controller.report.commission.picture import PLOTS
 
-    refuse_same_file({"CONFIG": asked.file, f"--out (its {CONFIG})": out / CONFIG})
-    take_folder("--out", out, (), force=False)  # the sequence knows what may be replaced
-    bench = StepContext(config, asked.name, reach, out, say, fresh, PLOTS)
+    if asked.file is not None and asked.file.resolve() == (out / CONFIG).resolve():
+        raise UserError(f"it would replace its own CONFIG {asked.file}", field="--out")
+    take_folder("--out", out, ())  # the sequence knows what may be replaced
+    bench = StepContext(config, asked.name, reach, out, say, is_forced(), PLOTS)
     left = not is_complete(kept_steps(bench).done)
     if left:
         announced(asked, announcement)
@@ -86,7 +85,7 @@ def command(asked: Asked, fresh: bool, only_plan: bool, reach: float) -> None:
             working("writing the report", DRAWING_S),
         ):
             report = written(ended, asked.name, out)
-    asked.answer(report, lambda: _text(report, out))
+    answer(report, lambda: _text(report, out))
     if ended.interrupted:
         say(f"interrupted: finished steps are kept; the same command with --out {out} continues")
     sys.exit(ended.exit_status)
@@ -102,7 +101,7 @@ def folder_for(
     """
     if only_plan:
         plan = {"name": asked.name, "seconds": announcement.seconds, "steps": announcement.lines}
-        asked.answer(plan, lambda: "\n".join(plan_lines(asked.loaded, announcement)))
+        answer(plan, lambda: "\n".join(plan_lines(asked.loaded, announcement)))
     elif asked.out is None:
         raise UserError(
             "found nothing",

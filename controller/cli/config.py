@@ -8,7 +8,6 @@ import click
 
 from haptic_wall.controller.cli.options import (
     answer,
-    as_json,
     config_argument,
     json_option,
     set_option,
@@ -25,17 +24,19 @@ _VALUE_WIDTH = 40
 @config_argument(default="simulated")
 @set_option
 @json_option
-def command(config: str, sets: tuple[str, ...], as_json_wanted: bool) -> None:
+def command(config: str, sets: tuple[str, ...]) -> None:
     """Show the effective values of CONFIG, each with its unit, origin, range and meaning.
 
     Any line's name can be changed with --set NAME=VALUE, here and in every command that takes
     CONFIG. This kind of servo does not use the values marked -.
     """
     loaded = load_config(config, sets)
-    if as_json_wanted:
-        listed = {field.path: _entry(loaded, field) for field in fields().values()}
-        answer(as_json({"name": loaded.name, "servo": _kind(loaded), "fields": listed}))
-        return
+    listed = {field.path: _entry(loaded, field) for field in fields().values()}
+    report = {"name": loaded.name, "servo": _kind(loaded), "fields": listed}
+    answer(report, lambda: _listed(loaded))
+
+
+def _listed(loaded: Loaded) -> str:
     lines = [f"{loaded.name} ({_kind(loaded)} servo)"]
     section = ""
     for field in fields().values():
@@ -44,7 +45,7 @@ def command(config: str, sets: tuple[str, ...], as_json_wanted: bool) -> None:
             lines.append("")
             section = name
         lines.append(_row(loaded, field))
-    answer("\n".join(lines))
+    return "\n".join(lines)
 
 
 def _kind(loaded: Loaded) -> str:

@@ -20,7 +20,7 @@ from urllib.parse import quote
 import click
 
 from haptic_wall.controller.cli import interrupt
-from haptic_wall.controller.cli.options import answer, place_option
+from haptic_wall.controller.cli.options import place_option, put
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.live.place import live_at
 
@@ -111,7 +111,7 @@ def _show(address: str, scope: ExitStack, over: Callable[[], bool]) -> None:
         found = [_ADDRESS.search((folder / f"{name}.txt").read_text()) for name in walls]
         first, second = (each and each[1] for each in found)
         if first and second and not shown:
-            answer(f"{first.replace('/?', '/lesson.html?')}#{quote(second, safe='')}")
+            put(f"{first.replace('/?', '/lesson.html?')}#{quote(second, safe='')}")
             shown = True
         time.sleep(_PAUSE_S)
     for wall in walls.values():

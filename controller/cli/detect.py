@@ -14,15 +14,11 @@ import click
 from haptic_wall.controller.cli.drawing import drawn_or_noted
 from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import (
-    FileToWrite,
     answer,
-    as_json,
     json_option,
     reading,
-    refuse_other_pictures,
-    refuse_same_file,
 )
-from haptic_wall.controller.cli.places import force_option, take_file
+from haptic_wall.controller.cli.places import plot_option
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
 
@@ -63,12 +59,9 @@ OWN = "the run's own result; any option makes detect judge the recorded motion"
     metavar="X",
     help="Position of the rendered wall [rad].",
 )
-@click.option("--plot", type=FileToWrite(), help="Draw the result as PNG to this path.")
-@force_option
+@plot_option("Draw the result as PNG to this path.")
 @json_option
-def command(
-    log: Path, plot: Path | None, force: bool, as_json_wanted: bool, **values: float | None
-) -> None:
+def command(log: Path, plot: Path | None, **values: float | None) -> None:
     """Look for an oscillation in LOG: a log that run wrote, or a CSV.
 
     Of a log this is what the run itself saw, with the growth of the recorded motion. With an
@@ -81,10 +74,6 @@ def command(
     from haptic_wall.controller.logs.file import is_log
     from haptic_wall.controller.logs.reader import LogReader
 
-    refuse_same_file({"LOG": log, "--plot": plot})
-    if plot is not None:
-        refuse_other_pictures("--plot", plot)
-        take_file("--plot", plot, force=force)
     given = {name: value for name, value in values.items() if value is not None}
     with reading("LOG", log, "a log of run, or a CSV"):
         verdict = None
@@ -97,7 +86,7 @@ def command(
         if verdict["state"] == "quiet":
             report["growth_per_s"] = None
         report["notes"] = [OWN]
-    answer(as_json(report) if as_json_wanted else _text(report))
+    answer(report, lambda: _text(report))
 
 
 def _judged(

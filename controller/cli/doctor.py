@@ -11,7 +11,6 @@ import click
 
 from haptic_wall.controller.cli.options import (
     answer,
-    as_json,
     config_argument,
     json_option,
     say,
@@ -48,7 +47,6 @@ def command(
     fix: bool,
     yes: bool,
     change_baud: bool,
-    as_json_wanted: bool,
 ) -> None:
     """Examine the testbed of CONFIG: port, servo, registers, timing, machine.
 
@@ -61,7 +59,7 @@ def command(
     consent = _consent(yes) if fix else None
     with interrupting():  # the port is closed
         report = examine(loaded.config, _say, consent, change_baud)
-    answer(as_json(_json(loaded.name, report)) if as_json_wanted else _text(loaded.name, report))
+    answer(_json(loaded.name, report), lambda: _text(loaded.name, report))
     sys.exit(HARDWARE if not report.reached else WRONG if report.wrong else 0)
 
 

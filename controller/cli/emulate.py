@@ -10,8 +10,8 @@ import click
 
 from haptic_wall.controller.cli import interrupt
 from haptic_wall.controller.cli.numbers import AnyType, Number
-from haptic_wall.controller.cli.options import refuse_same_file, say
-from haptic_wall.controller.cli.places import force_option, take_file
+from haptic_wall.controller.cli.options import say
+from haptic_wall.controller.cli.places import FileToWrite, force_option, is_forced
 from haptic_wall.controller.emulated_bus.program import NAMES, PRIORITY, Plan, run_bus, servo_of
 from haptic_wall.controller.errors import PlatformError, UserError
 from haptic_wall.controller.runtime import realtime
@@ -48,11 +48,6 @@ class _TrueValue(AnyType):
             self.fail(f"{path}: {error}", param, ctx)
 
 
-def _paths(_context: object, _parameter: object, begun: str) -> list[str]:
-    """Return the true parameters that begin so, for a shell that completes a word."""
-    return [path for path in (f"servo.{name}=" for name in NAMES) if path.startswith(begun)]
-
-
 @click.command()
 @click.option("--servo", "servos", multiple=True, default=("XM430-W350:1",), show_default=True,
               metavar="MODEL[:ID[:FIRMWARE]]",
@@ -65,7 +60,7 @@ def _paths(_context: object, _parameter: object, begun: str) -> list[str]:
 @click.option("--link", type=click.Path(path_type=Path),
               help="Path of a symbolic link to the terminal; it exists while the bus "
               "runs.")  # fmt: skip
-@click.option("--record", type=click.Path(path_type=Path, dir_okay=False),
+@click.option("--record", type=FileToWrite(),
               help="Write every frame and the true motion to this CSV file.")  # fmt: skip
 @click.option("--latency-timer", type=Number(0, 255, whole=True), default=0, show_default=True,
               metavar="MS",
@@ -83,7 +78,6 @@ def _paths(_context: object, _parameter: object, begun: str) -> list[str]:
 @click.option("--seed", type=int, default=0, show_default=True,
               help="Seed of the servos' clocks and of the random faults.")  # fmt: skip
 @click.option("--set", "sets", multiple=True, metavar="servo.NAME=VALUE", type=_TrueValue(),
-              shell_complete=_paths,
               help="True parameter of the servos (repeatable): " + ", ".join(NAMES)
               + ". SI units.")  # fmt: skip
 @force_option
@@ -92,7 +86,6 @@ def command(
     sets: tuple[tuple[str, Any], ...],
     link: Path | None,
     record: Path | None,
-    force: bool,
     **given: Any,  # noqa: ANN401 - the fields of a plan
 ) -> int:
     """Emulate a Dynamixel bus, byte for byte, with servos that move in real time.
@@ -100,11 +93,8 @@ def command(
     The path of its pseudo-terminal is the first line on standard output; a serial
     client opens it that needs no modem lines, RS-485 or parity. The bus runs until Ctrl-C.
     """
-    refuse_same_file({"--record": record, "--link": link})
-    if record is not None:
-        take_file("--record", record, force=force)
     if link is not None:
-        _refuse_foreign(link, force=force)
+        _refuse_foreign(link)
     for name, path in (("link", link), ("record", record)):
         given[name] = path and str(path)
     plan = Plan(servos, dict(sets), **given)
@@ -131,10 +121,10 @@ def command(
     return interrupt.status_after(came)
 
 
-def _refuse_foreign(link: Path, *, force: bool) -> None:
+def _refuse_foreign(link: Path) -> None:
     """Refuse a link of somebody else, or of a bus that runs."""
     left_behind = not link.exists() and link.is_symlink() and link.readlink().parent == _TERMINALS
-    if link.is_symlink() and not left_behind and not force:
+    if link.is_symlink() and not left_behind and not is_forced():
         raise UserError(
             f"found a link to {link.readlink()}, which would be lost",
             field="--link",

@@ -57,8 +57,6 @@ class Asked:
     out: Path | None
     """Argument of ``--out``"""
     yes: bool
-    force: bool
-    json: bool
 
     @property
     def config(self) -> Config:
@@ -70,15 +68,6 @@ class Asked:
         """Return the configuration's name, for messages."""
         return self.loaded.name
 
-    def answer(self, report: Mapping[str, Any], text: Callable[[], str]) -> None:
-        """Print the report as JSON, or as text.
-
-        Args:
-            report: The report.
-            text: Returns the text; called only where it is wanted.
-        """
-        answer(as_json(report) if self.json else text())
-
     def may_move(self) -> None:
         """Ask for leave to move, as ``ask_to_move``."""
         ask_to_move(self.config.servo, self.yes)
@@ -89,10 +78,8 @@ def experiment(
     default: str | None = None,
     *,
     moves: bool = True,
-    force: bool = True,
     of_walls: bool = False,
     filters: bool = False,
-    without: tuple[str, Callable[..., None]] | None = None,
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command CONFIG and the options of all experiments, as ``Asked``.
 
@@ -100,57 +87,71 @@ def experiment(
         out: The option ``--out``, as ``folder_option`` makes it.
         default: CONFIG where none is given; None: it must be given.
         moves: The command has ``--yes``.
-        force: The command has ``--force``.
         of_walls: It measures a wall, and refuses any other law.
         filters: It counts ``wall.velocity_filter``; others refuse it.
-        without: An option that makes CONFIG needless, and the function that is called then with all
-            that was given.
     """
 
     def decorated(function: Callable[..., None]) -> Callable[..., None]:
         @wraps(function)
         def command(
-            config: str | None,
+            config: str,
             sets: tuple[str, ...],
             out: Path | None,
-            as_json_wanted: bool,
             yes: bool = False,
-            force: bool = False,
             **own: Any,  # noqa: ANN401 - the command's own options
         ) -> None:
-            if without is not None and own.get(without[0]) is not None:
-                common = {"config": config, "sets": sets, "out": out, "yes": yes}
-                without[1](**common, **own, force=force, as_json_wanted=as_json_wanted)
-                return
-            if config is None:
-                asked = click.get_current_context()
-                wanted = next(each for each in asked.command.params if each.name == "config")
-                raise click.MissingParameter(ctx=asked, param=wanted)
-            loaded = load_config(config, sets, runs=not of_walls)
-            if of_walls and loaded.config.wall.law != "wall":
-                raise UserError(
-                    f"found {loaded.config.wall.law}",
-                    field="wall.law",
-                    wanted="wall: only walls are measured",
-                    advice="haptic-wall run renders any law",
-                )
-            filtered = loaded.config.wall.velocity_filter
-            if filtered != "none" and not filters:
-                raise UserError(
-                    f"found {filtered}",
-                    field="wall.velocity_filter",
-                    wanted="none: only the experiments sweep and zwidth know a filter",
-                    advice="haptic-wall run renders it",
-                )
-            function(Asked(loaded, file_of(config), out, yes, force, as_json_wanted), **own)
+            function(asked_of(config, sets, out, yes, of_walls=of_walls, filters=filters), **own)
 
-        options = [config_argument(default, needed=without is None), set_option, out]
-        options += [_YES] * moves + [force_option] * force + [json_option]
-        for option in reversed(options):
+        return experiment_options(out, config_argument(default), moves=moves)(command)
+
+    return decorated
+
+
+def experiment_options(
+    out: Callable[[Any], Any], config: Callable[[Any], Any], *, moves: bool = True
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command the options of all experiments, for ``asked_of``; see ``experiment``."""
+
+    def decorated(command: Callable[..., None]) -> Callable[..., None]:
+        for option in (json_option, force_option, *[_YES] * moves, out, set_option, config):
             command = option(command)
         return command
 
     return decorated
+
+
+def asked_of(
+    config: str,
+    sets: tuple[str, ...],
+    out: Path | None,
+    yes: bool,
+    *,
+    of_walls: bool = False,
+    filters: bool = False,
+) -> Asked:
+    """Load CONFIG; see ``experiment``.
+
+    Raises:
+        UserError: It is wrong, or has what the experiment does not know.
+    """
+    loaded = load_config(config, sets, runs=not of_walls)
+    wall = loaded.config.wall
+    for name, found, wanted in (
+        ("law", wall.law if of_walls else "wall", "wall: only walls are measured"),
+        (
+            "velocity_filter",
+            "none" if filters else wall.velocity_filter,
+            "none: only the experiments sweep and zwidth know a filter",
+        ),
+    ):
+        if found != wanted.partition(":")[0]:
+            raise UserError(
+                f"found {found}",
+                field=f"wall.{name}",
+                wanted=wanted,
+                advice="haptic-wall run renders it",
+            )
+    return Asked(loaded, file_of(config), out, yes)
 
 
 def folder_option(text: str) -> Callable[[Any], Any]:
@@ -200,7 +201,7 @@ def carry_out(
         tables = () if rows is None else (f"{what}.csv",)
         with writing("--out", folder):
             begun = any((folder / name).exists() for name in others)  # it is continued
-        take_folder("--out", folder, () if begun else (*files, *tables), force=asked.force)
+        take_folder("--out", folder, () if begun else (*files, *tables))
     asked.may_move()
     with work or moving(asked.config, seconds), endings():
         found = measure(folder)
@@ -216,7 +217,7 @@ def carry_out(
         part = all_or_none.enter_context(whole(result))
         part.write_text(as_json({**held, "files": paths}) + "\n", encoding="utf-8")
     where = ["", "written", *(f"  {path}" for path in paths)]
-    asked.answer({**held, "files": paths}, lambda: "\n".join([*text(found), *where]))
+    answer({**held, "files": paths}, lambda: "\n".join([*text(found), *where]))
     if (early := ended(found)) is not None:
         say(f"{early[0]} --out {folder} continues")
         sys.exit(early[1])

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import click
 
-from haptic_wall.controller.cli import interrupt
-from haptic_wall.controller.cli.options import answer, as_json, forget_output, say
+from haptic_wall.controller.cli.options import answer_error, forget_output, say
 from haptic_wall.controller.errors import HapticWallError
 from haptic_wall.hw.errors import ExplainedError, Problem
 
@@ -31,15 +30,14 @@ def tell(error: BaseException, status: int) -> int:
         status: Exit status.
     """
     problem = _problem(error)
-    text = str(problem if isinstance(error, click.ClickException) else error) or "interrupted"
-    if str(error):
+    text = str(problem if isinstance(error, click.ClickException) else error)
+    if text:
         say(f"haptic-wall: {text}")
-    if interrupt.is_owed():
-        told = {"error": text, "field": problem.field, "advice": problem.remedy}
-        try:
-            answer(as_json({**told, "exit_status": status}))
-        except OSError:  # a full disk: the exit status remains
-            forget_output()
+    told = {"error": text or "interrupted", "field": problem.field, "advice": problem.remedy}
+    try:
+        answer_error({**told, "exit_status": status})
+    except OSError:  # a full disk: the exit status remains
+        forget_output()
     return status
 
 

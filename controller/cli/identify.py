@@ -9,17 +9,27 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from haptic_wall.controller.cli.drawing import drawn_or_noted
-from haptic_wall.controller.cli.experiment import REACH, Asked, endings, experiment, moving
-from haptic_wall.controller.cli.identify_record import identify_record, refuse_pendulum
+from haptic_wall.controller.cli.experiment import (
+    REACH,
+    asked_of,
+    endings,
+    experiment_options,
+    moving,
+)
+from haptic_wall.controller.cli.identify_record import (
+    identify_record,
+    pendulum_of,
+    refuse_needless,
+    refuse_pendulum,
+)
 from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import (
-    FileToWrite,
-    refuse_other_pictures,
-    refuse_same_file,
+    answer,
+    config_argument,
     say,
     writing,
 )
-from haptic_wall.controller.cli.places import new_stem, take_file, take_folder
+from haptic_wall.controller.cli.places import FileToWrite, new_stem, take_folder
 from haptic_wall.controller.errors import SeveralError, UserError
 from haptic_wall.controller.settings.load import Loaded
 from haptic_wall.controller.system.files import whole
@@ -30,7 +40,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.option("--plot", "plot_path", type=FileToWrite(), help="Draw the fit as PNG to this path.")
+@click.option("--plot", type=FileToWrite(picture=True), help="Draw the fit as PNG to this path.")
 @click.option("--logs", type=click.Path(path_type=Path), metavar="DIR",
               help="Folder for the logs of the motions; default: one in ./runs/.")  # fmt: skip
 @click.option(
@@ -59,21 +69,24 @@ if TYPE_CHECKING:
     metavar="M",
     help="With --record: distance from the axis to that weight's centre.",
 )
-@experiment(
+@experiment_options(
     click.option(
         "--out",
         type=FileToWrite(),
         metavar="FILE",
         help="Write CONFIG to this path, with the identified values in its model section.",
     ),
-    without=("record", identify_record),
+    config_argument(needed=False),
 )
 def command(
-    asked: Asked,
-    plot_path: Path | None,
+    config: str | None,
+    sets: tuple[str, ...],
+    out: Path | None,
+    yes: bool,
+    plot: Path | None,
     logs: Path | None,
     reach: float,
-    record: None,  # noqa: ARG001 - with one, identify_record is called
+    record: Path | None,
     pendulum_mass: float | None,
     pendulum_length: float | None,
 ) -> None:
@@ -85,13 +98,22 @@ def command(
     time_s and position_rad and, if known, torque_nm, current_a and torque_enabled (0: the motor is
     off).
     """
+    if record is not None:
+        needless = {"CONFIG": config, "--set": sets, "--out": out, "--logs": logs, "--yes": yes}
+        needless["--reach"] = reach != REACH
+        refuse_needless([name for name, given in needless.items() if given])
+        identify_record(record, plot, pendulum_of(pendulum_mass, pendulum_length))
+        return
     refuse_pendulum(pendulum_mass, pendulum_length)
+    if config is None:
+        raise UserError("missing", field="CONFIG", advice="give a configuration, or --record FILE")
+    asked = asked_of(config, sets, out, yes)
     from haptic_wall.controller.experiments.identify.identification import announcement, bounds_of
     from haptic_wall.controller.experiments.identify.text import report
 
-    loaded, out = asked.loaded, asked.out
+    loaded = asked.loaded
     about = announcement(bounds_of(loaded.config, reach))
-    plot_path, logs = _places(asked, plot_path, logs)
+    plot, logs = _places(asked.name, plot, logs)
     say(f"{loaded.name}: {about}")
     asked.may_move()
     found = _moved(loaded, logs, reach)
@@ -105,8 +127,8 @@ def command(
         except UserError as error:  # told when the figures are printed
             failed, result["config"] = error.problem, None
     draw = partial(_draw, found, loaded.name)
-    result["plot"] = drawn_or_noted("--plot", plot_path, draw)
-    asked.answer(result, lambda: _text(result, found, logs))
+    result["plot"] = drawn_or_noted("--plot", plot, draw)
+    answer(result, lambda: _text(result, found, logs))
     if failed is not None:
         raise SeveralError([failed])
 
@@ -120,21 +142,13 @@ def _text(result: dict[str, Any], found: Identified, logs: Path) -> str:
     return "\n".join([text(found), "", "written", *paths])
 
 
-def _places(asked: Asked, plot: Path | None, logs: Path | None) -> tuple[Path, Path]:
-    """Return the places of picture and logs; refuse unwritable ones before anything moves."""
-    out, force = asked.out, asked.force
-    if plot is not None:
-        refuse_other_pictures("--plot", plot)
-    refuse_same_file({"CONFIG": asked.file, "--out": out, "--plot": plot})
-    for option, path in (("--out", out), ("--plot", plot)):
-        if path is not None:
-            take_file(option, path, force=force, make=True)
+def _places(name: str, plot: Path | None, logs: Path | None) -> tuple[Path, Path]:
+    """Return the places of picture and logs; refuse an unwritable one before anything moves."""
     if logs is not None:
-        take_folder("--logs", logs, (), force=force)
+        take_folder("--logs", logs, ())
     if plot is not None and logs is not None:
         return plot, logs
-    name = f"identify-{Path(asked.loaded.name).stem}"
-    stem = new_stem("--logs" if logs is None else "--plot", name)
+    stem = new_stem("--logs" if logs is None else "--plot", f"identify-{Path(name).stem}")
     return plot or stem.with_name(f"{stem.name}.png"), logs or stem
 
 

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import json
-import re
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import click
 
-from haptic_wall.controller.cli.options import FileToWrite, answer, say, writing
-from haptic_wall.controller.cli.places import force_option, take_file
+from haptic_wall.controller.cli.options import put, writing
+from haptic_wall.controller.cli.places import FileToWrite, force_option
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.settings.fields import Field, fields, sections
+from haptic_wall.controller.settings.fields import fields
 from haptic_wall.controller.settings.load import (
     DEFAULT_PRESET,
     load_config,
@@ -40,7 +38,7 @@ _HINT = """\
     help="The preset to start from; `haptic-wall presets` lists them.",
 )
 @force_option
-def command(file: Path, preset: str, force: bool) -> None:
+def command(file: Path, preset: str) -> None:
     """Write a commented configuration to FILE, which every command takes as CONFIG.
 
     The file contains the preset's settings with their comments. It lists all other settings as
@@ -54,51 +52,29 @@ def command(file: Path, preset: str, force: bool) -> None:
             wanted="another name",
             advice=f"give for example `haptic-wall init my-{file}.yaml --from {file}`",
         )
-    take_file("FILE", file, force=force)
     text = commented(preset)
     with writing("FILE", file), whole(file) as part:
         part.write_text(text, encoding="utf-8")
-    if file == Path("/dev/stdout"):
-        say(f"the preset {preset}, commented")
-    else:
-        answer(f"{file}: the preset {preset}; `haptic-wall run {file}` runs it")
+    put(f"{file}: the preset {preset}; `haptic-wall run {file}` runs it")
 
 
 def commented(preset: str) -> str:
-    """Return a preset's text with all other fields as comments."""
+    """Return a configuration with every field, those that the preset does not set as comments."""
     loaded = load_config(preset)
-    kind = loaded.config.servo.kind
-    others: dict[str, list[str]] = {name: [] for name in sections()}
+    config, kind = loaded.config.model_dump(mode="json"), loaded.config.servo.kind
+    about = itertools.takewhile(lambda line: line.startswith("#"), preset_text(preset).splitlines())
+    lines, inside = [*about, *_HINT.splitlines()], ""
     for field in fields().values():
-        if field.path not in loaded.origins and kind in field.used_by:
-            section, key = field.path.split(".")
-            default = sections()[section].model_fields[key].get_default(call_default_factory=True)
-            others[section] += _shown(field, key, default)
-    lines = list(_with_others(preset_text(preset).splitlines(), others))
-    for section, unset in others.items():
-        if unset:
-            lines += ["", f"# {section}:", *unset]
+        section, _, key = field.path.partition(".")
+        if kind not in field.used_by:
+            continue
+        if section != inside:
+            is_empty = not any(path.startswith(f"{section}.") for path in loaded.origins)
+            lines += ["", f"{'# ' * is_empty}{section}:"]
+            inside = section
+        value = config[section].get(key, {})
+        given = value if isinstance(value, str) else json.dumps(value)
+        unit = f"[{field.unit}] " if field.unit else ""
+        mark = "" if field.path in loaded.origins else "# "
+        lines.append(f"  {mark}{key}: {given}  # {unit}{field.meaning} ({field.wanted})")
     return "\n".join(lines) + "\n"
-
-
-def _with_others(lines: list[str], others: dict[str, list[str]]) -> Iterator[str]:
-    """Yield a preset's lines; after each section its other fields, removed from ``others``."""
-    hinted, inside = False, ""
-    for line in [*lines, ""]:
-        if not hinted and not line.startswith("#"):
-            yield from _HINT.splitlines()
-            hinted = True
-        if inside and not line.startswith(" "):
-            yield from others.pop(inside, [])
-            inside = ""
-        opened = re.match(r"(\w+):", line)
-        if opened:
-            inside = opened[1]
-        yield line
-
-
-def _shown(field: Field, key: str, default: Any) -> list[str]:  # noqa: ANN401 - values are what they are
-    """Return the comment lines of a field that is not set."""
-    value = default if isinstance(default, str) else json.dumps(default)
-    unit = f"[{field.unit}] " if field.unit else ""
-    return [f"  # {key}: {value}  # {unit}{field.meaning} ({field.wanted})"]

@@ -9,34 +9,16 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import FrameType
 
 from haptic_wall.controller.system.signals import on_signals
 
 INTERRUPTED = 130
 """Exit status"""
-_OBJECT = b'{"error": "interrupted", "field": null, "advice": null, "exit_status": 130}\n'
-"""The answer for ``--json``, as from ``failure.tell``, without imports"""
-_owed = ["--json" in sys.argv]
-_first: list[Callable[[], None]] = []
-
-
-def owe(json: bool) -> None:
-    """Note whether the command still owes its ``--json`` object."""
-    _owed[0] = json
-
-
-def is_owed() -> bool:
-    """Whether the command still owes its ``--json`` object: standard output gets exactly one."""
-    return _owed[0]
-
-
-def do_first(action: Callable[[], None]) -> None:
-    """Call ``action`` before one of these signals ends the process; it must not block."""
-    _first.append(action)
+CLEAR = b"\r\x1b[K"
+"""Removes the line of ``working`` from a terminal"""
 
 
 def leave_at_once() -> None:
@@ -52,11 +34,8 @@ def leave_at_once() -> None:
 
 def leave(_signal: int, _frame: FrameType | None) -> None:
     """End the process."""
-    for action in _first:
-        action()
-    if is_owed():
-        with suppress(OSError):  # no reader
-            os.write(1, _OBJECT)
+    if os.isatty(2):
+        os.write(2, CLEAR)
     os._exit(INTERRUPTED)
 
 

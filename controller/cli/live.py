@@ -11,8 +11,8 @@ import click
 
 from haptic_wall.controller.cli import interrupt
 from haptic_wall.controller.cli.options import (
-    answer,
     place_option,
+    put,
     reading,
     stretch_between,
     stretch_options,
@@ -40,7 +40,7 @@ def command(log: Path, place: str, start_s: float | None, end_s: float | None) -
     live = live_at(place, field="--at")
     with socket.socket(fileno=live.descriptor) as listener:
         view = _view(log, stretch)
-        answer(live.address)
+        put(live.address)
         from haptic_wall.controller.live.server import LiveServer
         from haptic_wall.controller.live.web_server import logged_to
 

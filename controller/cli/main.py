@@ -43,7 +43,7 @@ COMMANDS = {
     "zwidth": "Show which stiffness and damping a servo can render.",
     "delay": "Measure the loop's delay, from torque command to motion.",
     "detect": "Look for an oscillation in a log or a CSV.",
-    "log": "Summarise a log; export it, draw it, cut it.",
+    "log": "Print the report in a log; export its rows, draw them.",
     "bench": "Measure timing and speed on this machine, beside peers.",
     "init": "Write a commented configuration, to be edited.",
     "paper": "Reproduce the table and figures of Gil et al. (ICRA 2007).",

@@ -21,8 +21,8 @@ from haptic_wall.controller.cli.failure import EndedEarlyError
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
 from haptic_wall.controller.cli.numbers import Number, Numbers
 from haptic_wall.controller.cli.options import say
+from haptic_wall.controller.cli.places import is_forced
 from haptic_wall.controller.cli.working import working
-from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.signals import interrupting
 
 if TYPE_CHECKING:
@@ -77,9 +77,12 @@ _ROWS = "map.rows"
     metavar="ADDRESS",
     help="Compute on the cluster of this Dask scheduler, such as tcp://127.0.0.1:8786.",
 )
-@click.option("--resume", is_flag=True, help="Continue the unfinished map in DIR.")
+@click.option("--resume", is_flag=True, hidden=True, expose_value=False)  # it always does
 @experiment(
-    folder_option("Folder for map.csv, map.json and map.png; default: a new one in ./runs/."),
+    folder_option(
+        "Folder for map.csv, map.json and map.png; default: a new one in ./runs/. The command"
+        " continues an unfinished map of the same settings in DIR."
+    ),
     "simulated",
     moves=False,
     of_walls=True,
@@ -91,7 +94,6 @@ def command(
     kicks: list[float] | None,
     workers: int | None,
     dask: str | None,
-    resume: bool,
 ) -> None:
     """Simulate the walls of CONFIG's servo, and find the stiffness above which motion grows.
 
@@ -107,8 +109,6 @@ def command(
     chosen_steps = _STEPS if steps is None else steps
     chosen_kicks = kicks if kicks is not None else _KICKS if setting.kick_matters else (_KICK,)
     chosen_dampings = _default_dampings(setting, chosen_steps) if dampings is None else dampings
-    if asked.out is None and resume:
-        raise UserError("found without --out", field="--resume", advice="add --out DIR")
     wanted = MapQuestion(setting, chosen_dampings, chosen_steps, chosen_kicks)
     say(f"{asked.name}: {wanted.points} points")
     share = 0.0
@@ -119,7 +119,7 @@ def command(
 
     def measure(folder: Path) -> CriticalMap:
         with interrupting():
-            return _computed(wanted, folder, resume, asked.force, workers, dask, progress)
+            return _computed(wanted, folder, workers, dask, progress)
 
     seconds = _POINT_S * wanted.points
     carry_out(
@@ -142,8 +142,6 @@ def command(
 def _computed(
     wanted: MapQuestion,
     folder: Path,
-    resume: bool,
-    force: bool,
     workers: int | None,
     dask: str | None,
     progress: Progress,
@@ -156,7 +154,7 @@ def _computed(
     from haptic_wall.controller.experiments.cluster import cluster
     from haptic_wall.controller.experiments.maps.maps import critical_map
 
-    kept = wanted.kept(folder / _ROWS, resume=resume, fresh=force and not resume)
+    kept = wanted.kept(folder / _ROWS, fresh=is_forced())
     with nullcontext(None) if dask is None else cluster(dask) as pool:
         found = critical_map(wanted, executor=pool, workers=workers, progress=progress, kept=kept)
     if not found.count:
@@ -209,7 +207,7 @@ def _ended(found: CriticalMap) -> tuple[str, int] | None:
     if found.complete:
         return None
     text = "interrupted: the computed points are kept, the others are empty; the same command with"
-    return f"{text} --resume and", INTERRUPTED
+    return text, INTERRUPTED
 
 
 def _default_dampings(setting: MapSettings, steps: Sequence[int]) -> list[float]:

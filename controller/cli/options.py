@@ -1,4 +1,4 @@
-"""Shared parts of the commands: CONFIG, ``--set``, ``--json``, output of answers and files."""
+"""Shared parts of the commands: CONFIG, ``--set``, ``--json``, answers, errors of files."""
 
 from __future__ import annotations
 
@@ -9,13 +9,11 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from pathlib import Path, PurePath
+from pathlib import PurePath
 from typing import Any, TypeVar
 
 import click
-from click.shell_completion import CompletionItem
 
-from haptic_wall.controller.cli import interrupt
 from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.working import aside
 from haptic_wall.controller.errors import UserError
@@ -23,6 +21,14 @@ from haptic_wall.controller.system.json_text import plain
 from haptic_wall.controller.system.printable import printable
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+_JSON, _ANSWERED = "json", "answered"
+_state = {_JSON: False, _ANSWERED: False}
+"""Whether the command has ``--json``, and whether it has answered: once only"""
+
+
+def begin(json: bool) -> None:
+    """Note that the command has printed no answer yet, and owes an object if ``json``."""
+    _state.update({_JSON: json, _ANSWERED: False})
 
 
 def config_argument(
@@ -39,23 +45,7 @@ def config_argument(
         metavar="CONFIG" if default is None else "[CONFIG]",
         required=default is None and needed,
         default=default,
-        shell_complete=_configurations,
     )
-
-
-def _configurations(_context: object, _parameter: object, begun: str) -> list[CompletionItem]:
-    """Presets and files that begin so, for a shell that completes a word."""
-    from haptic_wall.controller.settings.load import preset_names
-
-    presets = [CompletionItem(name) for name in preset_names() if name.startswith(begun)]
-    return [*presets, CompletionItem(begun, type="file")]
-
-
-def _paths_of_config(_context: object, _parameter: object, begun: str) -> list[CompletionItem]:
-    """Paths of the configuration that begin so."""
-    from haptic_wall.controller.settings.fields import fields
-
-    return [CompletionItem(f"{path}=") for path in fields() if path.startswith(begun)]
 
 
 def set_option(command: Command) -> Command:
@@ -65,15 +55,19 @@ def set_option(command: Command) -> Command:
         "sets",
         multiple=True,
         metavar="PATH=VALUE",
-        shell_complete=_paths_of_config,
         help="Change one value of CONFIG, e.g. --set wall.stiffness=20 (repeatable).",
     )(command)
 
 
 def json_option(command: Command) -> Command:
-    """Add ``--json``, passed to the command as ``as_json_wanted``."""
+    """Add ``--json``, which ``answer`` obeys."""
     return click.option(
-        "--json", "as_json_wanted", is_flag=True, help="Print one JSON object and nothing else."
+        "--json",
+        is_flag=True,
+        is_eager=True,
+        expose_value=False,
+        callback=lambda _context, _option, given: begin(given),
+        help="Print one JSON object and nothing else.",
     )(command)
 
 
@@ -91,9 +85,8 @@ def place_option(command: Command) -> Command:
 def stretch_options(command: Command) -> Command:
     """Add ``--from`` and ``--to``, which choose a stretch of a log, as ``start_s``, ``end_s``."""
     for option, name, text in (("--to", "end_s", "End"), ("--from", "start_s", "Start")):
-        command = click.option(
-            option, name, type=Number(0.0), metavar="S", help=f"{text} of the stretch [s]."
-        )(command)
+        help_ = f"{text} of the stretch [s]."
+        command = click.option(option, name, type=Number(0.0), metavar="S", help=help_)(command)
     return command
 
 
@@ -103,11 +96,11 @@ def stretch_between(start_s: float | None, end_s: float | None) -> tuple[float, 
     Raises:
         UserError: It is empty.
     """
-    if start_s is not None and end_s is not None and start_s >= end_s:
-        raise UserError(
-            f"found {end_s:g}", field="--to", wanted=f"more than --from, which is {start_s:g}"
-        )
-    return -math.inf if start_s is None else start_s, math.inf if end_s is None else end_s
+    low, high = start_s or -math.inf, math.inf if end_s is None else end_s
+    if high <= max(0.0, low):
+        wanted = f"more than --from, which is {max(0.0, low):g}"
+        raise UserError(f"found {high:g}", field="--to", wanted=wanted)
+    return low, high
 
 
 def as_json(value: Mapping[str, Any]) -> str:
@@ -123,49 +116,26 @@ def as_json(value: Mapping[str, Any]) -> str:
     return text.replace("\x7f", "\\u007f")  # the one control character that JSON takes as it is
 
 
-_output_taken = [False]
-
-
-def begin(json: bool) -> None:
-    """Note that the command has printed no answer yet, and owes an object if ``json``."""
-    interrupt.owe(json)
-    _output_taken[0] = False
-
-
-class FileToWrite(click.Path):
-    """A file's path; ``-`` is standard output, which then belongs to the file."""
-
-    name = "file"
-
-    def __init__(self) -> None:
-        super().__init__(path_type=Path)
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # noqa: ANN401 - click's signature
-        """The path."""
-        if str(value) != "-":
-            return super().convert(value, param, ctx)
-        _output_taken[0] = True
-        return Path("/dev/stdout")
+def wants_json() -> bool:
+    """Whether the command has ``--json``."""
+    return _state[_JSON]
 
 
 def say(text: str) -> None:
     """Print text for a person on standard error; a missing reader is no error.
 
-    Here, and in ``answer``, control characters become escapes.
+    Here, and in ``put``, control characters become escapes.
     """
     with suppress(OSError), aside():
         click.echo(printable(text), err=True)
 
 
-def answer(text: str) -> None:
-    """Print a command's answer on standard output; a reader that leaves early is no error.
-
-    Where a file goes there (``-``), the answer goes to standard error.
-    """
-    interrupt.owe(False)
+def put(text: str) -> None:
+    """Print a text on standard output; a reader that leaves early is no error."""
+    _state[_ANSWERED] = True
     try:
         with aside():
-            click.echo(printable(text), err=_output_taken[0])
+            click.echo(printable(text))
             sys.stdout.flush()
     except OSError as error:
         # ``| head``, or a closed terminal: the exit status remains
@@ -174,49 +144,20 @@ def answer(text: str) -> None:
         forget_output()
 
 
+def answer(report: Mapping[str, Any], text: Callable[[], str]) -> None:
+    """Print a command's answer: the report with ``--json``, else the text, made only then."""
+    put(as_json(report) if wants_json() else text())
+
+
+def answer_error(error: Mapping[str, Any]) -> None:
+    """Print the object that stands for an answer, if one is owed."""
+    if wants_json() and not _state[_ANSWERED]:
+        put(as_json(error))
+
+
 def forget_output() -> None:
     """Redirect standard output, which Python flushes again at exit and which would fail again."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def refuse_same_file(named: Mapping[str, Path | None]) -> None:
-    """Refuse to write one file over another.
-
-    Args:
-        named: Each option or argument, and the file it names, if any.
-
-    Raises:
-        UserError: Two of them name one file.
-    """
-    seen: dict[str, str] = {}
-    for name, path in named.items():
-        if path is None:
-            continue
-        with writing(name, path):
-            if path.exists() and not path.is_file():
-                continue  # a device (/dev/null) may have many writers
-        first = seen.setdefault(os.path.realpath(path), name)
-        if first != name:
-            raise UserError(
-                field=first,
-                given=f"and {name} both name {path}",
-                advice="give each a file of its own",
-            )
-
-
-def refuse_other_pictures(option: str, path: Path) -> None:
-    """Refuse a picture's name with another suffix than PNG's.
-
-    Raises:
-        UserError: It has another suffix.
-    """
-    if path.suffix.lower() not in ("", ".png"):
-        raise UserError(
-            f"found a name ending in {path.suffix}",
-            field=option,
-            given=path,
-            wanted="one ending in .png: pictures are PNG",
-        )
 
 
 @contextmanager

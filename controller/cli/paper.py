@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from haptic_wall.controller.cli.options import answer, as_json, json_option, say, writing
+from haptic_wall.controller.cli.options import answer, json_option, say, writing
 from haptic_wall.controller.cli.places import force_option, take_folder
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.paper.items import ITEMS
@@ -29,7 +29,7 @@ _ITEM_S = 2.0
 )
 @force_option
 @json_option
-def command(item: str, out: Path, force: bool, as_json_wanted: bool) -> None:
+def command(item: str, out: Path) -> None:
     """Reproduce the paper's results: CSV and PNG of ITEM, one of table2, fig3, fig4, fig5, fig6,
     fig8, fig9, fig10 or all (the default).
 
@@ -40,14 +40,14 @@ def command(item: str, out: Path, force: bool, as_json_wanted: bool) -> None:
 
     wanted = _NAMES if item == _ALL else [item]
     files = [f"{name}{end}" for name in wanted for end in (".csv", ".png")]
-    take_folder("--out", out, files, force=force)
+    take_folder("--out", out, files)
     made = []
     with working("computing", _ITEM_S * len(wanted)), writing("--out", out):
         for name in wanted:
             say(f"{name} ...")
             made.append(make(name, out))
     paths = [path for entry in made for path in (entry.csv, entry.png)]
-    answer(as_json(_report(made, paths)) if as_json_wanted else _text(made, paths))
+    answer(_report(made, paths), lambda: _text(made, paths))
 
 
 def _report(made: list[Made], files: list[Path]) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -17,48 +18,116 @@ from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.files import would_be_lost
 
 _RUNS = Path("runs")
+_FORCE, _TAKEN = "haptic_wall.force", "haptic_wall.taken"
+"""Keys of click's context: whether ``--force`` is given, and the files that are named so far"""
 
 
 def force_option(command: Command) -> Command:
-    """Add ``--force``, passed to the command as ``force``."""
-    return click.option("--force", is_flag=True, help="Also replace existing files.")(command)
+    """Add ``--force``, which all of this module obeys."""
+
+    def keep(context: click.Context, _option: click.Parameter, given: bool) -> None:
+        context.meta[_FORCE] = given
+
+    return click.option(
+        "--force",
+        is_flag=True,
+        is_eager=True,
+        expose_value=False,
+        callback=keep,
+        help="Also replace existing files, and earlier results.",
+    )(command)
 
 
-def take_file(
-    option: str, path: Path, *, force: bool, make: bool = False, try_it: bool = True
-) -> None:
-    """Check that a file can be written there without loss.
+def is_forced() -> bool:
+    """Whether existing files and earlier results are replaced."""
+    return bool(click.get_current_context().meta.get(_FORCE))
+
+
+class FileToWrite(click.Path):
+    """The path of a file that the command writes, checked as by ``take_file``.
+
+    Args:
+        picture: It is a PNG.
+    """
+
+    name = "file"
+
+    def __init__(self, *, picture: bool = False) -> None:
+        super().__init__(path_type=Path)
+        self._picture = picture
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # noqa: ANN401 - click's signature
+        """Return the path."""
+        path = Path(str(super().convert(value, param, ctx)))
+        assert param is not None
+        option = param.opts[0] if isinstance(param, click.Option) else param.human_readable_name
+        if self._picture:
+            refuse_other_pictures(option, path)
+        take_file(option, path)
+        return path
+
+
+def plot_option(text: str) -> Callable[[Command], Command]:
+    """Add ``--plot`` and ``--force``; the picture's path is passed as ``plot``."""
+
+    def decorated(command: Command) -> Command:
+        command = force_option(command)
+        return click.option("--plot", type=FileToWrite(picture=True), help=text)(command)
+
+    return decorated
+
+
+def refuse_other_pictures(option: str, path: Path) -> None:
+    """Refuse a picture's name with another suffix than PNG's.
+
+    Raises:
+        UserError: It has another suffix.
+    """
+    if path.suffix.lower() not in ("", ".png"):
+        raise UserError(
+            f"found a name ending in {path.suffix}",
+            field=option,
+            given=path,
+            wanted="one ending in .png: pictures are PNG",
+        )
+
+
+def take_file(option: str, path: Path, *, try_it: bool = True) -> None:
+    """Check that a file can be written there without loss; make its folder.
 
     Args:
         option: Option that names it.
         path: Path of the file.
-        force: Replace any file.
-        make: Make its folder if necessary.
         try_it: Refuse a folder without write permission.
 
     Raises:
-        UserError: A folder or a file is there, or it cannot be written.
+        UserError: A folder or a file is there, or it cannot be written, or another option has the
+            same path.
     """
     if str(path) == "-":
         raise UserError("found standard output", field=option, given="-", wanted="a file's name")
     with writing(option, path):
         if path.is_dir():
             raise UserError(f"{path} is a folder", field=option, advice="name a file")
-        if make:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        _refuse_loss(option, path, force=force)
-        if try_it and (path.is_file() or not path.exists()):  # a device is everybody's
-            tempfile.TemporaryFile(dir=Path(os.path.realpath(path)).parent).close()
+        _refuse_loss(option, path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.is_file() or not path.exists():  # a device is everybody's
+            place = os.path.realpath(path)
+            taken = click.get_current_context().meta.setdefault(_TAKEN, {})
+            if (first := taken.setdefault(place, option)) != option:
+                advice = "give each a file of its own"
+                raise UserError(field=first, given=f"and {option} both name {path}", advice=advice)
+            if try_it:
+                tempfile.TemporaryFile(dir=Path(place).parent).close()
 
 
-def take_folder(option: str, folder: Path, names: Iterable[str], *, force: bool) -> None:
+def take_folder(option: str, folder: Path, names: Iterable[str]) -> None:
     """Check that files can be written there without loss, and lock the folder until the end.
 
     Args:
         option: Option that names it.
         folder: Made if necessary.
         names: Names of the files.
-        force: Replace any files.
 
     Raises:
         UserError: It is no folder, or not writable, or a file is there, or another command is
@@ -72,7 +141,7 @@ def take_folder(option: str, folder: Path, names: Iterable[str], *, force: bool)
         for name in names:
             if (folder / name).is_dir():
                 raise UserError(f"{folder / name} is a folder", field=option, wanted="a file there")
-            _refuse_loss(option, folder / name, force=force)
+            _refuse_loss(option, folder / name)
         held = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         _at_the_end(lambda: os.close(held))
         try:
@@ -118,8 +187,8 @@ def new_stem(option: str, what: str, suffix: str = "") -> Path:
     return stem
 
 
-def _refuse_loss(option: str, path: Path, *, force: bool) -> None:
-    if not force and would_be_lost(path):
+def _refuse_loss(option: str, path: Path) -> None:
+    if not is_forced() and would_be_lost(path):
         raise UserError(
             "found a file, which would be lost",
             field=option,

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import click
 
-from haptic_wall.controller.cli.options import answer, as_json, json_option
+from haptic_wall.controller.cli.options import answer, json_option
 from haptic_wall.controller.settings.load import preset_names, preset_summary
 
 
 @click.command()
 @json_option
-def command(as_json_wanted: bool) -> None:
+def command() -> None:
     """List the presets, whose names can stand for CONFIG, and their purposes."""
     presets = {name: preset_summary(name) for name in preset_names()}
-    if as_json_wanted:
-        listed = [{"name": name, "summary": summary} for name, summary in presets.items()]
-        answer(as_json({"presets": listed}))
-        return
+    listed = [{"name": name, "summary": summary} for name, summary in presets.items()]
     width = max(map(len, presets))
-    answer("\n".join(f"{name:<{width}}  {summary}" for name, summary in presets.items()))
+    lines = (f"{name:<{width}}  {summary}" for name, summary in presets.items())
+    answer({"presets": listed}, lambda: "\n".join(lines))

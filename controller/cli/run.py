@@ -16,25 +16,28 @@ import click
 from haptic_wall import __version__
 from haptic_wall.controller.cli.drawing import drawn
 from haptic_wall.controller.cli.options import (
-    FileToWrite,
     answer,
-    as_json,
     config_argument,
     json_option,
-    refuse_other_pictures,
-    refuse_same_file,
     say,
     set_option,
+    wants_json,
     writing,
 )
-from haptic_wall.controller.cli.places import force_option, new_stem, take_file
-from haptic_wall.controller.cli.text import brief_text, report_text
+from haptic_wall.controller.cli.places import (
+    force_option,
+    is_forced,
+    new_stem,
+    refuse_other_pictures,
+    take_file,
+)
+from haptic_wall.controller.cli.text import report_text
 from haptic_wall.controller.cli.working import is_shown, working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.file import SUFFIX, foreign_beside, is_held
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.settings.load import file_of, load_config
+from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.system.signals import STOPPING, interrupting, on_signals
 
 if TYPE_CHECKING:
@@ -51,7 +54,7 @@ SIMULATED_S = 5.0
 @click.option("--duration", type=float, metavar="S", help="Time for which the wall is on [s].")
 @click.option("--log", "log_path", type=click.Path(path_type=Path),
               help="Write the log to this path; default: in ./runs/.")  # fmt: skip
-@click.option("--plot", "plot_path", type=FileToWrite(),
+@click.option("--plot", "plot_path", type=click.Path(path_type=Path),
               help="Draw the run as PNG to this path; default: beside the log.")  # fmt: skip
 @click.option("--no-plot", is_flag=True, help="Draw no picture.")
 @click.option("--witness", type=click.Path(path_type=Path),
@@ -82,8 +85,6 @@ def command(
     live_control: bool,
     hold: tuple[str, ...],
     verbose: bool,
-    force: bool,
-    as_json_wanted: bool,
 ) -> None:
     """Run the wall of CONFIG: a preset's name or a YAML file (default: simulated).
 
@@ -114,7 +115,7 @@ def command(
         )
     shown_live = _live(live, control=live_control)
     held = _hold(hold, page=shown_live is not None and bool(shown_live.token))
-    log, plot = _places(log_path, plot_path, witness, loaded.name, draws=not no_plot, force=force)
+    log, plot = _places(log_path, plot_path, witness, loaded.name, draws=not no_plot)
     plan = Plan(
         config=effective,
         duration_s=seconds,
@@ -128,12 +129,12 @@ def command(
         live=shown_live,
         hold=held,
         changeable=True,
-        force=force,
+        force=is_forced(),
     )
     say(f"{loaded.name}: {'until Ctrl-C' if seconds is None else f'{seconds:g} s'}")
     if shown_live is not None:
         say(f"live: {shown_live.address}")
-    if not as_json_wanted and is_shown(sys.stderr) and not memory:
+    if not wants_json() and is_shown(sys.stderr) and not memory:
         shown: Shown = live_line
     else:
         shown = partial(_progress, (seconds or math.inf) * effective.loop.rate_hz)
@@ -150,8 +151,7 @@ def command(
             str(log) if ended.logged else None,
             None if warning or plot is None else str(plot),
         )
-        as_text = report_text if verbose else brief_text
-        answer(as_json(report) if as_json_wanted else as_text(report))
+        answer(report, lambda: report_text(report, brief=not verbose))
     no_wall = report["waited_for"] or report["no_stiffness"]
     sys.exit(reports.exit_status(ended.stop_reason, no_wall, ended.log))
 
@@ -219,7 +219,6 @@ def _places(
     name: str,
     *,
     draws: bool,
-    force: bool,
 ) -> tuple[Path, Path | None]:
     """Return the paths of log and picture; by default in ./runs/, the picture beside the log."""
     if draws and plot is None and log is not None:
@@ -228,13 +227,13 @@ def _places(
                 plot = log.with_suffix(".png") if log.suffix == SUFFIX else Path(f"{log}.png")
     if plot is not None:
         refuse_other_pictures("--plot", plot)
-    refuse_same_file({"CONFIG": file_of(name), "--log": log, "--plot": plot, "--witness": witness})
     for option, path in (("--log", log), ("--plot", plot), ("--witness", witness)):
         if path is not None:
-            if path.is_fifo():  # opening it would wait for a reader, and Ctrl-C would not end that
-                raise UserError(f"{path} is a pipe", field=option, advice="name a file")
+            with writing(option, path):
+                if path.is_fifo():  # opening it would wait for a reader, and Ctrl-C would not help
+                    raise UserError(f"{path} is a pipe", field=option, advice="name a file")
             # An unwritable place is reported, and the run goes on without it.
-            take_file(option, path, force=force, make=True, try_it=False)
+            take_file(option, path, try_it=False)
             if option == "--log":
                 _refuse_no_log(path)
     if log is not None and (plot is not None or not draws):

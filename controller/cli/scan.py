@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from haptic_wall.controller.cli.numbers import Number, Numbers
-from haptic_wall.controller.cli.options import answer, as_json, json_option, say
+from haptic_wall.controller.cli.options import answer, json_option, say
 from haptic_wall.controller.doctor.adapter import kind_of_port, may_be_serial, only_adapter
 from haptic_wall.controller.doctor.search import IDS, LIKELY_FIRST, BaudSearch, scan
 from haptic_wall.controller.errors import UserError
@@ -38,7 +38,7 @@ HARDWARE = 4
     help="Ids to ping one by one, e.g. 1-20,100; a ping to all may find others.",
 )
 @json_option
-def command(port: str | None, bauds: list[float] | None, ids: str, as_json_wanted: bool) -> int:
+def command(port: str | None, bauds: list[float] | None, ids: str) -> int:
     """List the servos on a bus: id, baud rate, model, firmware.
 
     It sends only pings, and restores the port's settings when it ends. The exit status is 4 if
@@ -65,7 +65,7 @@ def command(port: str | None, bauds: list[float] | None, ids: str, as_json_wante
     with interrupting():  # the port is closed
         searches = list(scan(path, rates, wanted, MonotonicClock(), tell))
     found = _report(path, searches)
-    answer(as_json(found) if as_json_wanted else _text(found))
+    answer(found, lambda: _text(found))
     return 0 if found["servos"] else HARDWARE
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from haptic_wall.controller.cli.numbers import Number
-from haptic_wall.controller.cli.options import answer, as_json, json_option, say
+from haptic_wall.controller.cli.options import answer, json_option, say
 from haptic_wall.controller.cli.text import number
 
 WAIT_S = 10.0
@@ -34,7 +34,7 @@ WAIT_S = 10.0
     help="Longest wait for a moment at which the change is safe [s]; default: 10.",
 )
 @json_option
-def command(sets: tuple[str, ...], run: Path | None, wait_s: float, as_json_wanted: bool) -> None:
+def command(sets: tuple[str, ...], run: Path | None, wait_s: float) -> None:
     """Change the wall that runs in another terminal, e.g. wall.stiffness=4.
 
     Several changes are made in one tick: wall.law=detents wall.count=12. You can change
@@ -46,10 +46,8 @@ def command(sets: tuple[str, ...], run: Path | None, wait_s: float, as_json_want
 
     changed = chosen(run, alive())
     told = ask(changed, sets, wait_s, say) | {"log": str(changed.log)}
-    lines = _lines(told)
-    if not sys.stdout.isatty():
-        lines = ["; ".join(lines)]
-    answer(as_json(told) if as_json_wanted else "\n".join(lines))
+    between = "\n" if sys.stdout.isatty() else "; "
+    answer(told, lambda: between.join(_lines(told)))
 
 
 def _lines(told: dict[str, Any]) -> list[str]:

@@ -18,7 +18,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -34,8 +33,6 @@ START_S: Final = 60.0
 END_S: Final = 30.0
 """Longest time from the request to end a run until its report [s]"""
 _LOOK_S: Final = 0.02
-_USER: Final = 2
-"""Exit status where the input is wrong"""
 
 
 class RunError(HapticWallError):
@@ -52,7 +49,7 @@ class RunError(HapticWallError):
 
 
 class RunningWall:
-    """A running wall.
+    """A running wall. It ends with the thread that has started it.
 
     Args:
         log: Path of its log.
@@ -65,16 +62,14 @@ class RunningWall:
 
     def __init__(self, log: Path, arguments: Sequence[str], said: IO[str] | None = None) -> None:
         self.log = log
+        self._answer = tempfile.TemporaryFile()  # noqa: SIM115 - closed in close()
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "haptic_wall.controller.cli.started", *arguments],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
+            [sys.executable, "-P", "-m", __name__, str(os.getpid()), *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=self._answer,
             stderr=said,
             process_group=0,  # a Ctrl-C is for the starter, which ends the run as it leaves
         )
-        self._said = b""
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
 
     def set(self, changes: Mapping[str, Any], wait_s: float = 10.0) -> dict[str, Any]:
         """Change the wall in one tick, at which the change gives the shaft no energy.
@@ -105,7 +100,19 @@ class RunningWall:
         Raises:
             RunError: The run could not start.
         """
-        return self._ended(None)
+        self._process.wait()
+        self._answer.seek(0)
+        try:
+            said: dict[str, Any] = json.load(self._answer)
+        except ValueError:
+            raise RunError(
+                f"the run of {self.log} ended without a report; its messages are on standard error"
+            ) from None
+        if "error" not in said:
+            return said
+        if said["exit_status"] == UserError.exit_status:
+            raise UserError(said["error"])
+        raise RunError(said["error"], said["exit_status"])
 
     def report(self) -> dict[str, Any]:
         """End the run, if it still goes on; return its report, as ``run --json`` prints it.
@@ -113,33 +120,15 @@ class RunningWall:
         Raises:
             RunError: The run could not start, or does not end.
         """
-        if self.running():
-            self._process.send_signal(signal.SIGTERM)
-        return self._ended(END_S)
-
-    def _ended(self, timeout_s: float | None) -> dict[str, Any]:
+        self.end()
         try:
-            self._process.wait(timeout_s)
-            self._reader.join(END_S)
-            said: dict[str, Any] = json.loads(self._said)
+            self._process.wait(END_S)
         except subprocess.TimeoutExpired:
             raise RunError(
                 f"the run of {self.log} does not end; switch the servo's power off, and kill its"
                 " processes"
             ) from None
-        except ValueError:
-            raise RunError(
-                f"the run of {self.log} ended without a report; its messages are on standard error"
-            ) from None
-        if "error" in said:
-            if said["exit_status"] == _USER:
-                raise UserError(said["error"])
-            raise RunError(said["error"], said["exit_status"])
-        return said
-
-    def _read(self) -> None:
-        assert self._process.stdout is not None
-        self._said = self._process.stdout.read()
+        return self.wait()
 
     def await_start(self) -> None:
         """Wait until the run takes changes, or has ended."""
@@ -152,20 +141,16 @@ class RunningWall:
 
     def end(self) -> None:
         """Let the run end; it is over after ``close``."""
-        assert self._process.stdin is not None
-        self._process.stdin.close()
+        self._process.terminate()
 
     def close(self) -> None:
         """End the run, and its processes."""
-        assert self._process.stdout is not None
         self.end()
-        try:
+        with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(END_S)
-        finally:
-            self._process.kill()
-            self._process.wait()
-            self._reader.join()
-            self._process.stdout.close()
+        self._process.kill()
+        self._process.wait()
+        self._answer.close()
 
 
 @contextlib.contextmanager
@@ -194,8 +179,8 @@ def run(
         RunError: The run could not start.
     """
     sets = _texts(changes) if isinstance(changes, Mapping) else list(changes)
-    loaded = load_config(os.fspath(config), sets)
-    if duration_s is None and loaded.config.loop.clock == "simulated":
+    simulated = load_config(os.fspath(config), sets).config.loop.clock == "simulated"
+    if duration_s is None and simulated:
         raise UserError(
             "found none",
             field="duration_s",
@@ -210,8 +195,7 @@ def run(
             log = Path(folder) / "run.hwlog"
         arguments = ["run", os.fspath(config), "--json", "--no-plot", "--log", os.fspath(log)]
         arguments += [f"--duration={math.inf if duration_s is None else duration_s!r}"]
-        for change in sets:
-            arguments += ["--set", change]
+        arguments += [f"--set={change}" for change in sets]
         wall = RunningWall(Path(log), arguments)
         scope.callback(wall.close)
         wall.await_start()
@@ -224,16 +208,9 @@ def _texts(changes: Mapping[str, Any]) -> list[str]:
     return [f"{path}={json.dumps(value)}" for path, value in changes.items()]
 
 
-def _end_with_starter(descriptor: int) -> None:
-    while os.read(descriptor, 4096):
-        pass
-    os.kill(os.getpid(), signal.SIGTERM)
-
-
-if __name__ == "__main__":  # a command that ends as soon as its standard input closes
+if __name__ == "__main__":  # a command that ends with its starter
     from haptic_wall.controller.cli.main import main
+    from haptic_wall.controller.runtime.realtime import die_with_parent
 
-    starter = os.dup(0)
-    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-    threading.Thread(target=_end_with_starter, args=(starter,), daemon=True).start()
-    sys.exit(main())
+    die_with_parent(int(sys.argv[1]), signal.SIGTERM)
+    sys.exit(main(sys.argv[2:]))

@@ -20,6 +20,7 @@ from haptic_wall.controller.cli.experiment import (
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
 from haptic_wall.controller.cli.numbers import Number, Numbers
 from haptic_wall.controller.cli.options import say
+from haptic_wall.controller.cli.places import is_forced
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint
@@ -56,7 +57,6 @@ _MOST_STEPS = 1000
     help="Distance from the wall at which the shaft is released [rad]; default: for each point"
     " the largest up to 0.1 that the torque limit allows.",
 )
-@click.option("--fresh", is_flag=True, help="Replace an earlier sweep in DIR.")
 @click.option(
     "--repeats",
     type=Number(1, 100, whole=True),
@@ -88,7 +88,6 @@ def command(
     dampings: list[float],
     steps: list[int],
     kick: float | None,
-    fresh: bool,
     repeats: int,
     tolerance: float,
     workers: int | None,
@@ -114,7 +113,7 @@ def command(
     device = Device.of(effective)
     before = {}
     if asked.out is not None:
-        before = Sweep(effective, settings, options, asked.out).kept(fresh).done
+        before = Sweep(effective, settings, options, asked.out).kept(is_forced()).done
     left = tuple(setting for setting in settings if setting not in before)
     _announce(effective, left, options, len(before))
     if not left:
@@ -124,7 +123,7 @@ def command(
     def measure(folder: Path) -> Swept:
         nonlocal ended
         question = Sweep(effective, settings, options, folder)
-        kept = question.kept(fresh)
+        kept = question.kept(is_forced())
         try:
             progress = _Progress(len(settings), len(before)).point
             finished = sweep(question, kept, tell=say, progress=progress, workers=workers)
@@ -158,7 +157,7 @@ def _announce(config: Config, left: tuple[PlanePoint, ...], options: Options, do
     if done:
         say(f"{done} of {done + len(left)} points were measured before and are kept")
     if not left:
-        say("all points are measured; --fresh measures them again")
+        say("all points are measured; --force measures them again")
         return
     if config.loop.clock == "monotonic":
         hint = ""

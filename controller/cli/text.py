@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from haptic_wall.controller.cli.wrapping import wrapped
@@ -17,65 +17,37 @@ Lines = Iterator[tuple[str, str]]
 """Labels and texts"""
 
 
-def brief_text(report: Mapping[str, Any]) -> str:
-    """Format the report of ``haptic-wall run`` in about eight lines.
+def report_text(report: Mapping[str, Any], *, brief: bool = False) -> str:
+    """Format the report of ``haptic-wall run`` in some 25 lines, or in about eight.
 
-    The guard's first reason and the last note stand whole; the line ``more`` counts the others.
+    The brief one has the guard's first reason and the last note; its line ``more`` counts the
+    others.
 
     Args:
         report: The report, as for ``--json``; fields that are None are omitted.
-    """
-    notes, reasons = report.get("warnings") or [], (report.get("guard") or {}).get("reasons") or []
-    asked = report.get("changes") or []
-    others = (len(notes) - 1, "note"), (len(asked), "change"), (len(reasons) - 1, "reason")
-    more = [f"{count} {what}{'s' * (count > 1)}" for count, what in others if count > 0]
-    log = report.get("log")
-    where = f"haptic-wall log {shlex.quote(str(log))}" if log else "run -v"
-    return _text(
-        report,
-        [
-            *_ending(report),
-            *_motion(report),
-            *_wall(report.get("guard")),
-            *(("why", text) for text in reasons[:1]),
-            *_ticks(report),
-            *_bus(report.get("bus")),
-            *(("note", text) for text in notes[-1:]),
-            *([("more", f"{', '.join(more)}: `{where}`")] if more else []),
-        ],
-    )
-
-
-def report_text(report: Mapping[str, Any]) -> str:
-    """Format the report of ``haptic-wall run -v`` as text of some 25 lines.
-
-    Args:
-        report: As of ``brief_text``.
+        brief: In about eight lines.
     """
     guard = report.get("guard")
-    return _text(
-        report,
-        [
-            *_ending(report),
-            *_motion(report),
-            *_wall(guard),
-            *_limits(guard),
-            *_ticks(report),
-            *_timing(report),
-            *_bus(report.get("bus")),
-            *_delay(report),
-            *_realtime(report.get("realtime")),
-            *(("why", text) for text in (guard or {}).get("reasons") or []),
-            *(("change", _change(each)) for each in report.get("changes") or []),
-            *(("note", text) for text in report.get("warnings") or []),
-        ],
-    )
-
-
-def _text(report: Mapping[str, Any], labelled: Iterable[tuple[str, str]]) -> str:
-    """Format labels and texts; paths stay whole, to be copied."""
-    lines = [line for label, text in labelled for line in entry(label, str(text))]
-    files = (("log", "log"), ("plot", "picture"))
+    notes, reasons = report.get("warnings") or [], (guard or {}).get("reasons") or []
+    changes = report.get("changes") or []
+    told = [*_ending(report), *_motion(report), *_wall(guard)]
+    if brief:
+        others = (len(notes) - 1, "note"), (len(changes), "change"), (len(reasons) - 1, "reason")
+        more = [f"{count} {what}{'s' * (count > 1)}" for count, what in others if count > 0]
+        log = report.get("log")
+        where = f"haptic-wall log {shlex.quote(str(log))}" if log else "run -v"
+        told += [("why", text) for text in reasons[:1]]
+        told += [*_ticks(report), *_bus(report.get("bus"))]
+        told += [("note", text) for text in notes[-1:]]
+        told += [("more", f"{', '.join(more)}: `{where}`")] if more else []
+    else:
+        told += [*_limits(guard), *_ticks(report), *_timing(report), *_bus(report.get("bus"))]
+        told += [*_delay(report), *_realtime(report.get("realtime"))]
+        told += [("why", text) for text in reasons]
+        told += [("change", _change(each)) for each in changes]
+        told += [("note", text) for text in notes]
+    lines = [line for label, text in told for line in entry(label, str(text))]
+    files = (("log", "log"), ("plot", "picture"))  # whole, to be copied
     lines += [f"{label:<12}{report[key]}" for key, label in files if report.get(key)]
     return "\n".join(lines)
 

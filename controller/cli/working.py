@@ -15,9 +15,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
-from haptic_wall.controller.cli import interrupt
+from haptic_wall.controller.cli.interrupt import CLEAR
 
-CLEAR: Final = "\r\x1b[K"
 FIRST_S: Final = 0.5
 """Shorter activities are not shown [s]"""
 EVERY_S: Final = 0.5
@@ -40,10 +39,6 @@ class Work:
     """Returns the line, within a width, in place of label and times; empty: as before"""
     began: float = field(default_factory=time.monotonic)
     drawn: bool = False
-
-    def now(self, label: str) -> None:
-        """Switch to another activity from now on, whose duration is unknown."""
-        self.label, self.about_s, self.began = label, None, time.monotonic()
 
     def text(self) -> str:
         """Return the line."""
@@ -117,21 +112,13 @@ def columns_of(number: int) -> int:
 
 @contextlib.contextmanager
 def aside() -> Iterator[None]:
-    """Remove the line for the duration of a block."""
+    """Remove the line, if shown, for the duration of a block."""
     with _writing:
-        clear()
+        for work in _at_work:
+            if work.drawn:
+                _write(CLEAR)
+                work.drawn = False
         yield
-
-
-def clear() -> None:
-    """Remove the line, if shown. It never waits, so that a signal handler may call it."""
-    for work in _at_work:
-        if work.drawn:
-            _write(CLEAR)
-            work.drawn = False
-
-
-interrupt.do_first(clear)
 
 
 def _show(work: Work, done: threading.Event, every_s: float) -> None:
@@ -142,10 +129,10 @@ def _show(work: Work, done: threading.Event, every_s: float) -> None:
         line = work.text()[: columns - 1] if work.own is None else work.own(columns)
         with _writing:
             if _at_work[-1:] == [work] and columns and line and not done.is_set():
-                _write(CLEAR + line)
+                _write(CLEAR + line.encode(errors="replace"))
                 work.drawn = True
 
 
-def _write(text: str) -> None:
+def _write(text: bytes) -> None:
     with contextlib.suppress(OSError):
-        os.write(2, text.encode(errors="replace"))
+        os.write(2, text)

@@ -19,6 +19,7 @@ from haptic_wall.controller.cli.experiment import (
 )
 from haptic_wall.controller.cli.numbers import Number, Numbers
 from haptic_wall.controller.cli.options import say
+from haptic_wall.controller.cli.places import is_forced
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.zwidth import Width
@@ -40,7 +41,6 @@ _MOST_SAMPLES = 30
     help="own: measure the boundary with CONFIG's velocity; all: with all that are compared; none:"
     " do not measure. Default: all on the simulated clock, otherwise own.",
 )
-@click.option("--fresh", is_flag=True, help="Measure the points of an earlier call again.")
 @experiment(
     folder_option(
         "Folder for zwidth.json, zwidth.png and the measured points; default: a new one in ./runs/."
@@ -49,7 +49,7 @@ _MOST_SAMPLES = 30
     of_walls=True,
     filters=True,
 )
-def command(asked: Asked, samples: list[int] | None, measure: str | None, fresh: bool) -> None:
+def command(asked: Asked, samples: list[int] | None, measure: str | None) -> None:
     """Show the Z-width of CONFIG's servo: the largest stiffness over the virtual damping.
 
     It compares velocities over several samples and with a filter: by exact theory, by the guard,
@@ -67,7 +67,7 @@ def command(asked: Asked, samples: list[int] | None, measure: str | None, fresh:
         asked = replace(asked, yes=True)  # nothing moves
 
     def measured(folder: Path) -> Sequence[Width]:
-        measure_points(chosen, folder / "measured", fresh, say)
+        measure_points(chosen, folder / "measured", is_forced(), say)
         return widths
 
     carry_out(

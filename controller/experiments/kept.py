@@ -31,14 +31,13 @@ class Kept(Generic[Key, Value]):
         read: Returns key and result of a line's JSON.
         write: Returns the JSON of a key and a result.
         fresh: Discard the results of an earlier call.
-        resume: Go on with what an earlier call has kept; False: refuse if there is something.
 
     Attributes:
         done: The results.
 
     Raises:
-        UserError: The file has results of other settings, or that may not be continued, or is not
-            what this program writes, or cannot be read.
+        UserError: The file has results of other settings, or is not what this program writes, or
+            cannot be read.
     """
 
     def __init__(
@@ -49,7 +48,6 @@ class Kept(Generic[Key, Value]):
         write: Callable[[Key, Value], Any],
         *,
         fresh: bool = False,
-        resume: bool = True,
     ) -> None:
         self.done: dict[Key, Value] = {}
         self._path, self._read, self._write = path, read, write
@@ -66,11 +64,8 @@ class Kept(Generic[Key, Value]):
             raise refused(path.parent, what, "name another folder, or remove it")
         kept = kept[:whole]
         lines = kept.splitlines(keepends=True)
-        if len(lines) > 1 and not resume:
-            advice = "give --resume to continue it, or --force to replace it"
-            raise refused(path.parent, "found an unfinished map there", advice)
         if lines and lines[0] != self._head:
-            advice = "name another folder, or replace them by --fresh, a map by --force"
+            advice = "name another folder, or replace them by --force"
             raise refused(path.parent, "found results with other settings there", advice)
         for number, line in enumerate(lines[1:], 2):
             try:

@@ -15,17 +15,21 @@ import numpy as np
 
 from haptic_wall.controller.detector.detection import position_step
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.logs.csv_table import TORQUE, columns_of
 from haptic_wall.controller.logs.recording import (
     GAP,
     LEAST,
+    MOST_ROWS,
     Floats,
     Part,
     Recording,
     parted,
     seconds,
 )
+from haptic_wall.controller.system.csv_table import read_columns
 
+NEEDED = ("time_s", "position_rad")
+TORQUE = "torque_nm"
+MOST_BYTES = 1 << 29
 _SPARSE = 2.0
 """Largest number of grid points per sample; more would mostly be invented."""
 _UNEVEN = 0.25
@@ -70,7 +74,14 @@ def columns_in_time(
         UserError: The file holds too few rows; the message says what was found.
         OSError: It cannot be read, or is no regular file.
     """
-    columns, notes = columns_of(path, known, name)
+    limits = {"most_rows": MOST_ROWS, "most_bytes": MOST_BYTES}
+    found = read_columns(path, NEEDED, known, field=name, **limits)
+    columns = {column: np.frombuffer(numbers, np.float64) for column, numbers in found.items()}
+    notes = []
+    dated = np.isfinite(columns["time_s"])
+    if not dated.all():
+        notes.append(f"{np.count_nonzero(~dated)} rows have no time and are left out")
+        columns = {column: values[dated] for column, values in columns.items()}
     times = columns["time_s"]
     ordered = np.concatenate([[True], times[1:] > np.maximum.accumulate(times)[:-1]])[: times.size]
     if not ordered.all():
@@ -84,13 +95,13 @@ def columns_in_time(
     if times.size and abs(times[0]) >= _CLOCK_S:
         notes.append(f"times count from the first row's, {times[0]:.3f} s")
         columns["time_s"] = times - times[0]
-    for found, what in (
+    for count, what in (
         (times.size, "rows with increasing times"),
         (np.count_nonzero(np.isfinite(columns["position_rad"])), "rows with a position"),
     ):
-        if found < LEAST:
+        if count < LEAST:
             raise UserError(
-                f"found {found} {what}", field=name, given=path, wanted=f"at least {LEAST}"
+                f"found {count} {what}", field=name, given=path, wanted=f"at least {LEAST}"
             )
     return columns, notes
 

@@ -90,7 +90,7 @@ class LogReader:
             why = "its origin_ns is no time"
         why = why or next(filter(None, map(fault_of_change, told)), None)
         if why is not None:
-            raise _refusal(path, why)
+            raise refusal(path, why)
         changes = tuple(_UNKNOWN | change for change in told)
         return cls(path, metadata, changes, end, stretch)
 
@@ -115,7 +115,7 @@ class LogReader:
             while chunk := found.fetchmany(_ROWS):
                 rows = _typed(self.path, chunk, self.origin_ns)
                 if (why := fault_of_rows(rows, last)) is not None:
-                    raise _refusal(self.path, why)
+                    raise refusal(self.path, why)
                 last = rows[-1]
                 yield rows
 
@@ -171,7 +171,7 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
         try:
             yield db
         except sqlite3.Error as error:
-            raise _refusal(path, str(error)) from None
+            raise refusal(path, str(error)) from None
 
 
 def _looked_at(path: Path, mode: str) -> sqlite3.Connection:
@@ -196,13 +196,13 @@ def _looked_at(path: Path, mode: str) -> sqlite3.Connection:
         if error.sqlite_errorcode & 0xFF in _CLOSED:
             with as_os_error(path):
                 raise
-        raise _refusal(path, str(error)) from None
+        raise refusal(path, str(error)) from None
     except sqlite3.Error as error:
         db.close()
-        raise _refusal(path, str(error)) from None
+        raise refusal(path, str(error)) from None
     if wrong := [name for name, is_ours in tables.items() if not is_ours]:
         db.close()
-        raise _refusal(path, f"its table {wrong[0]} is not one that this program makes")
+        raise refusal(path, f"its table {wrong[0]} is not one that this program makes")
     return db
 
 
@@ -219,7 +219,8 @@ def _clock() -> Any:  # noqa: ANN401 - a callable
     return lambda: time.monotonic() > end_s
 
 
-def _refusal(path: Path, why: str) -> LogFormatError:
+def refusal(path: Path, why: str) -> LogFormatError:
+    """Return the error about a file that no run has written, or that is damaged."""
     return LogFormatError(
         f"{path} is damaged or was not written by a run: {why}",
         advice="`sqlite3 FILE .recover` shows what is left",
@@ -230,10 +231,10 @@ def _texts(path: Path, db: sqlite3.Connection, query: str) -> Iterator[tuple[byt
     size = 0
     for row in db.execute(query):
         if not all(isinstance(text, bytes) for text in row):
-            raise _refusal(path, "a text is missing in it")
+            raise refusal(path, "a text is missing in it")
         size += len(row[1]) + 1000
         if size > _MOST_TEXT:
-            raise _refusal(path, f"its texts have more than {_MOST_TEXT} bytes")
+            raise refusal(path, f"its texts have more than {_MOST_TEXT} bytes")
         yield row
 
 
@@ -241,7 +242,7 @@ def _parsed(path: Path, text: bytes) -> Any:  # noqa: ANN401 - JSON
     try:
         return json_text.parse(text)
     except (ValueError, RecursionError):
-        raise _refusal(path, "a text in it is no JSON") from None
+        raise refusal(path, "a text in it is no JSON") from None
 
 
 def _typed(path: Path, chunk: list[tuple[Any, ...]], origin_ns: int) -> NDArray[np.void]:
@@ -258,8 +259,8 @@ def _typed(path: Path, chunk: list[tuple[Any, ...]], origin_ns: int) -> NDArray[
                 numbers = array("d", [math.nan if each is None else each for each in column])
             table[name] = np.frombuffer(numbers, np.float64)
         except TypeError:
-            raise _refusal(path, f"its column {name} holds something else than numbers") from None
+            raise refusal(path, f"its column {name} holds something else than numbers") from None
     try:
         return rows_of(table, origin_ns)
     except ValueError as error:
-        raise _refusal(path, str(error)) from None
+        raise refusal(path, str(error)) from None

@@ -1,11 +1,10 @@
-"""Restarts the recorder when it dies or hangs.
+"""Restarts the recorder when it dies, and at the end of the run when it hangs.
 
 Shared memory holds the rows of the last minute, so that no row is lost in between.
 """
 
 from __future__ import annotations
 
-import signal
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -15,12 +14,9 @@ from haptic_wall.controller.processes.plan import Tell
 from haptic_wall.controller.processes.recorder import rows_lacking
 from haptic_wall.controller.runtime.telemetry import CAPACITY, Word
 
-AGAIN_S = 1.0
 AGAIN_MOST_S = 10.0
-"""Least time between the starts of two recorders [s], after one death and after many: recorders
-that keep dying must not load the machine."""
-STUCK_S = 10.0
-"""How long a recorder may write nothing while half of the memory is full [s]."""
+"""Longest pause before another recorder [s], one second for each that has died: recorders that keep
+dying must not load the machine."""
 LAST_S = 5.0
 """How long a recorder may write nothing after the run is over [s]."""
 LAST_ATTEMPTS = 3
@@ -37,21 +33,13 @@ class RecorderMonitor:
     """
 
     def __init__(
-        self,
-        start: Callable[[bool], Child],
-        words: memoryview[int],
-        tell: Tell,
-        now: float,
+        self, start: Callable[[bool], Child], words: memoryview[int], tell: Tell, now: float
     ) -> None:
         self._start = start
         self._words = words
         self._tell = tell
         self._recorder: Child | None = start(False)
         self._begun = now
-        self._moved = now
-        self._kept_up = now
-        self._dying: Child | None = None
-        self._tail = 0
         self._trouble: str | None = None
         self._lost: str | None = None
         self._losing = False
@@ -70,21 +58,13 @@ class RecorderMonitor:
         """
         self._hear()
         words = self._words
-        if words[Word.TAIL] != self._tail:
-            self._tail, self._moved = words[Word.TAIL], now
-        waiting = words[Word.HEAD] - words[Word.TAIL]
-        if waiting > CAPACITY and not self._losing:
+        if words[Word.HEAD] - words[Word.TAIL] > CAPACITY and not self._losing:
             self._losing = True
             self._tell("the log loses rows: more rows wait to be written than memory holds")
-        if waiting <= CAPACITY // 2 or self._trouble is not None:
-            self._kept_up = now
-        if self._recorder is not None:
-            if self._recorder.ended():
-                self._abandon(self._recorder.exit_text())
-            elif now - max(self._moved, self._kept_up, self._begun) > STUCK_S:
-                self._abandon(f"had written nothing for {now - self._moved:.0f} s")
-        pause = min(AGAIN_MOST_S, AGAIN_S * self._deaths.total())
-        if self._recorder is None and self._is_dead(0.0) and now - self._begun > pause:
+        if self._recorder is not None and self._recorder.ended():
+            self._bury(self._recorder.exit_text())
+        pause = min(AGAIN_MOST_S, self._deaths.total())
+        if self._recorder is None and now - self._begun > pause:
             self._start_another(now)
 
     def end(self) -> list[str]:
@@ -92,8 +72,6 @@ class RecorderMonitor:
         words = self._words
         words[Word.FINISHED] = 1
         for _ in range(LAST_ATTEMPTS):
-            if not self._is_dead(LAST_S):
-                break
             if self._recorder is None:
                 self._start_another(time.monotonic())
             if self._recorder is None:
@@ -102,18 +80,17 @@ class RecorderMonitor:
             self._hear()
             written = words[Word.TAIL] == words[Word.HEAD]
             if self._trouble is None and not (written and how is None):
-                self._abandon(how or "ended too soon")
-            if self._trouble is not None or written:
+                self._bury(how or "ended too soon")
+            if self._trouble is not None or written or self._recorder is not None:
                 break
         return self._notes()
 
     def close(self) -> None:
-        """End every recorder that still exists."""
+        """End the recorder, if it still exists."""
         self._words[Word.FINISHED] = 1
         self._await_end()
-        for recorder in (self._recorder, self._dying):
-            if recorder is not None:
-                recorder.dismiss(0.0)
+        if self._recorder is not None:
+            self._recorder.dismiss(0.0)
 
     def _await_end(self) -> str | None:
         """Wait while the recorder makes progress; return how it failed, or None."""
@@ -128,31 +105,24 @@ class RecorderMonitor:
             return f"had written nothing for {LAST_S:g} s"
         return None if recorder.well() else recorder.exit_text()
 
-    def _abandon(self, how: str) -> None:
+    def _bury(self, how: str) -> None:
+        """Note how a recorder failed; kill one that hangs, which a disk in the kernel may keep."""
         if self._recorder is not None:
             self._hear()
-            self._recorder.send(signal.SIGKILL)
-            # A process that waits for a disk in the kernel cannot be killed. This one is not waited
-            # for, and no other recorder starts until it is dead.
-            self._dying, self._recorder = self._recorder, None
+            self._recorder.dismiss(0.0)
+            if self._recorder.ended():
+                self._recorder = None  # else nobody may write beside it
         self._trouble = None
         self._deaths[how] += 1
         if not self._words[Word.FINISHED]:
             self._tell(f"the recorder {how}; another one continues the log")
-
-    def _is_dead(self, timeout_s: float) -> bool:
-        """Whether the recorder killed last is dead; waits for it up to ``timeout_s``."""
-        if self._dying is not None and self._dying.wait(timeout_s):
-            self._dying.dismiss(0.0)
-            self._dying = None
-        return self._dying is None
 
     def _start_another(self, now: float) -> None:
         self._begun = now
         try:
             self._recorder = self._start(True)
         except OSError as error:  # no memory or too many processes: tried again later
-            self._abandon(f"could not be started ({error.strerror})")
+            self._bury(f"could not be started ({error.strerror})")
 
     def _hear(self) -> None:
         """Process the recorder's messages about its trouble with the disk."""
@@ -181,9 +151,8 @@ class RecorderMonitor:
     def _notes(self) -> list[str]:
         head, tail = self._words[Word.HEAD], self._words[Word.TAIL]
         missing = rows_lacking(self._words)
-        well = "; another one continued, and no row is missing from the log"
-        if missing or self._lost is not None:
-            well = ""
+        whole = not missing and self._lost is None
+        well = "; another one continued, and no row is missing from the log" if whole else ""
         notes = [
             f"the recorder {how}{f' ({times} times)' if times > 1 else ''}{well}"
             for how, times in self._deaths.items()

@@ -16,7 +16,7 @@ from haptic_wall.controller.errors import ConfigError, UserError
 from haptic_wall.controller.settings import yaml_text as config_yaml
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.fields import fields, sections
-from haptic_wall.controller.settings.refusal import IN_WORDS
+from haptic_wall.controller.settings.model import IN_WORDS
 from haptic_wall.controller.settings.rules import BrokenRulesError
 from haptic_wall.controller.system import files
 from haptic_wall.controller.system.printable import in_line

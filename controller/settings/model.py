@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Annotated, Any, Final, Generic, Literal, TypeVar
 
 from pydantic import (
@@ -12,11 +14,22 @@ from pydantic import (
     ValidationInfo,
     model_validator,
 )
+from pydantic_core import PydanticCustomError
 
+from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.laws.table import LAWS
 from haptic_wall.controller.laws.wall import Side
-from haptic_wall.controller.settings.profile_file import MOST_ROWS, profile_of
+from haptic_wall.controller.system.csv_table import read_columns
+from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.truth import Kind
+
+IN_WORDS: Final = "in_words"
+"""Kind of an error whose sentence is finished, and where its context holds the problem"""
+
+
+def refusal(problem: Problem) -> PydanticCustomError:
+    """Return the error for a validator to raise."""
+    return PydanticCustomError(IN_WORDS, "{in_words}", {IN_WORDS: problem})
 
 
 def whole(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
@@ -183,11 +196,28 @@ class _Rendered(Section):
     )
 
 
+MOST_ROWS: Final = 4096
+"""Most rows of a profile"""
+
+
 def rows(found: Any, info: ValidationInfo) -> Any:  # noqa: ANN401 - whatever the file holds
     """Read a profile from a CSV file, or convert a list of pairs to tuples; a log names no file."""
-    if isinstance(found, str) and (info.context or {}).get("files", True):
-        return profile_of(found)
-    return tuple(map(pair, found)) if isinstance(found, list) else found
+    if not isinstance(found, str) or not (info.context or {}).get("files", True):
+        return tuple(map(pair, found)) if isinstance(found, list) else found
+    names = ("position_rad", "torque_nm")
+    try:
+        columns = read_columns(Path(found), names, field="", most_rows=MOST_ROWS, most_bytes=2**18)
+    except UserError as error:
+        raise refusal(replace(error.problem, field=None)) from None
+    except OSError as error:
+        why = f"found {found}, which cannot be read: {error.strerror}"
+        raise refusal(Problem(why, wanted="a CSV file, or a list of pairs")) from None
+    for name, numbers in columns.items():
+        for row, number in enumerate(numbers, 1):
+            if not abs(number) <= 1e6:  # an empty cell too
+                what = f"row {row} has the {name} {number:g}"
+                raise refusal(Problem(what, wanted="numbers up to 1e6", given=found))
+    return tuple(zip(*columns.values(), strict=True))
 
 
 Row = tuple[Place, Place]

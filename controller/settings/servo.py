@@ -20,10 +20,10 @@ from haptic_wall.controller.settings.model import (
     Positive,
     Section,
     Whole,
+    refusal,
     setting,
     whole,
 )
-from haptic_wall.controller.settings.refusal import refusal
 from haptic_wall.hw.errors import BackendError, Problem, is_emulated
 from haptic_wall.hw.names import did_you_mean
 from haptic_wall.hw.open import backend, backend_names

@@ -2,7 +2,6 @@
 
 import gc
 import json
-import re
 import socket
 import zipfile
 from functools import partial
@@ -99,18 +98,6 @@ def test_the_steps_are_taken_and_most_predictions_hold(accepted: Path) -> None:
     assert {verdicts[name] for name in limits} == {"holds"}
 
 
-def test_a_limit_has_its_kick_and_standard_error_and_the_emulated_servo_beside(
-    accepted: Path,
-) -> None:
-    for row in report_of(accepted)["rows"]:
-        if row["step"] == "sweep":
-            for servo in ("real", "emulated"):
-                assert row[servo]["stderr"] > 0.0 and row[servo]["kick_rad"] > 0.0
-    page = (accepted / "report.html").read_text()
-    assert re.search(r"± [\d.e-]+ \(kick [\d.]+ rad\)", page)
-    assert "this servo" in page and "emulated" in page
-
-
 def test_the_bundle_names_nobody(accepted: Path) -> None:
     secret = [USER, HOST, str(accepted.parent), str(accepted.parents[1])]
     with zipfile.ZipFile(accepted / "acceptance.zip") as packed:
@@ -141,14 +128,6 @@ def test_the_same_command_measures_nothing_twice_and_others_are_refused(
     assert "found results with other settings" in capsys.readouterr().err
 
 
-def test_the_plan_says_what_moves(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert call("xm430-w350", "--plan", "--json") == 0
-    plan = json.loads(capsys.readouterr().out)
-    assert 300.0 < plan["seconds"] < 15 * 60.0
-    assert [step.split(":")[0] for step in plan["steps"]] == [*steps.RUN]
-    assert not [*tmp_path.iterdir()]
-
-
 @pytest.mark.parametrize(
     ("words", "told"),
     [
@@ -163,17 +142,6 @@ def test_what_cannot_be_is_refused_in_a_sentence(
     assert call(*(word.format(out=tmp_path / "out") for word in words)) == 2
     assert told in capsys.readouterr().err
     assert not [*tmp_path.rglob("*.json")]
-
-
-@pytest.mark.parametrize("name", ["acceptance.json", "report.html", "acceptance.zip", "measured"])
-def test_files_that_no_acceptance_wrote_are_not_replaced(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / name).write_text("mine")
-    assert call(*SIMULATED, "--out", tmp_path) == 2
-    told = capsys.readouterr().err
-    assert "name another place" in told and "--force" not in told
-    assert [file.read_text() for file in tmp_path.iterdir()] == ["mine"]
 
 
 def test_ctrl_c_keeps_what_is_done_and_writes_no_bundle(
@@ -207,15 +175,3 @@ def test_after_a_lost_servo_nothing_moves_and_the_bundle_says_why(
     assert "The servo is gone" in reasons["identify"]
     assert reasons["sweep"] == "identify ended the commissioning"
     assert (tmp_path / "out" / "acceptance.zip").exists()
-
-
-@pytest.mark.whole
-def test_a_servo_that_cannot_be_reached_ends_it_before_anything_is_emulated(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    nowhere = tmp_path / "ttyUSB0"
-    words = ("xm430-w350", f"--set=servo.port={nowhere}", "--set=realtime.profile=off", "--yes")
-    assert call(*words, "--json", "--out", tmp_path / "out") == 4
-    told = json.loads(capsys.readouterr().out)
-    assert told["exit_status"] == 4 and f"{nowhere} does not exist" in told["error"]
-    assert not (tmp_path / "out" / "emulated").exists()

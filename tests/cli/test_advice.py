@@ -1,12 +1,9 @@
-"""Advice fits the command that is asked, and completion knows what can be set."""
+"""Advice fits the command that is asked."""
 
 from pathlib import Path
 
-import click
 import pytest
 
-from haptic_wall.controller.cli import main as program
-from haptic_wall.controller.settings.fields import fields
 from tests.cli.caller import Cli
 
 
@@ -34,27 +31,6 @@ def test_advice_fits_the_command(
     message = cli.refused(*arguments)
     assert advice in message
     assert message.startswith("haptic-wall: ")
-
-
-@pytest.mark.parametrize(("command", "expected"), [("run", set(fields())), ("emulate", None)])
-def test_completion_knows_the_paths_of_set(command: str, expected: set[str] | None) -> None:
-    context = click.Context(program.haptic_wall, info_name="haptic-wall")
-    found = program.haptic_wall.get_command(context, command)
-    (option,) = [each for each in found.params if each.name == "sets"]
-    every = {item.value.rstrip("=") for item in option.shell_complete(context, "")}
-    assert expected is None or every == expected
-    some = {item.value for item in option.shell_complete(context, "servo.in")}
-    assert some == {"servo.inertia="}
-
-
-def test_completion_knows_the_presets() -> None:
-    context = click.Context(program.haptic_wall, info_name="haptic-wall")
-    (config,) = [
-        p for p in program.haptic_wall.get_command(context, "run").params if p.name == "config"
-    ]
-    found = config.shell_complete(context, "emulated-p")
-    assert [item.value for item in found if item.type == "plain"] == ["emulated-port"]
-    assert [item.type for item in found if item.type != "plain"] == ["file"]
 
 
 def test_short_version_and_help(cli: Cli) -> None:

@@ -98,11 +98,3 @@ def test_a_section_that_fails_costs_no_other(
     assert first["rows"] == []
     assert first["notes"][0].startswith(f"not measured: {said}")
     assert all(len(other["rows"]) == len(FOUND.rows) for other in others)
-
-
-def test_both_programs_find_the_same_margins() -> None:
-    pytest.importorskip("control")
-    section = boundary.measure()
-    (apart,) = (row.value for row in section.rows if "relative difference" in row.name)
-    assert apart < 1e-6
-    assert section.notes == ()

@@ -1,8 +1,5 @@
 """``haptic-wall boundary``: the promised JSON, table and picture, and what wrong input gets."""
 
-import math
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -17,9 +14,6 @@ from haptic_wall.controller.theory import (
     passive_limit,
     peak,
 )
-from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
-from haptic_wall.controller.theory.chain import one_mass
-from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from tests.cli.caller import Cli
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -100,37 +94,9 @@ def test_where_no_stiffness_is_stable_the_answer_is_nought(cli: Cli, damping: st
     assert {each["factor"] for each in found["design"]["improvements"]} == {None}
 
 
-@pytest.mark.whole
-@pytest.mark.parametrize("more", [[], ["--counts-per-rev=4096", "--torque-limit=4"]])
-def test_the_picture_is_drawn(
-    cli: Cli, tmp_path: Path, more: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from matplotlib.image import imread
-
-    monkeypatch.setattr(
-        "haptic_wall.controller.report.boundary._SHARES", np.linspace(1e-3, 1 - 1e-3, 20)
-    )
-
-    plot = tmp_path / "plane.png"
-    assert cli("boundary", *LOOP, *more, "--plot", str(plot))[0] == 0
-    picture = imread(plot)
-    assert picture.shape[0] > 1000
-    assert np.ptp(picture) > 0.5
-
-
 LOADED = [
     *("--load-inertia", "0.003", "--transmission-stiffness", "200"),
     *("--transmission-damping", "0.0277"),
-]
-NOTCH = [
-    *("simulated", "--set=servo.inertia=0.012", "--set=servo.damping=0.0117"),
-    *(
-        "--set=wall.side=both",
-        "--set=wall.velocity_filter=notch",
-        "--set=wall.velocity_hz=46",
-        "--set=wall.velocity_q=0.7",
-    ),
-    *("--delay=0.002", "--side=both"),
 ]
 
 
@@ -202,23 +168,6 @@ def test_with_a_load_the_limits_are_those_of_two_masses(encoder: str, cli: Cli) 
     top = flexible_boundary(*servo, dampings, 1e-3, 2e-3, encoder=encoder).stiffness
     assert found["peak"]["stiffness"] >= np.max(top) * (1 - 1e-9)
     assert found["design"]["binding"] == "exact"
-
-
-def test_a_filter_of_the_velocity_is_counted_exactly(cli: Cli) -> None:
-    dampings = [0.0, 0.1, 0.3]
-    found = cli.json("boundary", *NOTCH, "--virtual-damping=0,0.1,0.3")
-    notch = VelocityFilter("notch", math.tau * 46e-3, 0.7)
-    chain = one_mass(0.012, 0.0117)
-    limits = chain_boundary(*chain, dampings, 1e-3, 2e-3, 1, notch)
-    points = found["points"]
-    assert [point["exact"] for point in points] == pytest.approx(limits.stiffness)
-    assert [(point["one_sided"], point["passive"]) for point in points] == [(None, None)] * 3
-    ceiling = chain_ceiling(*chain, 1e-3, 2e-3, 1, notch)
-    assert found["max_virtual_damping"] == pytest.approx(float(ceiling))
-    status, out, _ = cli("boundary", *NOTCH, "--virtual-damping=0.1")
-    assert status == 0
-    assert "velocity through a notch at 46 Hz, quality 0.7" in out
-    assert "one-sided wall with a velocity filter" in cli.refused("boundary", *NOTCH, "--side=one")
 
 
 BELIEVED = [

@@ -79,15 +79,6 @@ def test_an_interrupt_ends_with_130_and_no_traceback(
     assert "interrupted; steps.hwlog holds the recorded rows" in err
 
 
-def test_a_trip_ends_with_3_and_its_explanation(cli: Cli, tmp_path: Path) -> None:
-    status, _, err = cli(
-        "delay", "simulated", *QUICK, "--out", tmp_path,
-        "--set", "model.inertia=0.5", "--set", "safety.max_speed=4",
-    )  # fmt: skip
-    assert status == 3
-    assert "trip:overspeed: the shaft moved faster than safety.max_speed" in err
-
-
 @pytest.mark.parametrize(
     ("command", "more"),
     [
@@ -107,15 +98,6 @@ def test_a_servo_that_is_lost_on_the_way_ends_with_4(
     status, _, err = cli(command, "simulated", *QUICK, "--out", tmp_path, *more)
     assert status == 4
     assert "trip:servo_lost: the port is gone" in err
-
-
-def test_a_servo_that_does_not_move_is_no_fit_hardware(cli: Cli, tmp_path: Path) -> None:
-    status, _, err = cli(
-        "delay", "simulated", *QUICK, "--out", tmp_path,
-        "--set", "servo.coulomb=6", "--set", "model.coulomb=0.09",
-    )  # fmt: skip
-    assert status == 4
-    assert "the servo does not move" in err
 
 
 @pytest.mark.parametrize(

@@ -85,28 +85,6 @@ def test_a_hand_that_pushes_a_stable_wall_is_quiet(tmp_path: Path) -> None:
     assert seen["first_alarm_s"] is None
 
 
-def test_a_csv_is_judged_as_early_as_its_log(log: Path, tmp_path: Path) -> None:
-    csv = tmp_path / "a.csv"
-    assert main(["log", str(log), "--csv", str(csv)]) == 0
-    servo = ("--inertia", 0.011951, "--damping", 0.011692, "--delay", 0.006)
-    alone = found(csv, *servo)
-    given = found(csv, *servo, "--stiffness", 3.743, "--virtual-damping", 0, "--wall-position", 0)
-    assert given["first_alarm_s"] == pytest.approx(alone["first_alarm_s"], abs=0.02)
-    assert given["known"]["stiffness"] == 3.743
-    assert not given["notes"]
-
-
-def test_a_constant_sine_does_not_grow(tmp_path: Path) -> None:
-    times = np.arange(0.0, 8.0, 1e-3)
-    path = tmp_path / "sine.csv"
-    for hertz, state in ((3.0, "sustained"), (1.0, "quiet")):
-        rows = np.column_stack([times, 0.1 * np.sin(math.tau * hertz * times)])
-        np.savetxt(path, rows, delimiter=",", header="time_s,position_rad", comments="")
-        seen = found(path)
-        assert seen["state"] == state
-        assert seen["growth_per_s"] is None or abs(seen["growth_per_s"]) < 0.01
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -1,6 +1,5 @@
 """The command from its first instant: a Ctrl-C is quiet, and its own packages come first."""
 
-import json
 import os
 import signal
 import subprocess
@@ -50,30 +49,6 @@ def test_a_ctrl_c_while_it_loads_is_quiet(
     )
     assert (done.returncode, done.stdout) == (130, "")
     assert words == ("bench",) or done.stderr.strip() == ""
-
-
-@pytest.mark.parametrize(
-    ("module", "number"),
-    [
-        ("haptic_wall.controller.cli.main", "SIGINT"),
-        ("yaml", "SIGTERM"),
-        whole_only("haptic_wall.controller.cli.main", "SIGTERM"),
-        whole_only("yaml", "SIGINT"),
-    ],
-)
-def test_with_json_a_signal_is_one_object(module: str, number: str) -> None:
-    program = INTERRUPTING.replace('"simulated"', '"simulated", "--json"').format(module=module)
-    program = program.replace("SIGINT", number)
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=False
-    )
-    assert (done.returncode, done.stderr) == (130, "")
-    assert json.loads(done.stdout) == {
-        "error": "interrupted",
-        "field": None,
-        "advice": None,
-        "exit_status": 130,
-    }
 
 
 # The launcher, as it is installed

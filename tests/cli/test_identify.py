@@ -110,17 +110,6 @@ def test_figures_are_printed_though_a_file_cannot_be_written(
     assert "--plot fit.png: cannot be written: No space left" in said.err
 
 
-def test_a_trip_ends_it_with_its_status(cli: Cli) -> None:
-    words = ["identify", "simulated", *QUICK, "--set=safety.max_speed=5", "--set=model.inertia=0.2"]
-    status, _, told = cli(*words)
-    assert status == 3 and "trip:overspeed" in told
-
-
-def test_a_blocked_servo_is_unfit(cli: Cli) -> None:
-    status, _, told = cli("identify", "simulated", *QUICK, "--set=servo.coulomb=0.6")
-    assert status == 4 and "does not move" in told
-
-
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -81,14 +81,6 @@ def test_a_real_drop(cli: Cli) -> None:
     assert answer["damping"]["stderr"] > 0.3 * answer["damping"]["value"]
 
 
-def test_position_mode_tells_nothing(cli: Cli) -> None:
-    answer = cli.json("identify", "--record", REAL / "kp100_sin_sin.csv", *PENDULUM)
-    names = ("inertia", "damping", "coulomb", "delay", "torque_gain", "friction_model")
-    assert all(answer[name] is None for name in names)
-    assert answer["residual_rms_rad"] is None
-    assert "nothing can be determined" in answer["notes"][-1]
-
-
 def test_gaps_and_disorder_are_told(tmp_path: Path, cli: Cli) -> None:
     truth = Truth()
     columns = drop(truth)
@@ -124,17 +116,6 @@ HOSTILE = {
         "wanted at least",
     ),
 }
-
-
-@pytest.mark.parametrize("kind", HOSTILE)
-def test_a_hostile_file_is_refused_in_a_sentence(kind: str, tmp_path: Path, cli: Cli) -> None:
-    content, wanted = HOSTILE[kind]
-    path = tmp_path / "hostile.csv"
-    path.write_bytes(content)
-    answer = cli.json("identify", "--record", path, *PENDULUM, status=2)
-    assert answer["error"].startswith(f"--record {path}: ")
-    assert wanted in answer["error"]
-    assert answer["exit_status"] == 2
 
 
 @pytest.mark.parametrize(

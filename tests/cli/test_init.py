@@ -42,12 +42,6 @@ def test_a_file_that_is_there_is_kept(tmp_path: Path, capsys: pytest.CaptureFixt
     assert file.read_text() != held
 
 
-def test_an_unknown_preset_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["init", str(tmp_path / "mine.yaml"), "--from", "nosuch"]) == 2
-    assert "'emulated-port'" in capsys.readouterr().err
-    assert not (tmp_path / "mine.yaml").exists()
-
-
 def test_a_presets_name_is_refused_because_config_would_mean_the_preset(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -9,17 +9,15 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
-from random import Random
 
 import pytest
 from click.testing import CliRunner
 from websockets.sync.client import connect
 
-from haptic_wall.controller.cli import live, run
-from haptic_wall.controller.errors import HapticWallError, PlatformError
+from haptic_wall.controller.cli import run
+from haptic_wall.controller.errors import HapticWallError
 from haptic_wall.controller.live.place import live_at, server_log_of
 from haptic_wall.controller.live.run_socket import MODULE
-from haptic_wall.controller.live.web_server import MOST_CHARACTERS, MOST_LINES
 from tests.controller.live import strangers
 
 
@@ -48,12 +46,6 @@ def test_control_without_a_page_and_a_page_without_time_are_refused() -> None:
     )
 
 
-def test_without_websockets_the_install_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda _name: None)
-    with pytest.raises(PlatformError, match=r"pip install -e '\.\[live\]'"):
-        live_at("localhost:0")
-
-
 def test_a_token_only_where_knobs_may_be_turned() -> None:
     reading, turning = live_at("127.0.0.1:0"), live_at("[::1]:0", control=True)
     for place in (reading, turning):
@@ -63,13 +55,6 @@ def test_a_token_only_where_knobs_may_be_turned() -> None:
     assert len(turning.token) >= 20
     assert turning.address.startswith("http://[::1]:")
     assert turning.address.endswith(f"/?token={turning.token}")
-
-
-def test_a_log_that_is_none_is_refused(tmp_path: Path) -> None:
-    other = tmp_path / "x.hwlog"
-    other.write_text("no log")
-    assert "is not a log" in refusal(live.command, str(other))
-    assert "cannot be read" in refusal(live.command, str(tmp_path / "none"))
 
 
 def server_of(parent: int) -> int:
@@ -112,29 +97,3 @@ def test_a_killed_page_changes_nothing_for_the_run(tmp_path: Path) -> None:
     assert "for changes and page was killed by SIGKILL; the run goes on without it" in said
     assert "refused" not in said and "Traceback" not in said
     assert server_log_of(tmp_path / "a").read_text().count("refused") == 2
-
-
-@pytest.mark.whole
-def test_a_server_says_what_it_refuses_in_short_lines_of_its_own_log_only(tmp_path: Path) -> None:
-    log, random = tmp_path / "a.hwlog", Random(7)
-    program = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
-    made = [*program, "run", "simulated", "--set", "loop.clock=simulated", "--duration", "0.2"]
-    subprocess.run([*made, "--no-plot", "--log", str(log)], check=True, capture_output=True)
-    with subprocess.Popen(
-        [*program, "live", str(log)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as child:
-        assert child.stdout is not None
-        address = child.stdout.readline().strip()
-        place = address.partition("//")[2].rstrip("/")
-        for _ in range(100):
-            strangers.send(place, strangers.request(random, place))
-        for _ in range(MOST_LINES):
-            strangers.send(place, b"GET //[ HTTP/1.1\r\n\r\n")
-        with connect(f"ws://{place}/rows") as client:
-            assert json.loads(client.recv(timeout=60.0))["kind"] == "hello"
-        child.send_signal(signal.SIGINT)
-        said = child.communicate(timeout=30.0)
-    assert (child.returncode, said) == (130, ("", ""))
-    lines = server_log_of(log).read_text().splitlines()
-    assert len(lines) == MOST_LINES and max(map(len, lines)) < MOST_CHARACTERS + 30
-    assert "Traceback" not in str(lines)

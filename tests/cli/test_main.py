@@ -1,11 +1,9 @@
 """Every error has its exit status and one clear message; standard output is the answer's alone."""
 
 import errno
-import os
 import shlex
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any, NoReturn
 
 import click
@@ -91,25 +89,6 @@ def test_exit_status_of_foreseen_errors(
     assert "Traceback" not in err
 
 
-def test_the_exit_status_of_a_command_is_the_programs(
-    monkeypatch: pytest.MonkeyPatch, cli: Cli
-) -> None:
-    monkeypatch.setattr(
-        "haptic_wall.controller.cli.presets.command", click.Command("presets", callback=lambda: 3)
-    )
-    assert cli("presets")[0] == 3
-
-
-def test_another_system_is_told_in_a_sentence(monkeypatch: pytest.MonkeyPatch, cli: Cli) -> None:
-    monkeypatch.setattr(sys, "platform", "darwin")
-    status, _, err = cli("run")
-    assert status == 4
-    assert err == (
-        "haptic-wall: this machine runs darwin, but run needs Linux: use a Linux machine or a "
-        "virtual one\n"
-    )
-
-
 def test_the_exit_status_is_the_commands_own_when_the_reader_has_left() -> None:
     script = (
         "import os, sys; from haptic_wall.controller.cli.main import main;"
@@ -123,22 +102,6 @@ def test_the_exit_status_is_the_commands_own_when_the_reader_has_left() -> None:
         check=False,
     )
     assert (done.returncode, done.stderr) == (0, "")
-
-
-@pytest.mark.whole
-def test_a_terminal_that_lacks_a_character_costs_no_answer(tmp_path: Path) -> None:
-    brief = ["--set=loop.clock=simulated", "--set=wall.stiffness=1e6", "--duration=0.1"]
-    brief.append("--no-plot")
-    done = subprocess.run(
-        [sys.executable, "-m", "haptic_wall.controller.cli.main", "run", *brief],
-        capture_output=True,
-        check=False,
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONIOENCODING": "ascii"},
-    )
-    assert done.returncode == 0
-    assert b"the guard allows" in done.stdout
-    assert b"Traceback" not in done.stderr
 
 
 def test_a_full_disk_is_told_in_a_sentence() -> None:
@@ -161,32 +124,3 @@ def test_a_limit_of_the_system_is_told_in_a_sentence(
     status, _, said = cli("presets")
     assert status == 4
     assert "raise the limits of this shell" in said
-
-
-@pytest.mark.whole
-@pytest.mark.parametrize(
-    ("closed", "clock", "picture"),
-    [
-        ("<&- >&- 2>&-", "monotonic", "--no-plot"),
-    ],
-)
-def test_closed_standard_streams_do_not_disturb_a_run(
-    closed: str, clock: str, picture: str, tmp_path: Path
-) -> None:
-    """As a service manager may start it: what it opens must not take their numbers."""
-    command = f"exec {PYTHON} -m haptic_wall.controller.cli.main run simulated --duration 0.1"
-    command = f"{command} --set loop.clock={clock}"
-    done = subprocess.run(
-        ["sh", "-c", f"{command} --log run.hwlog {picture} {closed}"],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert "Traceback" not in done.stderr
-    assert (tmp_path / "run.hwlog").stat().st_size > 10_000
-
-
-def test_a_folder_whose_name_is_too_long_is_told_in_a_sentence(cli: Cli) -> None:
-    assert "File name too long; name another place" in cli.refused("paper", "--out", 300 * "x")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import errno
 import json
 import os
 import signal
@@ -14,14 +13,14 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import pytest
 
 from haptic_wall.controller.experiments.maps import maps
 from haptic_wall.controller.experiments.maps.servo import MapSettings
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.theory import critical_stiffness, flexible_boundary
+from haptic_wall.controller.theory import critical_stiffness
 from tests.cases import whole_only
 from tests.cli.caller import Cli
 
@@ -82,25 +81,6 @@ def test_the_files_and_the_report_hold_every_point(cli: Cli, tmp_path: Path) -> 
     ]  # fmt: skip
 
 
-def test_a_servo_with_a_load_is_mapped(cli: Cli, tmp_path: Path) -> None:
-    load = ["servo.load_inertia=0.003", "servo.transmission_stiffness=200"]
-    load += ["servo.transmission_damping=0.03", "wall.side=both"]
-    load += ["servo.coulomb=0", "servo.counts_per_rev=0"]
-    sets = [part for each in load for part in ("--set", each)]
-    few = ["simulated", "--out", tmp_path, "--virtual-damping=0.05", "--delay-steps=1", *sets]
-    status, out, _ = cli("map", *few, "--json")
-    assert status == 0
-    report = json.loads(out)
-    (point,) = report["points"]
-    exact = flexible_boundary(0.012, 0.0117, 0.003, 200.0, 0.03, 0.05, 1e-3, 1e-3).stiffness
-    assert point["exact"] == pytest.approx(float(exact), rel=0.02), (
-        "the servo's damping is about this"
-    )
-    assert point["simulated"] == pytest.approx(point["exact"], rel=2e-3)
-    assert report["servo"]["load_inertia"] == 0.003
-    assert (tmp_path / "map.png").read_bytes().startswith(PNG)
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -116,29 +96,6 @@ def test_what_cannot_be_mapped_is_refused_before_anything_is_written(
 ) -> None:
     assert message in cli.refused("map", *arguments, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
-
-
-def test_a_full_disk_leaves_the_older_map_and_nothing_else(
-    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    few = ["simulated", "--out", tmp_path, "--virtual-damping=0.1", "--kick=0.1"]
-    few += ["--delay-steps=1", "--workers=1"]
-    assert cli("map", *few)[0] == 0
-    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
-    assert len(before) == 3
-
-    def full(path: Path, _rows: object) -> NoReturn:
-        path.write_text("half")
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr("haptic_wall.controller.cli.experiment._write_table", full)
-    assert f"--out {tmp_path}: cannot be written: No space left on device" in cli.refused(
-        "map", *few, "--set", "servo.inertia=0.01", "--force"
-    )
-    rows = tmp_path / ROWS  # what was computed is kept
-    assert rows.read_bytes().count(b"\n") == 2
-    rows.unlink()
-    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 @pytest.mark.whole
@@ -199,7 +156,7 @@ def _unfinished(folder: Path) -> None:
     """Leave what a map that is killed in its third task leaves."""
     setting = MapSettings.of(load_config("simulated", ("servo.torque_step=0",)).config)
     question = maps.MapQuestion(setting, [0.0, 0.1], [0, 1, 2], [0.1])
-    kept = question.kept(folder / ROWS, resume=False, fresh=False)
+    kept = question.kept(folder / ROWS, fresh=False)
     for task in question.tasks()[:2]:
         kept.add(task, question.compute(task)())
     with (folder / ROWS).open("a") as file:
@@ -213,12 +170,9 @@ def test_a_killed_map_goes_on_and_ends_with_the_same_bytes(
     folder, whole = tmp_path / "killed", tmp_path / "whole"
     folder.mkdir()
     _unfinished(folder)
-    assert "found an unfinished map there; give --resume to continue it, or --force" in cli.refused(
-        "map", *_FEW, "--out", folder
-    )
     left = _Counting()
     _computed_by(left, monkeypatch)
-    assert cli("map", *_FEW, "--out", folder, "--resume")[0] == 0
+    assert cli("map", *_FEW, "--out", folder)[0] == 0
     assert left.tasks == 4
     assert cli("map", *_FEW, "--out", whole)[0] == 0
     names = sorted(path.name for path in whole.iterdir())

@@ -36,15 +36,6 @@ def test_the_picture_goes_beside_an_explicit_log(
     assert f"picture     {picture}" in capsys.readouterr().out
 
 
-def test_without_a_picture_none_is_drawn_and_none_is_missed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert run("--log", "a.hwlog", "--no-plot") == 0
-    assert [each.name for each in tmp_path.iterdir()] == ["a.hwlog"]
-    assert "picture" not in capsys.readouterr().out
-
-
 def test_a_foreign_picture_beside_the_log_is_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

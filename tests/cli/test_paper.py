@@ -61,20 +61,6 @@ def test_everything_is_the_default(
     assert report["table2"]["simulation"]["delay_samples"] == 0
 
 
-def test_table_ii_is_printed_too(call: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
-    status, out, _ = call("table2", "--out", tmp_path)
-    assert status == 0
-    assert "0.25    0.3    533.17    533.18    +0.0027" in out
-    assert "worst by theory: +0.0397 % at t_d/T = 0, B = 0.4" in out
-
-
-def test_without_table_ii_the_report_says_null(
-    call: Callable[..., tuple[int, str, str]], tmp_path: Path
-) -> None:
-    _, out, _ = call("fig8", "--out", tmp_path, "--json")
-    assert json.loads(out)["table2"] is None
-
-
 def test_a_wrong_item_is_named_with_what_there_is(
     call: Callable[..., tuple[int, str, str]], tmp_path: Path
 ) -> None:
@@ -83,15 +69,3 @@ def test_a_wrong_item_is_named_with_what_there_is(
     assert "ITEM: 'tabel2' is not one of 'table2', 'fig3'" in err
     assert list(tmp_path.iterdir()) == []
     assert "--out: missing" in call("fig8")[2]
-
-
-def test_a_place_that_is_none_is_one_sentence(
-    call: Callable[..., tuple[int, str, str]], tmp_path: Path
-) -> None:
-    (tmp_path / "file").touch()
-    status, _, err = call("fig8", "--out", tmp_path / "file")
-    assert status == 2
-    assert "found a file, wanted a folder" in err
-    status, _, err = call("fig8", "--out", tmp_path / "file" / "below")
-    assert status == 2
-    assert "Not a directory; name another place" in err

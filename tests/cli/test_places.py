@@ -6,7 +6,6 @@ import click
 import pytest
 
 from haptic_wall.controller.cli.places import take_folder
-from haptic_wall.controller.system.files import whole
 from tests.cli.caller import Cli
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -59,7 +58,7 @@ def test_a_folder_that_another_command_writes_to_is_refused(
     (folder / "out").mkdir()
     (folder / "link").symlink_to("out")
     with command():
-        take_folder("--out", folder / "out", (), force=False)
+        take_folder("--out", folder / "out", ())
         assert "another command is writing" in cli.refused(*arguments, "--out", "link")
     assert not (folder / "out" / name).exists()
 
@@ -74,15 +73,3 @@ def test_a_file_that_is_there_is_refused(
     assert "--force" in said
     assert (folder / "mine").read_text() == "mine"
     assert [path.name for path in folder.iterdir()] == ["mine"]
-
-
-def test_a_link_that_somebody_put_where_a_file_is_written_is_not_followed(folder: Path) -> None:
-    (folder / "mine").write_text("mine")
-    with whole(folder / "b.png") as part:
-        name = part.name
-    (folder / name).symlink_to("mine")
-    with whole(folder / "b.png") as part:
-        assert not part.is_symlink()
-        part.write_text("picture")
-    assert (folder / "b.png").read_text() == "picture"
-    assert (folder / "mine").read_text() == "mine"

@@ -2,13 +2,10 @@
 
 import json
 import os
-import resource
 import signal
 import time
 from collections.abc import Callable
-from importlib import resources
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
@@ -16,12 +13,11 @@ import pytest
 from click.core import Context
 
 from haptic_wall.controller.cli import run as run_command
-from haptic_wall.controller.cli.text import brief_text
+from haptic_wall.controller.cli.text import report_text
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.writer import LogWriter
-from haptic_wall.controller.processes import inline
 from haptic_wall.controller.processes.plan import LogState
-from haptic_wall.controller.processes.recorder import Recorder, begun_log
+from haptic_wall.controller.processes.recorder import Recorder
 from haptic_wall.controller.processes.run_report import exit_status
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip
 from haptic_wall.controller.runtime.telemetry import ROW
@@ -97,12 +93,11 @@ def placed(
     plot: Path | None,
     witness: Path | None,
     name: str = "simulated",
-    force: bool = False,
 ) -> tuple[tuple[Path, Path | None], Context]:
     """Where a run would write, and the context that keeps others from writing there."""
     context = click.Context(run_command.command)
     with context.scope(cleanup=False):
-        return run_command._places(log, plot, witness, name, draws=True, force=force), context
+        return run_command._places(log, plot, witness, name, draws=True), context
 
 
 def test_the_log_of_a_living_run_is_not_replaced(cli: Cli, folder: Path) -> None:
@@ -116,14 +111,6 @@ def test_the_log_of_a_living_run_is_not_replaced(cli: Cli, folder: Path) -> None
     assert cli("run", *BRIEF, "--log", "a.hwlog", "--force")[0] == 0
 
 
-def test_a_folder_that_cannot_be_written_is_told_at_the_start(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(os, "access", lambda *_: False)
-    placed(folder / "a.hwlog", None, None)
-    assert "its folder cannot be written" in capsys.readouterr().err
-
-
 def test_two_runs_begun_together_do_not_write_one_file(monkeypatch: pytest.MonkeyPatch) -> None:
     """Though neither has written anything yet."""
     monkeypatch.setattr(time, "strftime", lambda _: "20260101-000000")
@@ -132,23 +119,6 @@ def test_two_runs_begun_together_do_not_write_one_file(monkeypatch: pytest.Monke
     assert not set(first) & set(second)
     context.close()
     assert placed(None, None, None)[0] == first, "and later it is free again"
-
-
-@pytest.mark.parametrize("option", ["--log", "--plot"])
-def test_a_pipe_is_refused_before_anybody_waits_for_its_reader(
-    cli: Cli, tmp_path: Path, option: str
-) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    assert f"{option}: pipe is a pipe; name a file" in cli.refused("run", *BRIEF, option, "pipe")
-
-
-@pytest.mark.parametrize("option", ["--log", "--plot"])
-def test_the_configuration_is_not_written_over(cli: Cli, folder: Path, option: str) -> None:
-    text = (resources.files("haptic_wall.controller") / "presets/simulated.yaml").read_text()
-    (folder / "mine").write_text(text)
-    err = cli.refused("run", *BRIEF, "./mine", option, "mine")
-    assert f"CONFIG and {option} both name mine" in err
-    assert (folder / "mine").read_text() == text
 
 
 MINE = {"notes.txt": b"mine", "photo.png": b"\x89PNG\r\n\x1a\n" + 300 * b"x", "empty": b""}
@@ -189,21 +159,6 @@ def test_a_file_is_replaced_only_when_it_is_said(
     assert (folder / name).read_bytes() != MINE[name]
 
 
-def test_what_comes_to_the_logs_place_in_mid_run_is_not_lost(
-    cli: Cli, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def late(*_: Any, **__: Any) -> LogWriter:
-        (folder / "run.hwlog").write_bytes(b"mine")
-        return begin(*_, **__)
-
-    begin = begun_log
-    monkeypatch.setattr(inline, "begun_log", late)
-    status, out, _ = cli("run", *BRIEF, "--log", "run.hwlog")
-    assert (status, json.loads(out)["log_state"], json.loads(out)["log"]) == (5, "missing", None)
-    assert [path.name for path in folder.iterdir() if path.is_file()] == ["run.hwlog"]
-    assert (folder / "run.hwlog").read_bytes() == b"mine"
-
-
 def meanwhile(monkeypatch: pytest.MonkeyPatch, action: Callable[[], None]) -> None:
     """Have something done to the log behind its last row."""
     close = Recorder.close
@@ -242,28 +197,6 @@ def test_a_log_that_is_gone_is_the_first_that_is_said(
         assert log.read_text() == "mine", "and nothing was put behind it"
 
 
-def test_a_full_disk_leaves_what_was_written_and_is_told(
-    cli: Cli, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
-    begin = begun_log
-
-    def late(*arguments: Any, **options: Any) -> LogWriter:
-        log = begin(*arguments, **options)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limit[1]))
-        return log
-
-    monkeypatch.setattr(inline, "begun_log", late)
-    try:
-        words = ["--log", "run.hwlog", "--no-plot", "--duration=4", "--set=loop.clock=simulated"]
-        status, out, _ = cli("run", *words, "--json")
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
-    assert (status, json.loads(out)["log_state"]) == (5, "incomplete")
-    rows = LogReader.open(folder / "run.hwlog").rows()
-    assert 0 < len(rows) < 4000 and rows["seq"].tolist() == [*range(len(rows))]
-
-
 @pytest.mark.parametrize(
     ("reason", "waited_for", "log", "status"),
     [
@@ -299,6 +232,6 @@ def test_a_requested_wall_without_stiffness_is_no_success(
     report = json.loads(out)
     assert (found, report["stop_reason"], report["wall_came_on"]) == (status, "duration", True)
     assert (report["no_stiffness"] is not None) == (status == 3)
-    first = brief_text(report).replace("\n", " ")
+    first = report_text(report, brief=True).replace("\n", " ")
     assert ("THE WALL HAS NO STIFFNESS: the guard commands 0 of 8" in first) == (status == 3)
     assert ("ended as planned" in first) == (status == 0)

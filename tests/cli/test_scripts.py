@@ -5,12 +5,9 @@ They run here in a copy of the project with a Python that only writes down what 
 
 import shutil
 import subprocess
-import tomllib
 from pathlib import Path
 
 import pytest
-
-from tests.typed import not_none
 
 ROOT = Path(__file__).parents[2]
 TOOLS = ["sh", "basename", "dirname", "readlink", "cat", "cksum", "flock", "grep", "head", "mkdir"]
@@ -98,15 +95,6 @@ def test_a_fresh_machine_needs_one_command_and_the_second_time_nothing(project: 
     assert notes(project) == ["venv", "pip my project"]
 
 
-def test_it_installs_again_when_the_project_file_has_changed(project: Path) -> None:
-    install_python(project)
-    call(project, "run")
-    with (project / "pyproject.toml").open("a") as file:
-        file.write("# another dependency\n")
-    call(project, "run")
-    assert notes(project) == ["venv", "pip my project", "pip my project"]
-
-
 def test_the_test_script_runs_every_check_and_fails_if_one_does(project: Path) -> None:
     install_python(project)
     done = call(project, "test", "--whole", FAILING="mypy")
@@ -130,67 +118,4 @@ def test_without_python_it_says_what_to_install(project: Path) -> None:
     assert done.stderr.startswith("run: found no Python 3.11 or newer on PATH: install one")
 
 
-def test_without_the_venv_module_it_says_what_to_install(project: Path) -> None:
-    install_python(project)
-    done = call(project, "run", NO_ENSUREPIP="1")
-    assert done.returncode == 1
-    assert "apt-get install python3.11-venv" in done.stderr
-
-
-def test_the_installation_does_not_name_its_folder(project: Path) -> None:
-    """Python before 3.13 reads that name by the locale, and would not start under LC_ALL=C."""
-    install_python(project)
-    site = project / ".venv" / "lib" / "python3.11" / "site-packages"
-    call(project, "run")
-    site.mkdir(parents=True)
-    (site / "_haptic_wall.pth").write_text(f"{project}/ä")
-    (project / ".venv" / ".installed-run").unlink()
-    call(project, "run", LC_ALL="C")
-    places = [(site / line).resolve() for line in (site / "_haptic_wall.pth").read_text().split()]
-    wanted = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]
-    assert places == [(project / place).resolve() for place in wanted["dev-mode-dirs"]]
-
-
 # .ci/run, with a suite that only looks where it is
-
-PARTS = ("wheel", "bare", "lowest")
-SUITE = """#!/bin/sh
-cd "$(dirname "$0")/.." && pwd
-echo "$* $LC_ALL"
-exit 7
-"""
-
-
-@pytest.mark.parametrize("sets_up", [True, False])
-def test_continuous_integration_runs_the_suite_once_in_a_path_of_its_own(
-    project: Path, sets_up: bool
-) -> None:
-    shutil.copytree(ROOT / ".ci", project / ".ci")
-    for tool in ("bash", "tar", "mktemp"):
-        found = shutil.which(tool)
-        link = project.parent / "tools" / tool
-        if not link.exists():
-            link.symlink_to(not_none(found))
-    install_python(project)
-    (project / "scripts" / "test").write_text(SUITE)
-    for part in PARTS:
-        (project / ".ci" / part).write_text(f"#!/bin/sh\necho {part} is tried >&2\n")
-    folders = project.parent / "folders"
-    folders.mkdir()
-    more = {} if sets_up else {"NO_NETWORK": "1"}
-    done = subprocess.run(
-        [project / ".ci" / "run"],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=environment(project, TMPDIR=str(folders), **more),
-    )
-    place, locale = done.stdout.splitlines()[-2:]
-    assert locale == " C" and done.returncode == 7
-    for part in PARTS:
-        assert (f"{part} is tried" in done.stderr) == sets_up
-    if sets_up:
-        assert place.startswith(str(folders)) and place.endswith("/a wäll")
-    else:
-        assert place == str(project) and "the tests run where the project is" in done.stderr
-    assert not list(folders.iterdir())

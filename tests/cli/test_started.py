@@ -3,7 +3,6 @@
 import contextlib
 import json
 import os
-import signal
 import subprocess
 import sys
 import threading
@@ -77,21 +76,6 @@ def test_a_wall_is_changed_from_outside_and_its_clients_harm_nothing(tmp_path: P
     assert not socket_of(log).exists()
 
 
-@pytest.mark.whole
-def test_a_killed_run_leaves_in_its_log_who_asked(tmp_path: Path) -> None:
-    log = tmp_path / "run.hwlog"
-    with run("simulated", ("servo.hand=none", "realtime.profile=off"), log=log) as wall:
-        assert wall.set({"wall.position": 0.2}, wait_s=60.0)["applied"]
-        os.kill(wall._process.pid, signal.SIGKILL)
-        end = time.monotonic() + 60.0
-        while not (changes := LogReader.open(log).changes if log.exists() else ()):
-            assert time.monotonic() < end
-            time.sleep(0.05)
-    (change,) = changes
-    assert (change["by"]["uid"], change["by"]["pid"]) == (os.getuid(), os.getpid())
-    assert change["changed"] == {"wall.position": 0.2}
-
-
 def test_a_wall_that_cannot_start_says_why() -> None:
     with (
         pytest.raises(UserError, match=r"wall\.stiffness"),
@@ -125,6 +109,7 @@ def test_a_run_on_the_simulated_clock_is_over_and_has_a_report(tmp_path: Path) -
             wall.set({"wall.stiffness": 2.0})
 
 
+@pytest.mark.whole
 def test_a_wall_ends_with_its_starter() -> None:
     code = (
         "from haptic_wall.controller.cli.started import run\n"

@@ -80,7 +80,7 @@ def test_the_same_settings_go_on_and_others_are_refused(
     assert "4 of 4 points were measured before" in told
     told = cli.refused("sweep", "simulated", *PLANT, *POINTS, "--out", folder, "--kick=0.03")
     assert "other settings" in told
-    assert "--fresh" in told
+    assert "--force" in told
     assert json.loads((folder / "sweep.json").read_text()) == before
 
 
@@ -120,27 +120,3 @@ def test_wrong_input_is_named(
     cli: Cli, tmp_path: Path, arguments: tuple[str, ...], words: str
 ) -> None:
     assert words in cli.refused("sweep", "simulated", *PLANT, *arguments, "--out", tmp_path)
-
-
-def test_a_line_that_no_sweep_wrote_is_refused(
-    swept: tuple[Path, dict[str, Any], str], cli: Cli, tmp_path: Path
-) -> None:
-    kept = (swept[0] / "sweep.rows").read_text()
-    point = json.loads(kept.splitlines()[-1])
-    wrong = [{"measured": "abc"}, {"measured": 10**400}, {"measured": 1e999}, {"trials": 1.5}]
-    wrong += [{"reason": {}}, {"trips": "abc"}, {"virtual_damping": 9.0}, {"measured": -1.0}]
-    for line in [{}, *(point | each for each in wrong)]:
-        (tmp_path / "sweep.rows").write_text(f"{kept}{json.dumps(line)}\n")
-        told = cli.refused("sweep", "simulated", *PLANT, *POINTS, "--out", tmp_path)
-        assert "sweep.rows, line 6" in told and "delete that line" in told
-
-
-def test_before_hardware_moves_it_says_what_will(cli: Cli, tmp_path: Path) -> None:
-    status, _, told = cli(
-        "sweep", "xm430-w350", "--set", f"servo.port={Path('/dev/nothing-here')}",
-        "--virtual-damping=0.01", "--delay-steps=0", "--out", tmp_path,
-    )  # fmt: skip
-    assert status == 4
-    assert "will swing to both sides" in told
-    assert "degrees" in told
-    assert "in real time" in told

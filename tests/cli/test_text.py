@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from haptic_wall.controller.cli.options import as_json
-from haptic_wall.controller.cli.text import brief_text, report_text
+from haptic_wall.controller.cli.text import report_text
 
 TIMES = {"p50": 0.123456, "p99": 15.1, "p99_9": 31.9, "max": 310.0}
 REPORT = {
@@ -148,7 +148,7 @@ REASON = REPORT["guard"]["reasons"][0]  # type: ignore[index]
 
 def test_the_default_report_has_about_eight_lines_and_the_first_reason() -> None:
     many = {"warnings": [f"note {k}" for k in range(9)], "oscillation": {"state": "quiet"}}
-    lines = brief_text(REPORT | many).splitlines()
+    lines = report_text(REPORT | many, brief=True).splitlines()
     assert len(lines) == 11
     assert lines[0] == "run         ended as planned; torque is off, read back"
     assert lines[1] == "oscillation quiet; torque at most 1.234 N·m, the limit cut it in 7 ticks"

@@ -7,8 +7,7 @@ import time
 
 import pytest
 
-from haptic_wall.controller.cli import working as progress
-from haptic_wall.controller.cli.working import Work, working
+from haptic_wall.controller.cli.working import Work
 
 PROGRAM = """
 import os, signal, sys, time
@@ -38,14 +37,6 @@ def on_a_terminal(then: str) -> tuple[str, int]:
     return text.decode(), os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
-def test_the_line_gives_way_to_what_is_said_and_to_the_end() -> None:
-    text, status = on_a_terminal("options.say('on the way')")
-    line = "\r\x1b[Kdrawing: 1 s, about 9 s left"
-    assert text.startswith(f"{line}\r\x1b[Kon the way\r\n")
-    assert text.endswith("\r\x1b[Kthe end\r\n") or text.endswith("on the way\r\nthe end\r\n")
-    assert status == 0
-
-
 def test_a_ctrl_c_takes_the_line_away() -> None:
     text, status = on_a_terminal("os.kill(os.getpid(), signal.SIGINT); time.sleep(9)")
     assert text.endswith("left\r\x1b[K")
@@ -69,12 +60,3 @@ def test_the_estimate_is_by_what_is_done_where_that_is_known(
     work = Work("drawing", about, share if share is None else lambda: share)
     work.began = time.monotonic() - passed
     assert work.text() == text
-
-
-def test_nothing_is_shown_where_there_is_no_terminal(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(progress, "_show", lambda *_: pytest.fail("a thread was begun"))
-    with working("drawing", 9.0):
-        pass
-    assert capsys.readouterr() == ("", "")

@@ -83,13 +83,6 @@ def test_the_curves_are_those_of_theory_and_guard(
     assert filtered["peak"]["guard_two_sided"]["stiffness"] > 0.0
 
 
-def test_a_difference_over_more_samples_lowers_the_exact_limit(
-    frictionless: tuple[Path, dict[str, Any]],
-) -> None:
-    peaks = [width["peak"]["exact"]["stiffness"] for width in frictionless[1]["widths"]]
-    assert peaks[0] > 2.0 * peaks[1] > 2.0 * peaks[2]
-
-
 def test_the_same_command_keeps_what_was_measured(
     frictionless: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch, cli: Cli
 ) -> None:
@@ -101,15 +94,6 @@ def test_the_same_command_keeps_what_was_measured(
     monkeypatch.setattr(Testbed, "play", forbidden)
     again = cli.json("zwidth", *PLAIN, "--velocity-samples=1,3", "--out", folder)
     assert [w["measured"] for w in again["widths"]] == [w["measured"] for w in report["widths"]]
-
-
-def test_nothing_moves_without_a_measurement(tmp_path: Path, cli: Cli) -> None:
-    found = cli.json("zwidth", "xm430-w350", "--measure=none", "--out", tmp_path / "real")
-    assert "model.backlash 0" in found["widths"][-1]["reason"]
-    assert found["widths"][0]["peak"]["guard"]["stiffness"] > 1.0
-    assert not (tmp_path / "real" / "measured").exists() or not any(
-        (tmp_path / "real" / "measured").iterdir()
-    )
 
 
 def test_a_length_of_no_sample_is_refused_in_a_sentence(
@@ -127,17 +111,3 @@ def test_ctrl_c_ends_it_and_says_how_to_go_on(
     monkeypatch.setattr(zwidth, "sweep", lambda *_, **__: False)
     assert call(*SIMULATED, ONE, "--measure=own", "--out", tmp_path / "out") == 130
     assert f"--out {tmp_path / 'out'} continues" in capsys.readouterr().err
-
-
-def test_the_guards_curve_is_what_a_run_commands(
-    frictionless: tuple[Path, dict[str, Any]], capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    curve = frictionless[1]["widths"][0]["curve"]
-    point = curve[len([p for p in curve if p["guard"] is not None]) // 2]
-    damping = f"wall.damping={point['virtual_damping']!r}"
-    sets = ["--set", damping, "--set", "wall.stiffness=1e6", "--duration=0.1", "--no-plot"]
-    capsys.readouterr()
-    with pytest.raises(SystemExit, match="0"):
-        main(["run", *PLAIN, *sets, "--json", "--log", str(tmp_path / "run.hwlog")])
-    commanded = json.loads(capsys.readouterr().out)["guard"]["commanded"]
-    assert commanded["stiffness"] == pytest.approx(point["guard"], rel=0.03)

@@ -149,12 +149,12 @@ def identified(text: str, config: Config) -> Config:
     except ValidationError as error:
         raise UserError(
             f"{where} has {error.error_count()} wrong fields",
-            advice="give --fresh to identify again",
+            advice="give --force to identify again",
         ) from None
     if found.model_copy(update={"model": config.model}) != config:
         raise UserError(
             f"{where} differs from CONFIG in more than the model",
-            advice="give --fresh to identify again",
+            advice="give --force to identify again",
         )
     return found
 

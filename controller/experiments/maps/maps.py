@@ -88,12 +88,11 @@ class MapQuestion:
         wall = self.setting.wall(self.dampings[task.damping], self.delay_steps[task.delay])
         return partial(_computed, self.setting, wall, tuple(self.kicks), self.tolerance)
 
-    def kept(self, path: Path, *, resume: bool, fresh: bool) -> Kept[Task, FloatArray]:
+    def kept(self, path: Path, *, fresh: bool) -> Kept[Task, FloatArray]:
         """Return the file of finished tasks.
 
         Args:
             path: The file.
-            resume: Go on with the tasks of an earlier call.
             fresh: Discard them.
 
         Raises:
@@ -110,7 +109,7 @@ class MapQuestion:
         def write(task: Task, found: FloatArray) -> object:
             return [task, found.tolist()]
 
-        return Kept(path, asdict(self), read, write, fresh=fresh, resume=resume)
+        return Kept(path, asdict(self), read, write, fresh=fresh)
 
 
 def _computed(

@@ -14,8 +14,7 @@ from haptic_wall.controller.detector.detection import position_step
 from haptic_wall.controller.experiments.identify.motion import Motion, Pieces
 from haptic_wall.controller.experiments.identify.motion import pieces_of as cut_at
 from haptic_wall.controller.experiments.recorded.friction import LONGEST_DELAY_S
-from haptic_wall.controller.logs.csv_recording import columns_in_time
-from haptic_wall.controller.logs.csv_table import TORQUE
+from haptic_wall.controller.logs.csv_recording import TORQUE, columns_in_time
 from haptic_wall.controller.logs.recording import GAP, seconds
 from haptic_wall.controller.theory.checks import FloatArray
 

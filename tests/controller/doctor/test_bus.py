@@ -137,16 +137,6 @@ def test_a_servo_at_another_rate_is_silence_and_costs_little_time() -> None:
     assert bus.clock.now_ns() - begun < 200 * MS
 
 
-def test_a_slow_adapter_hides_nobody() -> None:
-    assert [s.id for s in search(Bus(timer_ns=16 * MS), BAUD).servos] == [1]
-
-
-def test_searching_writes_no_register() -> None:
-    bus = Bus()
-    search(bus, BAUD)
-    assert {frame.instruction for frame in bus.sent} == {Instruction.PING}
-
-
 @dataclass
 class Fault:
     register: str
@@ -183,12 +173,6 @@ def test_what_hurts_is_found_and_mended_and_nothing_else_is_touched(fault: Fault
     assert bus.wrong() == []
 
 
-def test_mending_one_bit_of_drive_mode_leaves_the_others() -> None:
-    bus = Bus()
-    bus.set(drive_mode=1 + 4 + 8)
-    assert bus.mend("direction").after == str(4 + 8)
-
-
 def test_a_latched_error_is_named_and_a_reboot_clears_what_has_no_cause_any_more() -> None:
     bus = Bus()
     bus.set(max_voltage_limit=110)  # the emulated supply gives 12 V
@@ -216,15 +200,6 @@ def test_a_servo_that_may_start_with_torque_is_not_rebooted_until_that_is_mended
     assert bus.wrong() == []
 
 
-def test_eeprom_that_is_locked_is_reported_and_not_taken_for_mended() -> None:
-    bus = Bus(return_delay=250)
-    bus.set(torque_enable=1)
-    change = bus.mend("return delay")
-    assert not change.verified
-    assert change.after == "250"
-    assert bus.check("return delay").found == "250"
-
-
 def test_torque_is_never_enabled_by_any_repair() -> None:
     bus = Bus()
     bus.set(drive_mode=9, startup_configuration=3, secondary_id=4, shutdown=0, torque_enable=1)
@@ -232,33 +207,6 @@ def test_torque_is_never_enabled_by_any_repair() -> None:
     enabled = [f for f in bus.wrote() if f.params[0] == TORQUE_ENABLE and f.params[5] != 0]
     assert enabled == []
     assert not bus.table.read("torque_enable")
-
-
-class DoublingBus(Bus):
-    """Every reply comes once more, behind the next request."""
-
-    _copy = _late = b""
-
-    def write(self, data: bytes) -> None:
-        super().write(data)
-        self._late, self._copy = self._copy, b""
-
-    def read(self) -> bytes:
-        fresh = super().read()
-        self._copy = fresh or self._copy
-        late, self._late = self._late, b""
-        return late + fresh
-
-    def wait(self, deadline_ns: int) -> bool:
-        return bool(self._late) or super().wait(deadline_ns)
-
-
-def test_a_doubled_reply_is_not_taken_for_another_register() -> None:
-    bus = DoublingBus(return_delay=0)
-    assert bus.wrong() == []
-    bus.set(drive_mode=1 + 8)
-    assert all(change.verified for change in bus.mend_all())
-    assert bus.servos[1].memory["drive_mode"] == 0
 
 
 def test_too_low_a_current_limit_is_advice_and_none_at_all_or_an_impossible_one_is_wrong() -> None:
@@ -287,11 +235,6 @@ def test_without_an_adapter_a_reply_takes_its_time_on_the_wire_at_every_phase() 
     assert 102_500 <= replies.took_ns[0] <= replies.took_ns[-1] <= 105_000
 
 
-def test_return_delay_shows_in_the_replies() -> None:
-    found = time_replies(Bus(return_delay=250), 1, 20, MS)
-    assert 602_500 <= found.took_ns[0] <= found.took_ns[-1] <= 605_000
-
-
 def test_an_adapter_timer_of_1_ms_spoils_immediate_and_leaves_pipelined() -> None:
     found = time_replies(Bus(timer_ns=MS, return_delay=0), 1, 200, MS)
     # A reply is ready 0.1 ms after its request and is given up 0.8 ms after: the timer expires in
@@ -303,35 +246,6 @@ def test_an_adapter_timer_of_1_ms_spoils_immediate_and_leaves_pipelined() -> Non
     assert suits(found, 500, BAUD) == "immediate"
 
 
-def test_replies_in_a_row_come_once_per_expiry_of_the_timer() -> None:
-    bus = Bus(timer_ns=2 * MS, return_delay=0)
-    found = time_replies(bus, 1, 50, MS)
-    assert found.in_row_ns == 2 * MS
-    assert found.asked == 50 + 12
-    # the others were sent at all phases of the first of the two milliseconds
-    assert found.took_ns[0] == pytest.approx(MS, abs=MS // 10)
-
-
-class BusyAtFirst(Bus):
-    """The machine does something else now and then, until it is done with it."""
-
-    reads = 0
-
-    def wait(self, deadline_ns: int) -> bool:
-        found = super().wait(deadline_ns)
-        self.reads += 1
-        if self.reads < 60 and self.reads % 10 == 0:
-            self.clock.wait_until(self.clock.now_ns() + 7 * MS)
-        return found
-
-
-def test_reads_that_a_busy_machine_has_spoiled_are_timed_again() -> None:
-    found = time_replies(BusyAtFirst(return_delay=0), 1, 50, MS)
-    assert found.took_ns[-1] <= 105_000
-    assert found.asked == 2 * (50 + 12)
-    assert found.lost == found.corrupt == 0
-
-
 def test_a_servo_that_is_silent_is_not_asked_for_ever() -> None:
     bus = Bus(return_delay=0)
     bus.servos[1].unplug(bus.clock.now_ns())
@@ -341,21 +255,7 @@ def test_a_servo_that_is_silent_is_not_asked_for_ever() -> None:
     assert found.share_failed == 1
 
 
-def test_nothing_but_reads_is_sent() -> None:
-    bus = Bus(return_delay=0)
-    bus.sent.clear()
-    time_replies(bus, 1, 5, MS)
-    assert {frame.instruction for frame in bus.sent} == {Instruction.READ}
-
-
 # Adapters
-
-
-def test_adapters_are_named_by_themselves_and_their_numbers() -> None:
-    assert adapters.kind_of(0x0403, 0x6014, "USB <-> Serial").startswith(
-        "USB <-> Serial, 0403:6014"
-    )
-    assert "not on USB" in adapters.kind_of(None, None, "n/a")
 
 
 def test_the_only_adapter_is_taken_and_several_are_listed() -> None:

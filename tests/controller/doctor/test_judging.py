@@ -1,15 +1,13 @@
 """What measurements mean: which schedule suits, which rate holds, what the machine grants."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from haptic_wall.controller.doctor.machine import judge_lateness, judge_rights
 from haptic_wall.controller.doctor.replies import Replies
-from haptic_wall.controller.doctor.timing import Wanted, judge_timing, suits, sustainable_hz
-from haptic_wall.controller.runtime.machine_setup import machine_setup
+from haptic_wall.controller.doctor.timing import Wanted, judge_timing, sustainable_hz
 from haptic_wall.hw.servo import Check
 from haptic_wall.hw.settings import Schedule
 
@@ -78,15 +76,6 @@ def test_replies_held_for_16_ms_point_to_the_latency_timer_and_to_no_other_rate(
             assert "loop.rate_hz" not in found[name].fix
 
 
-@pytest.mark.parametrize("timer_ms", [1, 2, 4])
-def test_pipelined_is_not_said_to_sustain_more_than_one_reply_per_expiry_of_the_timer(
-    timer_ms: int,
-) -> None:
-    # 1.8 periods for one reply are enough at 1.6 times the rate, but the next request waits for it.
-    found = sustainable_hz(held(timer_ms * MS), "pipelined", 4_000_000)
-    assert found == pytest.approx(1000 / timer_ms / 0.95)
-
-
 def test_the_wire_limits_the_rate_however_quick_the_replies() -> None:
     # 58 bytes of ten bits each at 57600 bit/s: 10.1 ms, which the configuration allows to be 0.8
     # of a period.
@@ -129,20 +118,6 @@ def test_a_busy_machine_is_blamed_before_the_bus_and_no_other_rate_is_proposed(
     assert fix.startswith("set servo.schedule=pipelined")
 
 
-def test_the_youngest_samples_that_come_at_every_phase_are_recommended() -> None:
-    assert suits(QUICK, 1000, 4_000_000) == "immediate"
-    assert suits(TIMER, 1000, 4_000_000) == "pipelined"
-    assert suits(FACTORY, 1000, 4_000_000) is None
-    assert suits(replies([MS // 10] * 180, MS // 10, 20), 1000, 4_000_000) is None
-
-
-def test_where_no_schedule_holds_a_lower_rate_is_named() -> None:
-    # The wire alone: at 1 Mbit/s a cycle takes 0.58 ms, so 2 kHz cannot be.
-    slow = replies([7 * MS // 10] * 200, 7 * MS // 10)
-    found = judged(slow, wanted("immediate", 2000.0, 1_000_000))
-    assert found["schedule"].fix == "set loop.rate_hz=1000"
-
-
 def test_strict_insists_on_scheduler_and_memory_and_the_rest_is_advice() -> None:
     refused = [
         Check(name, False, "refused", "wanted", f"remedy of {name}")
@@ -159,23 +134,3 @@ def test_strict_insists_on_scheduler_and_memory_and_the_rest_is_advice() -> None
 def test_late_wake_ups_are_wrong_from_a_quarter_of_the_period_on() -> None:
     assert judge_lateness([0] * 98 + [249_000] * 2, MS).ok
     assert not judge_lateness([0] * 98 + [250_000] * 2, MS).ok
-
-
-@pytest.mark.parametrize(
-    ("realtime", "isolated", "governor", "hints"),
-    [("1", "1-3,5", "performance", 0), ("0", "", "powersave", 3), (None, "2", None, 2)],
-)
-def test_kernel_and_core_are_advice(
-    tmp_path: Path, realtime: str | None, isolated: str, governor: str | None, hints: int
-) -> None:
-    def put(path: str, text: str | None) -> None:
-        if text is not None:
-            (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
-            (tmp_path / path).write_text(text)
-
-    put("sys/kernel/realtime", realtime)
-    put("sys/devices/system/cpu/isolated", isolated)
-    put("sys/devices/system/cpu/cpu5/cpufreq/scaling_governor", governor)
-    found = machine_setup(5, tmp_path)
-    assert all(finding.ok for finding in found)
-    assert sum(bool(finding.fix) for finding in found) == hints

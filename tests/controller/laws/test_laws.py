@@ -205,11 +205,11 @@ def test_numbers_that_make_no_law_are_refused(sets: list[str], field: str, said:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("0,1\n\n# nothing\n1,nan\n", "line 5 holds nan"),
-        ("0,1\n1,2e6\n", "line 3 holds 2e+06"),
-        ("0,1\n1\n", "line 3 holds no two numbers"),
-        ("0,1\n" * 5000, "with 5000 rows"),
-        ("0," + "1" * 140_000 + "\n", "line 2 is no CSV: field larger"),
+        ("0,1\n\n# nothing\n1,nan\n", "row 2 has the torque_nm nan"),
+        ("0,1\n1,2e6\n", "row 2 has the torque_nm 2e+06"),
+        ("0,1\n1\n", "row 2 has the torque_nm nan"),
+        ("0,1\n" * 5000, "more than 4096 rows"),
+        ("0," + "1" * 140_000 + "\n", "line 2 has more than"),
     ],
 )
 def test_a_file_that_makes_no_profile_is_refused_where_it_is_wrong(

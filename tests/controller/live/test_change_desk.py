@@ -74,13 +74,6 @@ def test_it_is_not_made_where_the_start_takes_too_long(
     assert side.desk.look() is None
 
 
-def test_it_is_not_made_where_the_run_ends_before(side: Side) -> None:
-    assert side.begin(60.0) is None
-    side.telemetry.words[Word.STOP] = 1
-    answer = side.desk.look()
-    assert answer is not None and answer["error"] == "not applied: the run is over"
-
-
 def test_it_is_given_up_with_whoever_asked(side: Side) -> None:
     assert side.begin(60.0) is None
     side.desk.withdraw()
@@ -90,11 +83,3 @@ def test_it_is_given_up_with_whoever_asked(side: Side) -> None:
     assert side.telemetry.words[Word.OFFERED] == 0
     assert side.begin(60.0) is None
     assert side.desk.give_up("the run is over")["error"] == "not applied: the run is over"
-
-
-def test_a_law_of_too_many_numbers_is_refused_in_words(side: Side) -> None:
-    side.start()
-    side.desk._offers._halves = tuple(half[:1024] for half in side.telemetry.halves)  # type: ignore[assignment]
-    answer = side.begin(1.0)
-    assert answer is not None and answer["error"].startswith("refused: wall.law: found a law of ")
-    assert side.telemetry.words[Word.OFFERED] == 0

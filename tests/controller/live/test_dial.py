@@ -136,25 +136,9 @@ def test_what_is_refused_is_an_error_with_its_status(served: Served) -> None:
     assert (problem.field, problem.remedy) == ("x", "wanted y"), "as --json names them"
 
 
-def test_a_change_that_waits_says_so_once(served: Served) -> None:
-    served.desk.looks = 60
-    client = Client(served.run, "a=1")
-    served.until(lambda: client.answer)
-    (told,) = client.told
-    assert told.startswith("waits: the torque would jump by")
-
-
 def test_only_the_owner_may_connect(served: Served) -> None:
     mode = served.run.socket.stat().st_mode
     assert stat.S_ISSOCK(mode) and stat.S_IMODE(mode) == 0o600
-
-
-def test_another_user_is_refused_by_the_kernels_word(tmp_path: Path) -> None:
-    other = Served(tmp_path, ScriptedDesk(), owner=os.getuid() + 1)
-    told = sent(other, b'{"set": ["wall.stiffness=4"]}\n')
-    assert "only the owner of this wall may change it" in told["error"]
-    assert other.desk.asked == []
-    other.dial.close()
 
 
 @pytest.mark.parametrize(
@@ -172,29 +156,6 @@ def test_garbage_is_answered_in_a_sentence(served: Served, content: bytes) -> No
     told = sent(served, content)
     assert "wanted one line" in told["error"] and told["exit_status"] == 2
     assert served.desk.asked == []
-
-
-def test_a_hundred_megabytes_are_not_taken(served: Served) -> None:
-    told = sent(served, b"a" * 100_000_000)
-    assert "more than 65536 bytes" in told["error"]
-
-
-def test_a_client_that_stops_in_the_middle_delays_nobody_for_long(served: Served) -> None:
-    with connected(served.run.socket) as slow:
-        slow.send(b'{"set": ["wall.st')
-        client = Client(served.run, "a=1")
-        served.until(lambda: client.answer)
-        assert client.answer["applied"]
-        slow.setblocking(False)
-        found: list[bytes] = []
-
-        def answered() -> bool:
-            with contextlib.suppress(BlockingIOError):
-                found.append(slow.recv(MOST_BYTES))
-            return bool(found)
-
-        served.until(answered)
-    assert b"no whole request came" in found[0]
 
 
 def test_a_client_that_goes_takes_its_request_along(served: Served) -> None:
@@ -218,14 +179,6 @@ def test_a_socket_that_a_killed_run_left_is_replaced_but_no_other_file(tmp_path:
     with pytest.raises(OSError, match="use"):
         listening(path)
     assert path.read_text() == "mine"
-
-
-def test_a_long_path_is_no_problem(tmp_path: Path) -> None:
-    folder = tmp_path / ("a" * 100) / ("b" * 100)
-    folder.mkdir(parents=True)
-    path = folder / "run.hwlog.sock"
-    with listening(path) as listener, connected(path), listener.accept()[0] as connection:
-        assert peer_of(connection).uid == os.getuid()
 
 
 _LISTENS = """

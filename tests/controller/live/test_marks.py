@@ -1,13 +1,11 @@
 """Events of a run are found in its rows, with the same words however the rows are divided."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.state import State
-from haptic_wall.controller.live.marks import Mark, MarkFinder, change_mark
+from haptic_wall.controller.live.marks import Mark, MarkFinder
 from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP, ROW
 from haptic_wall.hw.servo import Outcome
 
@@ -53,10 +51,3 @@ def test_each_event_has_its_time_and_words(size: int) -> None:
         (0.8, "wall", "the wall is off"),
         (0.9, "wall", "the wall is on"),
     ]
-
-
-def test_a_change_that_was_not_made_says_why() -> None:
-    change: dict[str, Any] = {"at_s": 2.0, "set": ["wall.stiffness=9"], "outcome": "applied"}
-    assert change_mark(change) == Mark(2.0, "change", "wall.stiffness=9")
-    refused = change | {"outcome": "refused", "why": "found text"}
-    assert change_mark(refused).words == "wall.stiffness=9 refused: found text"

@@ -11,7 +11,6 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -24,16 +23,14 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from haptic_wall.controller import live as room
-from haptic_wall.controller.guard.guard import Situation, decide
-from haptic_wall.controller.live.client import MOST_ROWS
+from haptic_wall.controller.guard.guard import Situation
 from haptic_wall.controller.live.dead_man import DeadMan
 from haptic_wall.controller.live.frames import CHANNELS
-from haptic_wall.controller.live.relay import sets_of
 from haptic_wall.controller.live.run_socket import listening
 from haptic_wall.controller.live.server import LiveServer
 from haptic_wall.controller.live.source import RunningSource
 from haptic_wall.controller.live.view import View
-from haptic_wall.controller.runtime.telemetry import CAPACITY, Telemetry, Word
+from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.hand import SharedHand
 from tests.controller.live import strangers
@@ -291,81 +288,6 @@ def test_only_the_token_turns_the_knobs(served: Served, run: socket.socket) -> N
     run.settimeout(0.0)
     with pytest.raises(BlockingIOError):
         run.accept()
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {},
-        {"servo.inertia": 1},
-        {"wall.profile": "/etc/passwd"},
-        {"wall.law": "os:system"},
-        {"wall.stiffness": math.inf},
-        [1],
-    ],
-)
-def test_a_page_names_no_file_and_no_class(changes: object) -> None:
-    assert sets_of(changes) is None
-
-
-def test_the_guards_limits_are_told(served: Served) -> None:
-    with served.connect() as client:
-        limits = heard(client, "map")
-    assert limits["requested"]["stiffness"] == limits["commanded"]["stiffness"]
-    exact = np.interp(limits["requested"]["damping"], limits["damping"], limits["limits"]["exact"])
-    (decision,) = decide(*SIMULATED)
-    assert exact == pytest.approx(decision.limits["exact"], rel=0.02)
-    assert all(len(each) == len(limits["damping"]) for each in limits["limits"].values())
-
-
-def test_a_message_of_100_mb_ends_its_client_only(served: Served) -> None:
-    with served.connect() as other, served.connect() as client:
-        with pytest.raises((ConnectionClosed, OSError)):
-            client.send(b"\0" * 1_000_000 for _ in range(100))
-            while True:
-                client.recv(timeout=10.0)
-        served.write(5)
-        numbers(other)
-
-
-def test_of_20_clients_one_that_does_not_read_is_not_buffered_and_misses_rows_at_last(
-    wholly: bool,
-) -> None:
-    served, many = Served(), 20 if wholly else 4
-    host, _, port = served.place.partition(":")
-    plain = socket.socket()
-    plain.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-    plain.connect((host, int(port)))
-    try:
-        request = (
-            f"GET /rows HTTP/1.1\r\nHost: {served.place}\r\nUpgrade: websocket\r\n"
-            "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
-            "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"
-        )
-        plain.sendall(request.encode())
-        with ExitStack() as connections:
-            others = [connections.enter_context(served.connect()) for _ in range(many - 1)]
-            for round_ in range(11):
-                served.write(MOST_ROWS)
-                head = served.telemetry.words[Word.HEAD]
-                # One reads to the end; the others read for one round only, as that takes a second.
-                for other in others if round_ < 1 else others[:1]:
-                    seen = 0
-                    while seen < head:
-                        first, count = numbers(other)
-                        seen = first + count
-            clients = sorted(served.view.clients, key=lambda each: each.tail)
-            assert len(clients) == many
-            frame_bytes = MOST_ROWS * (8 + 4 * len(CHANNELS))
-            assert all(each.buffered < 2 * frame_bytes for each in clients)
-            slow = clients[0]
-        assert seen - slow.tail > CAPACITY, "it comes back to rows that are no longer there"
-        began_s = time.monotonic()
-        served.close()
-        assert time.monotonic() < began_s + 5.0, "a stopped client does not hold the end up"
-    finally:
-        plain.close()
-        served.close()
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -12,12 +11,11 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller import live as room
-from haptic_wall.controller.guard.limits import BY_NAME
 from haptic_wall.controller.live.client import Client
 from haptic_wall.controller.live.dead_man import SILENCE_NS, DeadMan
 from haptic_wall.controller.live.relay import OFFERED, sets_of
 from haptic_wall.controller.live.source import LoggedSource, RunningSource
-from haptic_wall.controller.live.view import MOST_LAWS, View
+from haptic_wall.controller.live.view import View
 from haptic_wall.controller.runtime.telemetry import FLAG_OFF, ROW, Telemetry, Word
 from haptic_wall.controller.settings.changes import changed
 from haptic_wall.controller.settings.load import load_config
@@ -77,30 +75,6 @@ def test_hand_and_dead_man_are_on_the_clock_of_the_loop() -> None:
     assert telemetry.words[Word.HELD_NS] == SILENCE_NS
 
 
-def test_a_law_that_was_in_force_keeps_its_curve(running: tuple[View, Telemetry]) -> None:
-    view, telemetry = running
-    early = greeted(view)
-    move(view, telemetry, 0.0, 0.1)
-    (first,) = early.last("laws")["laws"]
-    view.change(ELSEWHERE, 2.0)
-    move(view, telemetry, 0.9)
-    view.change(STOPS, 3.0)
-    move(view, telemetry, 0.0, stiffness=0.0)  # off: the curve stays
-    laws = greeted(view).last("laws")["laws"]
-    assert [each["since"] for each in laws] == [0.0, 2.0, 3.0]
-    assert [each["edges"] for each in laws] == [[0.0], [0.4], [-0.5, 0.3]]
-    assert laws[0] == first
-    assert all(each["low"] < min(each["edges"]) for each in laws)
-    assert all(each["high"] > max(each["edges"]) for each in laws)
-    assert all(max(map(abs, each["torque"])) > 0.1 for each in laws)
-    told = [each["laws"] for each in early.told if each["kind"] == "laws"]
-    kept: dict[float, Any] = {law["since"]: law for each in told for law in each}
-    assert list(kept.values()) == laws, "as a page that was there keeps them"
-    for k in range(MOST_LAWS):
-        view.change((CONFIG, ELSEWHERE)[k % 2], 4.0 + k)
-    assert len(greeted(view).last("laws")["laws"]) == MOST_LAWS
-
-
 def test_a_log_shows_each_law_from_its_row_on() -> None:
     rows = np.zeros(100, ROW)
     rows["seq"] = np.arange(50, 150)
@@ -119,20 +93,6 @@ def test_a_log_shows_each_law_from_its_row_on() -> None:
     slopes = [max(np.abs(np.diff(each["torque"]))) for each in laws]
     assert slopes[0] > 1.5 * slopes[1], "each with the stiffness of its time"
     assert page.last("wall")["wall"]["position"] == 0.4
-
-
-def test_supply_and_temperature_are_told_once_known_and_when_they_change(
-    running: tuple[View, Telemetry],
-) -> None:
-    view, telemetry = running
-    page = greeted(view)
-    view.tell_health()
-    assert [each["kind"] for each in page.told].count("health") == 0
-    telemetry.words[Word.SUPPLY_MV], telemetry.words[Word.TEMPERATURE_MC] = 11_900, 31_000
-    view.tell_health()
-    view.tell_health()
-    assert [each["kind"] for each in page.told].count("health") == 1
-    assert greeted(view).last("health") == {"kind": "health", "volts": 11.9, "celsius": 31.0}
 
 
 def test_a_page_knows_the_travel_and_which_rows_have_no_wall() -> None:
@@ -161,16 +121,3 @@ def test_each_law_can_be_chosen_from_each_and_its_numbers_turned() -> None:
 def choice(law: str) -> dict[str, Any]:
     """What the page asks for to choose a law."""
     return {"wall.law": law} | {f"wall.{name}": each for name, each in OFFERED[law].example.items()}
-
-
-def test_each_number_has_a_knob_and_each_limit_a_colour_of_its_own() -> None:
-    knobs = set(re.findall(r'path: "wall\.(\w+)"', (PAGE / "knobs.js").read_text()))
-    numbers = {name for kind in OFFERED.values() for name in kind.numbers} - {"side"}
-    assert knobs == numbers | {"stiffness", "damping", "position"}
-    script, style = (PAGE / "map.js").read_text(), (PAGE / "style.css").read_text()
-    table = script[script.index("LIMITS = {") : script.index("};")]
-    names = dict(re.findall(r'(\w+): "(--\w+)"', table))
-    assert set(names) == set(BY_NAME)
-    for scheme in style.split("@media")[:2]:
-        colours = dict(re.findall(r"(--\w+): (#\w+)", scheme))
-        assert len({colours[name] for name in names.values()}) == len(names)

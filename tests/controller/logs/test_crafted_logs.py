@@ -15,10 +15,10 @@ import pytest
 
 from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.logs.file import SCHEMA
-from haptic_wall.controller.logs.reader import LogReader, TimeSpan
 from haptic_wall.controller.logs.writer import LogWriter, append_end
 from haptic_wall.controller.system.printable import printable
 from tests.cases import sampled
+from tests.cli.test_text import REPORT
 from tests.support.told_logs import EVENTS, metadata, rows
 
 
@@ -28,7 +28,7 @@ def log(tmp_path: Path) -> Path:
     with LogWriter(path, metadata()) as writer:
         writer.append(rows(6_000))
         writer.event(EVENTS[0])
-    append_end(path, {"stop_reason": "duration", "rows": 6_000})
+    append_end(path, REPORT | {"rows": 6_000})
     return path
 
 
@@ -201,11 +201,3 @@ def test_what_may_never_end_is_refused_at_once(
     for name, why in kinds(tmp_path):
         status, text = told(capsys, command, name)
         assert status == 2 and why in text
-
-
-def test_a_stretch_is_found_without_reading_what_is_before(log: Path) -> None:
-    with closing(sqlite3.connect(log)) as db:
-        db.execute("UPDATE rows SET torque_nm = 'text' WHERE seq = 3")
-        db.commit()
-    found = LogReader.open(log, TimeSpan(5.0, 5.01)).rows()
-    assert found["seq"].tolist() == [*range(5_000, 5_010)]

@@ -143,17 +143,6 @@ def test_another_writer_goes_on_where_one_was_killed(tmp_path: Path) -> None:
     np.testing.assert_array_equal(LogReader.open(path).rows(), rows(1005))
 
 
-def test_a_log_ends_with_the_report(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.hwlog", rows(3))
-    append_end(path, {"stop_reason": "trip:overspeed", "growth": math.nan})
-    log = LogReader.open(path)
-    assert log.end == {"stop_reason": "trip:overspeed", "growth": None}
-    assert len(log.rows()) == 3
-    with pytest.raises(OSError):
-        append_end(tmp_path / "none.hwlog", {"stop_reason": "duration"})
-    assert not (tmp_path / "none.hwlog").exists()
-
-
 @pytest.mark.parametrize(
     ("content", "said"),
     [
@@ -172,9 +161,3 @@ def test_another_file_is_not_a_log(tmp_path: Path, content: bytes, said: str) ->
     with pytest.raises(LogFormatError, match=said):
         LogWriter(path, {}, resume=True)
     assert path.read_bytes() == content
-
-
-def test_any_name_can_be_a_logs(tmp_path: Path) -> None:
-    for name in ("a?mode=memory&x=%41#b.hwlog", ":memory:", "file:c", "ü\udcff.hwlog"):
-        path = write(tmp_path / name, rows(3))
-        assert path.stat().st_size and len(LogReader.open(path).rows()) == 3

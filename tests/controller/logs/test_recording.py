@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.logs import csv_table
+from haptic_wall.controller.logs import csv_recording
 from haptic_wall.controller.logs.detected import read_recording
 from haptic_wall.controller.theory.checks import FloatArray
-from tests.typed import not_none
 
 STEP = math.tau / 4096
 RNG = np.random.default_rng(1)
@@ -28,35 +27,12 @@ def write(path: Path, **columns: Iterable[float]) -> Path:
     return path
 
 
-def test_an_even_record_is_taken_as_it_is(tmp_path: Path) -> None:
-    times = np.arange(2000.0) * 1e-3
-    counted = np.round(swing(times) / STEP) * STEP
-    path = write(tmp_path / "a.csv", time_s=times, position_rad=counted, torque_nm=-counted)
-    found = read_recording(path)
-    assert found.period == pytest.approx(1e-3)
-    assert found.notes == ()
-    (part,) = found.parts
-    assert np.array_equal(part.positions, counted)
-    assert np.array_equal(not_none(part.torques), -counted)
-    assert found.position_step == pytest.approx(STEP, rel=1e-9)
-
-
 def test_a_gap_parts_the_record_and_is_told(tmp_path: Path) -> None:
     times = np.arange(3000.0) * 1e-3
     times = times[(times < 1.0) | (times >= 1.5)]
     found = read_recording(write(tmp_path / "a.csv", time_s=times, position_rad=swing(times)))
     assert [part.times[0] for part in found.parts] == pytest.approx([0.0, 1.5])
     assert any("from 0.999 to 1.5 s" in note for note in found.notes)
-
-
-def test_missing_positions_stay_missing(tmp_path: Path) -> None:
-    times = np.arange(1000.0) * 1e-3
-    positions = swing(times)
-    positions[[10, 500, 501]] = math.nan
-    found = read_recording(write(tmp_path / "a.csv", time_s=times, position_rad=positions))
-    (part,) = found.parts
-    assert np.count_nonzero(np.isnan(part.positions)) == 3
-    assert any("3 rows have no position, first at 0.01 s" in note for note in found.notes)
 
 
 def test_uneven_times_are_brought_onto_a_grid_and_told(tmp_path: Path) -> None:
@@ -81,28 +57,6 @@ def test_times_that_go_back_are_left_out_and_told(tmp_path: Path) -> None:
     assert any("2 rows are left out" in note and "0.05 s" in note for note in found.notes)
 
 
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        (b"time_s,position_rad" + b",1" * 100_000, "line 1 has more than 65536 characters"),
-        (b"time_s,position_rad\n0,0\n0," + b" " * 70_000, "line 3 has more than 65536"),
-        (b"time_s,position_rad\n" + b'"\n",' * 10_000, "a quote that is not closed"),
-        (b"time_s,position_rad\n0,\x1b[31m\n", r"line 2 holds the control character '\x1b'"),
-        (b"\x89PNG\r\n\x1a\n", "its first line has no column time_s and no position_rad"),
-        ("time_s,position_rad\n".encode("utf-16"), r"the control character '\x00'"),
-        (b"time_s,position_rad\n1_0,1\n", "column time_s: found '1_0', wanted a number"),
-        ("t\u202e,x\n".encode(), r"found t\u202e, x;"),
-    ],
-)
-def test_what_is_no_text_is_refused_in_words(tmp_path: Path, content: bytes, said: str) -> None:
-    path = tmp_path / "a.csv"
-    path.write_bytes(content)
-    with pytest.raises(UserError) as error:
-        read_recording(path)
-    assert said in str(error.value)
-    assert str(error.value).isprintable()
-
-
 def test_a_csv_larger_than_what_fits_is_refused_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -111,7 +65,7 @@ def test_a_csv_larger_than_what_fits_is_refused_at_once(
         file.truncate(1 << 40)
     with pytest.raises(UserError, match=f"found {1 << 40} bytes, wanted a CSV of at most"):
         read_recording(path)
-    monkeypatch.setattr(csv_table, "MOST_ROWS", 99)
+    monkeypatch.setattr(csv_recording, "MOST_ROWS", 99)
     times = np.arange(100.0)
     with pytest.raises(UserError, match="found more than 99 rows"):
         read_recording(write(path, time_s=times, position_rad=times))

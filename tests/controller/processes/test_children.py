@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,23 +14,6 @@ from haptic_wall.controller.processes.children import Child, first_line
 from haptic_wall.controller.system.signals import on_signals
 from haptic_wall.hw.errors import ServoError
 from tests.cases import sampled
-
-
-@pytest.mark.parametrize("path", ["", "{}", "/nowhere:{}:{}/more"])
-def test_a_folder_named_as_the_program_is_not_taken_for_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str
-) -> None:
-    monkeypatch.setenv("PYTHONPATH", path.format(tmp_path, tmp_path))
-    (tmp_path / "controller").mkdir()
-    (tmp_path / "controller" / "__init__.py").write_text("raise SystemExit('not ours')")
-    if not path:
-        (tmp_path / "json.py").write_text("raise SystemExit('not ours')")
-    monkeypatch.chdir(tmp_path)
-    child = Child("main", ["haptic_wall.controller.cli.main", "--version"], None)
-    try:
-        assert "haptic-wall" in (first_line(child, 30.0) or "")
-    finally:
-        child.dismiss(2.0)
 
 
 def test_a_ctrl_c_while_a_child_is_started_reaches_its_parent_alone(

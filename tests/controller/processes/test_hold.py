@@ -5,7 +5,6 @@ from __future__ import annotations
 import array
 import math
 import os
-import pty
 from pathlib import Path
 
 import pytest
@@ -54,20 +53,6 @@ def test_a_key_is_held_from_its_press_to_its_release() -> None:
     assert stream.held(), "no news is no release"
     assert stream.send(event(SPACE, 2)).held(), "it repeats"
     assert not stream.send(event(SPACE, 0)).held()
-
-
-def test_a_key_that_is_named_is_the_only_one_that_counts() -> None:
-    stream = Stream(SPACE)
-    assert not stream.send(event(ENTER, 1)).held()
-    assert stream.send(event(SPACE, 1)).held()
-    assert stream.send(event(ENTER, 0)).held()
-    assert not stream.send(event(SPACE, 0)).held()
-
-
-def test_of_several_keys_the_last_one_holds() -> None:
-    stream = Stream().send(event(SPACE, 1), event(ENTER, 1))
-    assert stream.send(event(SPACE, 0)).held()
-    assert not stream.send(event(ENTER, 0)).held()
 
 
 def test_lost_events_release_what_the_kernel_does_not_call_held() -> None:
@@ -133,22 +118,6 @@ def test_an_input_device_is_known_by_its_answers(kernel: dict[int, set[int]]) ->
     kernel[0x80604521] = set()
     with pytest.raises(UserError, match="has no key; name another device"):
         hold_by("/dev/null")
-
-
-def test_after_lost_events_the_kernel_is_asked_what_is_down(kernel: dict[int, set[int]]) -> None:
-    kernel[0x80604518] = set()
-    stream = Stream()
-    assert not stream.held()
-    kernel[0x80604518] = {ENTER}
-    lost = event(3, 0, kind=0)
-    assert stream.send(event(SPACE, 1), lost).held()
-    assert not stream.send(event(ENTER, 0)).held(), "the other is up, whatever was lost"
-
-
-def test_a_terminal_is_refused_by_name() -> None:
-    _, terminal = pty.openpty()
-    with pytest.raises(UserError, match="does not report the release of a key"):
-        hold_by(os.ttyname(terminal))
 
 
 def test_the_loop_looks_every_10_ms_and_a_device_that_is_gone_releases_for_good() -> None:

@@ -28,12 +28,6 @@ def ended(tmp_path: Path) -> Callable[..., tuple[Ended, int]]:
     return run
 
 
-def test_a_whole_log_lacks_nothing(ended: Callable[..., tuple[Ended, int]], tmp_path: Path) -> None:
-    whole, rows = ended()
-    assert (whole.lacking, whole.warnings) == (0, [])
-    assert len(LogReader.open(tmp_path / "run.hwlog").rows()) == rows
-
-
 def test_a_full_disk_leaves_out_what_it_did_not_take(
     ended: Callable[..., tuple[Ended, int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

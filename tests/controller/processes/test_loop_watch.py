@@ -2,7 +2,7 @@
 
 import pytest
 
-from haptic_wall.controller.processes.loop_watch import END_S, REPORT_S, LoopWatch
+from haptic_wall.controller.processes.loop_watch import END_S, LoopWatch
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from tests.typed import not_none
 
@@ -74,20 +74,3 @@ def test_a_loop_that_beats_but_does_not_end_when_asked_is_overdue(ask: str) -> N
         loop.watch.asked()
     assert loop.after(END_S) is None
     assert "did not end within 2 s of being asked" in not_none(loop.after(3 * LOOK_S))
-
-
-def test_a_loop_off_its_grid_has_time_to_read_torque_off_back_but_no_more() -> None:
-    loop = Loop(LoopState.STOPPING)
-    loop.beats = False
-    assert loop.after(END_S - LOOK_S) is None
-    assert "of its last period" in not_none(loop.after(3 * LOOK_S))
-
-
-@pytest.mark.parametrize("stop", [0, 1])
-def test_a_loop_whose_torque_is_off_has_time_for_its_report(stop: int) -> None:
-    """On a small machine, or a busy one, a Ctrl-C would end in a trip."""
-    loop = Loop(LoopState.TORQUE_OFF)
-    loop.words[Word.STOP] = stop
-    loop.beats = False
-    assert loop.after(REPORT_S - LOOK_S) is None
-    assert "did not end within 15 s" in not_none(loop.after(3 * LOOK_S))

@@ -32,13 +32,6 @@ def stage() -> Stage:
     return Stage()
 
 
-def test_while_nothing_happens_reasons_stay_as_they_are(stage: Stage) -> None:
-    assert not stage.outside.look()
-    for reason in ("duration", "interrupted", *Trip):
-        assert stage.outside.verdict(reason) == (reason, "")
-    assert stage.outside.notes() == []
-
-
 def test_a_suspended_computer_ends_the_run(stage: Stage) -> None:
     stage.clock.suspended_ns += 3 * SECOND_NS
     assert stage.outside.look()
@@ -70,11 +63,3 @@ def test_another_program_ends_the_run_by_name(stage: Stage) -> None:
         "trip:port_shared",
         "minicom (pid 7) has opened /dev/ttyUSB0",
     )
-
-
-def test_where_nothing_was_lost_the_run_goes_on_and_a_note_tells() -> None:
-    stage = Stage(real=False)
-    stage.clock.suspended_ns += 3 * SECOND_NS
-    assert not stage.outside.look()
-    assert stage.outside.verdict(Trip.LOSSES_IN_ROW) == ("trip:losses_in_row", "")
-    assert stage.outside.notes() == ["the computer was suspended for 3 s during the run"]

@@ -8,7 +8,7 @@ import pytest
 
 from haptic_wall.controller.processes.plan import Ended
 from haptic_wall.controller.processes.run_report import explanation, warnings_of
-from haptic_wall.controller.runtime.safety import AFTER_STALL, End, Trip
+from haptic_wall.controller.runtime.safety import End, Trip
 from haptic_wall.controller.runtime.statistics import RunStatistics
 from haptic_wall.controller.settings.load import load_config
 from tests.typed import not_none
@@ -40,19 +40,6 @@ def test_on_a_pseudo_terminal_lost_replies_are_the_emulators(
     os.close(leader)
     os.close(follower)
     assert "check cable, power" in ended_by(trip, "/dev/ttyUSB0")
-
-
-@pytest.mark.parametrize("trip", sorted(AFTER_STALL))
-@pytest.mark.parametrize("preset", ["emulated-xm430", "emulated-port", "xm430-w350"])
-def test_a_stall_that_may_have_caused_a_trip_is_named_first(trip: Trip, preset: str) -> None:
-    servo = load_config(preset).config.servo
-    result = {"stalled": "this computer stalled for 22 ms", "message": "5 rad/s"}
-    statistics = cast(RunStatistics, None)
-    said = not_none(explanation(Ended(trip, statistics, ticks=9, missed=0, result=result), servo))
-    assert said.startswith("this computer stalled for 22 ms: ")
-    assert said.index("keep the cores busy") < (said.find("check") % len(said))
-    other = Ended(Trip.OSCILLATION, statistics, ticks=9, missed=0, result=result)
-    assert "stalled" not in not_none(explanation(other, servo))
 
 
 @pytest.mark.parametrize(

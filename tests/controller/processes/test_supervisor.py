@@ -161,14 +161,6 @@ def test_a_dead_loop_has_its_torque_cut_and_its_end_told(stage: Stage) -> None:
     assert report["torque_off"] is True
 
 
-def test_a_hung_loop_is_killed_before_its_torque_is_cut(stage: Stage) -> None:
-    ended, _ = stage.run()
-    assert stage.cuts == SILENT_AND_MARKED
-    assert ended.stop_reason == "trip:loop_hung"
-    assert "no sign of life for 0.1" in not_none(explanation(ended, stage.plan.config.servo))
-    assert "it was busy" in not_none(explanation(ended, stage.plan.config.servo))
-
-
 def test_torque_that_cannot_be_read_back_as_off_is_never_called_off(stage: Stage) -> None:
     stage.confirmed = False
     stage.loop_acts = lambda loop: loop.end(1)
@@ -191,19 +183,6 @@ def test_what_the_loop_could_not_read_back_the_supervisor_tries_again(
     assert ended.stop_reason == "trip:overspeed"
     assert report["torque_off"] is confirmed
     assert len(stage.cuts) == 1
-
-
-def test_a_loop_that_does_not_end_when_asked_is_ended(
-    stage: Stage, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("haptic_wall.controller.processes.loop_watch.END_S", 0.1)
-    stage.words[Word.STOP] = stage.words[Word.HEAD] = 1
-    stage.loop_acts = lambda _: stage.words.__setitem__(
-        Word.HEARTBEAT_NS, time.monotonic_ns() + 10**10
-    )
-    ended, _ = stage.run()
-    assert ended.stop_reason == "trip:loop_hung"
-    assert "being asked to" in not_none(explanation(ended, stage.plan.config.servo))
 
 
 @pytest.mark.parametrize("state", [LoopState.STARTING, LoopState.RUNNING, LoopState.STOPPING])
@@ -304,12 +283,6 @@ def test_a_refused_start_whose_torque_is_not_known_to_be_off_is_cut(
     assert words in message
 
 
-@pytest.mark.parametrize("state", [LoopState.STARTING, LoopState.TORQUE_OFF])
-def test_a_refused_start_without_torque_is_left_alone(stage: Stage, state: LoopState) -> None:
-    assert refused(stage, state) == "The servo answers no more: check the cable."
-    assert stage.cuts == []
-
-
 @pytest.mark.parametrize("result", [None, {**RESULT, "stop_reason": "trip:loss_rate"}])
 @pytest.mark.parametrize("how", ["dead", "stopped", "hung"])
 def test_a_bus_that_dies_or_hangs_is_named_and_torque_is_spoken_of_once(
@@ -341,19 +314,3 @@ def test_a_bus_that_dies_or_hangs_is_named_and_torque_is_spoken_of_once(
     text = " ".join(report_text(report).split()).lower()
     assert text.count("could not be read back") == text.count("switch its power off") == 1
     assert "the loop's process" not in text
-
-
-def test_a_stop_while_the_emulated_bus_hangs_in_its_start_ends_the_run_at_once(
-    stage: Stage,
-) -> None:
-    """Ctrl-C; a bus that is stuck does not even heed a polite end."""
-    stage.plan = replace(stage.plan, config=load_config("emulated-ideal", []).config)
-    threading.Timer(0.1, stage.words.__setitem__, (Word.STOP, 1)).start()
-    began = time.monotonic()
-    ended, report = stage.run()
-    assert time.monotonic() - began < 1.0
-    assert ended.stop_reason == "interrupted"
-    assert exit_status(ended.stop_reason) == 130
-    assert signal.SIGKILL in CHILDREN["emulator"].sent
-    assert "loop" not in CHILDREN and stage.cuts == []
-    assert report["torque_off"] is True and report["ticks"] == 0

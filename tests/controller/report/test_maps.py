@@ -46,22 +46,6 @@ def test_the_theory_reaches_from_the_first_damping_to_the_last(
         assert np.asarray(line.get_xdata())[[0, -1]].tolist() == dampings
 
 
-def test_over_one_damping_the_theory_is_a_level_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    linear, exact, *_ = drawn(monkeypatch, [0.1]).lines
-    for line in (linear, exact):
-        np.testing.assert_allclose(np.asarray(line.get_ydata()), 133.3, rtol=1e-3)
-        assert np.asarray(line.get_xdata()).tolist() == [0, 1]  # of the picture's width
-
-
-@pytest.mark.whole
-def test_few_dampings_stand_on_an_even_scale(monkeypatch: pytest.MonkeyPatch) -> None:
-    few = drawn(monkeypatch, [0.0, 100.0])
-    assert few.get_xscale() == "linear"
-    assert "scale" not in few.get_xlabel()
-    many = drawn(monkeypatch, [0.0, 1.0, 4.0, 9.0, 16.0, 25.0])
-    assert many.get_xlabel().endswith("square-root scale")
-
-
 @pytest.mark.parametrize(
     ("seconds", "said"),
     [(1.45e-7, "0 ms"), (0.0, "0 ms"), (2.5e-4, "0.25 ms"), (0.0012, "1.2 ms"), (0.01, "10 ms")],

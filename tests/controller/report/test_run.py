@@ -10,17 +10,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from haptic_wall.controller.errors import LogFormatError
 from haptic_wall.controller.report import run as plot
 from haptic_wall.controller.report.sketch import sketched
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_CONTACT,
-    FLAG_SATURATED,
     FLAG_WARM_UP,
     ROW,
 )
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.theory.checks import FloatArray
 from tests.typed import not_none
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -129,16 +126,6 @@ def test_the_title_tells_a_trip_and_a_guard_that_is_off(
     assert second.endswith("guard off")
 
 
-def test_saturation_shows_the_limit(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    rows = run_rows()
-    asked: FloatArray = rows["wall_torque"]
-    rows["torque"] = np.clip(asked, -0.4, 0.4)
-    rows["flags"][np.abs(asked) > 0.4] |= FLAG_SATURATED
-    figure = draw(monkeypatch, tmp_path, rows, metadata("xm430-w350"), saved=False)
-    assert "limit ±0.4 N·m" in legend(figure.axes[1])
-    assert "cut by the limit" in legend(figure.axes[1])
-
-
 @pytest.mark.parametrize("count", [1, 2, 101])
 def test_the_shortest_runs_can_be_drawn(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, count: int
@@ -157,9 +144,3 @@ def test_a_long_run_is_drawn_as_its_envelope(
     drawn = np.concatenate([line.get_ydata() for line in pieces])
     assert len(drawn) < 10_000
     assert max(drawn) == 0.7
-
-
-def test_a_log_of_another_program_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(LogFormatError, match="this program does not know the log"):
-        rows = run_rows()
-        plot.plot_run(sketched([rows], 600, 0), {"config": {"wall": 3}}, tmp_path / "run.png")

@@ -23,44 +23,7 @@ def test_a_child_process_gets_the_same_configuration_as_json(name: str) -> None:
     assert copy.belief() == config.belief()
 
 
-def test_an_emulated_servo_has_what_a_real_one_has_and_the_ideal_one_does_not() -> None:
-    effects = [
-        "static_friction",
-        "stribeck_speed",
-        "load_friction",
-        "backlash",
-        "encoder_noise",
-        "encoder_eccentricity",
-        "current_bandwidth",
-        "current_period",
-        "back_emf",
-        "current_droop",
-        "dead_band",
-    ]
-    true, ideal = (loaded(name).true_servo() for name in ("emulated-xm430", "emulated-ideal"))
-    assert [name for name in effects if not getattr(true, name)] == []
-    assert [name for name in effects if getattr(ideal, name)] == []
-    belief = loaded("emulated-xm430").belief()
-    assert belief == loaded("xm430-w350").belief(), "what is known before it is identified"
-    for name in ("inertia", "damping", "coulomb", "backlash"):
-        assert getattr(belief, name).low <= getattr(true, name) <= getattr(belief, name).high
-    assert 1.0 / (math.tau * true.current_bandwidth) < belief.delay.high
-
-
 LINKED = ("servo.load_inertia=0.003", "servo.transmission_stiffness=200")
-
-
-def test_the_believed_inertia_is_that_of_motor_and_load() -> None:
-    belief = loaded("simulated", *LINKED).belief()
-    assert belief.inertia == Bounded.exactly(0.011951 + 0.003)
-    assert belief.load_inertia == Bounded.exactly(0.003)
-    copied = loaded("simulated", *LINKED, "model.inertia=0.014951", "model.load_inertia=0.003")
-    assert copied.belief().inertia.value == pytest.approx(belief.inertia.value)
-
-
-def test_a_load_that_is_no_part_of_the_inertia_is_refused() -> None:
-    with pytest.raises(ConfigError, match=r"less than model\.inertia, 0\.003, the inertia of"):
-        loaded("simulated", *LINKED, "model.inertia=0.003", "model.load_inertia=0.003")
 
 
 def test_a_belief_counts_the_lag_of_the_current_loop_as_delay() -> None:
@@ -103,12 +66,6 @@ def test_the_driver_does_not_know_the_emulated_torque_constant() -> None:
     assert config.true_servo().torque_constant == 2.2
 
 
-def test_the_driver_knows_the_emulated_torque_constant_where_none_is_published() -> None:
-    config = loaded("emulated-ideal", "servo.model=XD540-T270", "servo.torque_constant=2.2")
-    assert config.servo_settings().torque_constant == config.true_servo().torque_constant == 2.2
-    assert config.belief().torque_gain.value == 1.0
-
-
 @pytest.mark.parametrize(
     ("side", "away"),
     [("above", -1), ("below", 1), ("both", -1)],
@@ -123,26 +80,12 @@ def test_nobody_knows_the_truth_of_a_real_servo() -> None:
         loaded("xm430-w350").true_servo()
 
 
-def test_the_guard_gets_the_wall_that_is_asked_for() -> None:
-    config = loaded("simulated", "wall.stiffness=1e6", "guard.margin=0.5", "wall.side=below")
-    request, guard = config.request(), config.guard_settings()
-    assert (request.stiffness, request.side, request.velocity_samples) == (1e6, "below", 1)
-    assert (guard.mode, guard.margin, guard.damping_cap) == ("stable", 0.5, 0.7)
-
-
 def test_a_model_that_makes_no_torque_is_named_with_the_nearest_that_does() -> None:
     with pytest.raises(ConfigError, match=r"servo\.model.*did you mean XM430-W350\?"):
         loaded("xm430-w350", "servo.model=xm430-w305")
     with pytest.raises(ConfigError, match=r"servo\.torque_constant.*XD540-T270"):
         loaded("xm430-w350", "servo.model=XD540-T270")
     loaded("xm430-w350", "servo.model=XD540-T270", "servo.torque_constant=2.0")
-
-
-def test_travel_survives_the_way_to_the_loops_process() -> None:
-    config = loaded("simulated", "safety.travel=[-1, 2]")
-    assert config.safety.travel == (-1.0, 2.0)
-    assert type(config).model_validate_json(config.model_dump_json()) == config
-    assert type(config).model_validate(config.model_dump(mode="json")) == config
 
 
 @pytest.mark.parametrize(

@@ -40,26 +40,6 @@ def test_a_belief_outside_of_physics_is_refused_in_one_sentence(name: str) -> No
         assert problem.startswith(f"model.{name} ") and "\n" not in problem
 
 
-def test_a_vibration_is_no_range_from_zero_on() -> None:
-    sets = ["model.load_inertia=1e-4", "model.flexible_hz={value: 50, low: 0, high: 100}"]
-    with pytest.raises(ConfigError, match="a low bound above 0, or 0 alone"):
-        load_config("simulated", sets)
-
-
-@pytest.mark.parametrize(
-    ("field", "sets"),
-    [
-        ("servo.delay", ["servo.delay=1"]),
-        ("servo.delay", ["servo.current_bandwidth=1e-8"]),
-        ("guard.sample_age", ["guard.sample_age=1", "delay.steps=10", "loop.rate_hz=10000"]),
-    ],
-)
-def test_a_delay_beyond_what_is_computed_is_refused(field: str, sets: list[str]) -> None:
-    with pytest.raises(ConfigError, match=field):
-        load_config("simulated", sets)
-    assert load_config("simulated", ["servo.delay=1", "model.delay=0.01"]).config
-
-
 def corner(seed: int) -> Config | None:
     chance = random.Random(seed)
     sets = [

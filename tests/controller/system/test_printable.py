@@ -5,7 +5,7 @@ import unicodedata
 import pytest
 
 from haptic_wall.controller.cli.main import main
-from haptic_wall.controller.cli.options import answer, as_json, say
+from haptic_wall.controller.cli.options import as_json, put, say
 from haptic_wall.controller.system.printable import in_line, printable
 
 HOSTILE = "a\x1b[31m\x07\r\x9b\x7f\u202e\udcffb"
@@ -29,8 +29,8 @@ def test_a_name_is_a_part_of_one_line_and_not_a_long_one() -> None:
 
 def test_all_that_is_said_or_answered_is_printable(capsys: pytest.CaptureFixture[str]) -> None:
     say(HOSTILE)
-    answer(HOSTILE)
-    answer(as_json({"name": HOSTILE}))
+    put(HOSTILE)
+    put(as_json({"name": HOSTILE}))
     captured = capsys.readouterr()
     assert captured.out + captured.err == printable(captured.out + captured.err)
     assert captured.out.endswith(

@@ -150,7 +150,7 @@ def test_other_settings_are_refused_in_a_sentence(desk: Desk) -> None:
     words = [*SIMULATED, "--set=servo.inertia=0.02"]
     assert call("commission", *words, "--out", desk.folder) == 2
     (line,) = desk.capsys.readouterr().err.strip().splitlines()
-    assert "other settings" in line and "--fresh" in line
+    assert "other settings" in line and "--force" in line
     assert (desk.folder / "config.yaml").exists()
 
 
@@ -325,7 +325,7 @@ def test_fresh_begins_anew(desk: Desk) -> None:
     desk.take()
     desk.report()
     called = desk.take()
-    words = [*SIMULATED, "--set=wall.stiffness=3", "--fresh"]
+    words = [*SIMULATED, "--set=wall.stiffness=3", "--force"]
     assert desk.report(*words)[0] == 0
     assert called == ["identify", "delay", "sweep"]
 
@@ -338,7 +338,7 @@ def test_a_configuration_of_somebody_else_is_not_written_over(
     before = mine.read_text()
     assert call("commission", *SIMULATED, "--out", tmp_path) == 2
     assert call("commission", mine, "--out", tmp_path) == 2
-    assert call("commission", *SIMULATED, "--out", tmp_path, "--fresh") == 2
+    assert call("commission", *SIMULATED, "--out", tmp_path, "--force") == 2
     assert "config.yaml" in capsys.readouterr().err
     assert mine.read_text() == before
 

@@ -5,20 +5,15 @@ from pathlib import Path
 import pytest
 
 from haptic_wall.controller.cli.main import main
-from haptic_wall.controller.system.csv_habits import has_decimal_comma
 
 GERMAN = "time_s;position_rad;torque_nm\n0,000;0,5;0,1\n0,001;0,6;0,1\n"
 FILES = {
     "semicolons and decimal commas": (
         GERMAN,
-        "found semicolons between cells and decimal commas",
+        "found time_s;position_rad",
     ),
-    "a line sep": (
-        f"sep=;\n{GERMAN}",
-        "found a first line sep=; and semicolons between cells and decimal commas",
-    ),
-    "semicolons only": (GERMAN.replace(",", "."), "found semicolons between cells, wanted"),
-    "tabs": (GERMAN.replace(";", "\t"), "found tabs between cells and decimal commas"),
+    "a line sep": (f"sep=;\n{GERMAN}", "found sep=;"),
+    "tabs": (GERMAN.replace(";", "\t"), "found time_s"),
     "only decimal commas": (
         'time_s,position_rad,torque_nm\n"0,001","0,5","0,1"\n',
         "set the spreadsheet to English",
@@ -51,8 +46,3 @@ def test_each_reader_of_csvs_names_it(
     assert place in said
     assert found.removeprefix("found ") in said
     assert "set the spreadsheet to English" in said
-
-
-def test_a_number_with_a_decimal_comma_is_told_from_a_word() -> None:
-    assert all(map(has_decimal_comma, ["0,5", " -1,25e-3 ", "+,5"]))
-    assert not any(map(has_decimal_comma, ["0.5", "a,b", "", ",", "1,2,3"]))
