@@ -9,8 +9,6 @@ import pytest
 from haptic_wall.controller.theory import (
     critical_point,
     critical_stiffness,
-    flexible_boundary,
-    flexible_ceiling,
     linear_limit,
     max_virtual_damping,
     one_sided_limit,
@@ -18,7 +16,7 @@ from haptic_wall.controller.theory import (
     peak,
 )
 from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
-from haptic_wall.controller.theory.chain import one_mass
+from haptic_wall.controller.theory.chain import one_mass, two_masses
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from tests.cli.caller import Cli
 
@@ -189,17 +187,17 @@ def test_with_a_load_the_limits_are_those_of_two_masses(encoder: str, cli: Cli) 
         "--side=both",
     )
     servo = (0.012, 0.0117, 0.003, 200.0, 0.0277)
-    limits = flexible_boundary(*servo, [0.0, 0.1, 0.3], 1e-3, 2e-3, encoder=encoder)
+    limits = chain_boundary(*two_masses(*servo, encoder=encoder), [0.0, 0.1, 0.3], 1e-3, 2e-3)
     points = found["points"]
     assert {*points[0]} >= POINT
     assert [point["exact"] for point in points] == pytest.approx(limits.stiffness)
     assert [point["frequency_hz"] for point in points] == pytest.approx(limits.frequency)
     assert [point["passive"] for point in points] == [None] * 3
     assert all(point["one_sided"] <= point["exact"] for point in points)
-    ceiling = flexible_ceiling(*servo, 1e-3, 2e-3, encoder=encoder)
+    ceiling = chain_ceiling(*two_masses(*servo, encoder=encoder), 1e-3, 2e-3)
     assert found["max_virtual_damping"] == pytest.approx(float(ceiling))
     dampings = np.linspace(0.0, float(ceiling), 400)
-    top = flexible_boundary(*servo, dampings, 1e-3, 2e-3, encoder=encoder).stiffness
+    top = chain_boundary(*two_masses(*servo, encoder=encoder), dampings, 1e-3, 2e-3).stiffness
     assert found["peak"]["stiffness"] >= np.max(top) * (1 - 1e-9)
     assert found["design"]["binding"] == "exact"
 
@@ -231,12 +229,12 @@ BELIEVED = [
 def test_a_configuration_gives_the_limits_of_the_load_that_it_believes(cli: Cli) -> None:
     found = cli.json("boundary", *BELIEVED, "--virtual-damping=0,0.1,0.25", "--side=both")
     servo = (0.011951, 0.011692, 0.003, 200.0, 0.0277)
-    exact = flexible_boundary(*servo, [0.0, 0.1], 1e-3, 1e-3).stiffness
+    exact = chain_boundary(*two_masses(*servo), [0.0, 0.1], 1e-3, 1e-3).stiffness
     limits = [point["flexible"] for point in found["points"]]
     assert np.all(np.array(limits[:2]) < exact)
     assert np.all(np.array(limits[:2]) > 0.8 * exact)
     assert limits[2] == 0.0
-    ceiling = float(flexible_ceiling(*servo, 1e-3, 1e-3))
+    ceiling = float(chain_ceiling(*two_masses(*servo), 1e-3, 1e-3))
     assert 0.8 * ceiling < found["max_virtual_damping"] < ceiling
     assert found["design"]["binding"] == "flexible"
     changes = {each["change"] for each in found["design"]["improvements"]}

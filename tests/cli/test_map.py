@@ -21,7 +21,9 @@ import pytest
 from haptic_wall.controller.experiments.maps import maps
 from haptic_wall.controller.experiments.maps.servo import MapSettings
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.theory import critical_stiffness, flexible_boundary
+from haptic_wall.controller.theory import critical_stiffness
+from haptic_wall.controller.theory.boundary import chain_boundary
+from haptic_wall.controller.theory.chain import two_masses
 from tests.cases import whole_only
 from tests.cli.caller import Cli
 
@@ -92,7 +94,9 @@ def test_a_servo_with_a_load_is_mapped(cli: Cli, tmp_path: Path) -> None:
     assert status == 0
     report = json.loads(out)
     (point,) = report["points"]
-    exact = flexible_boundary(0.012, 0.0117, 0.003, 200.0, 0.03, 0.05, 1e-3, 1e-3).stiffness
+    exact = chain_boundary(
+        *two_masses(0.012, 0.0117, 0.003, 200.0, 0.03), 0.05, 1e-3, 1e-3
+    ).stiffness
     assert point["exact"] == pytest.approx(float(exact), rel=0.02), (
         "the servo's damping is about this"
     )

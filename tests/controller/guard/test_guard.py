@@ -23,13 +23,11 @@ from haptic_wall.controller.guard.guard import (
 from haptic_wall.controller.guard.reasons import sentences
 from haptic_wall.controller.theory import (
     critical_stiffness,
-    flexible_boundary,
-    flexible_ceiling,
     max_virtual_damping,
     passive_limit,
 )
 from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
-from haptic_wall.controller.theory.chain import Chain
+from haptic_wall.controller.theory.chain import Chain, two_masses
 from haptic_wall.controller.theory.velocity_filter import FilterKind, VelocityFilter
 
 COUNT = 2 * math.pi / 4096
@@ -268,8 +266,8 @@ def test_the_believed_inertia_is_that_of_motor_and_load(load: float) -> None:
     }
     decision = one(Request(1e6, 1.0, "both"), situation(**belief), inserted=1.5e-3)
     servo = linked(load, 46.0, 0.02)
-    ceiling = flexible_ceiling(*servo, 1e-3, 2e-3)
-    limit = flexible_boundary(*servo, decision.damping, 1e-3, 2e-3).stiffness
+    ceiling = chain_ceiling(*two_masses(*servo), 1e-3, 2e-3)
+    limit = chain_boundary(*two_masses(*servo), decision.damping, 1e-3, 2e-3).stiffness
     assert 0.8 * ceiling < decision.damping_ceiling < ceiling
     assert decision.limits["flexible"] is not None
     assert 0.85 * limit < decision.limits["flexible"] < limit
@@ -292,9 +290,9 @@ def test_a_bare_horn_is_counted_by_a_formula_below_its_exact_limits() -> None:
         assert where.belief.is_fast(1e-3)
         decision = one(Request(1e6, 20.0, "both"), where)
         servo, encoder = linked(load, hz, ratio), where.belief.encoder
-        ceiling = flexible_ceiling(*servo, 1e-3, 2e-3, encoder=encoder)
+        ceiling = chain_ceiling(*two_masses(*servo, encoder=encoder), 1e-3, 2e-3)
         assert decision.damping_ceiling < ceiling
-        found = flexible_boundary(*servo, decision.damping, 1e-3, 2e-3, encoder=encoder)
+        found = chain_boundary(*two_masses(*servo, encoder=encoder), decision.damping, 1e-3, 2e-3)
         assert decision.limits["flexible"] is not None
         assert decision.limits["flexible"] < found.stiffness
 
@@ -311,7 +309,9 @@ def test_a_bare_horn_hardly_damped_is_fed_by_the_spring_alone(ratio: float) -> N
         decision = one(Request(1e6, 1e-4, "both"), where, delay=4.5e-3)
     if ratio == 0.0:
         assert (decision.damping_ceiling, decision.damping) == (0.0, 0.0)
-    limit = flexible_boundary(*linked(1e-5, 530.0, ratio), decision.damping, 1e-3, 5e-3).stiffness
+    limit = chain_boundary(
+        *two_masses(*linked(1e-5, 530.0, ratio)), decision.damping, 1e-3, 5e-3
+    ).stiffness
     assert decision.limits["flexible"] is not None
     assert decision.limits["flexible"] < limit
     assert decision.limits["exact"] is not None
@@ -346,8 +346,8 @@ def test_walls_in_wide_doubt_are_stable_on_every_servo_in_it(
         rates = np.log([case["flexible_hz"].low, case["flexible_hz"].high])
         hz = np.exp(random.uniform(rates[0], rates[1], 60))
         m, b, j, k, c = np.array([linked(*at, 0.003) for at in zip(loads, hz, strict=True)]).T
-        limit = flexible_boundary(
-            m, b, j, k, c, wall.damping, 1e-3, age + 0.5e-3, encoder=encoder
+        limit = chain_boundary(
+            *two_masses(m, b, j, k, c, encoder=encoder), wall.damping, 1e-3, age + 0.5e-3
         ).stiffness
         assert np.all(wall.stiffness < limit)
 
@@ -388,7 +388,7 @@ def test_a_shorter_delay_than_the_longest_may_be_the_less_safe_one() -> None:
     request = Request(1e6, 5.0, "both")
     decision = one(request, situation(**belief), delay=1e-3, inserted=1e-3)
     servo = linked(0.005, 94.0, 0.006)
-    ceilings = flexible_ceiling(*servo, 1e-3, np.array([1e-3, 3e-3]))
+    ceilings = chain_ceiling(*two_masses(*servo), 1e-3, np.array([1e-3, 3e-3]))
     assert ceilings[0] < 0.5 * ceilings[1]
     assert decision.damping_ceiling < ceilings[0]
     # and so may be an age below the one that is counted
@@ -436,8 +436,8 @@ def test_a_notch_at_the_vibration_allows_many_times_the_damping() -> None:
     plain = one(Request(1e6, 5.0, "both"), where, inserted=1.5e-3)
     wall = one(Request(1e6, 0.3, "both", velocity_filter=notch), where, inserted=1.5e-3)
     servo = linked(0.003, 46.0, 0.02)
-    ceiling = flexible_ceiling(*servo, 1e-3, 2e-3, velocity_filter=notch)
-    limit = flexible_boundary(*servo, 0.3, 1e-3, 2e-3, velocity_filter=notch).stiffness
+    ceiling = chain_ceiling(*two_masses(*servo), 1e-3, 2e-3, velocity_filter=notch)
+    limit = chain_boundary(*two_masses(*servo), 0.3, 1e-3, 2e-3, velocity_filter=notch).stiffness
     assert wall.damping == 0.3 > 2.0 * plain.damping
     assert 0.8 * ceiling < wall.damping_ceiling < ceiling
     assert wall.limits["flexible"] is not None
@@ -446,7 +446,7 @@ def test_a_notch_at_the_vibration_allows_many_times_the_damping() -> None:
     jittered = one(
         Request(1e6, 0.3, "both", velocity_filter=notch), situation(**known), inserted=1.5e-3
     )
-    slower = flexible_ceiling(*servo, 1.05e-3, 2e-3, velocity_filter=notch)
+    slower = chain_ceiling(*two_masses(*servo), 1.05e-3, 2e-3, velocity_filter=notch)
     assert 0.8 * slower < jittered.damping_ceiling < slower < ceiling
 
 
