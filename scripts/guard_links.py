@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import differential_evolution
 
 from haptic_wall.controller.guard.belief import HEAVIEST, Belief, Bounded
-from haptic_wall.controller.guard.bins import decide_bin
+from haptic_wall.controller.guard.bins import Bins
 from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
 from haptic_wall.controller.guard.schedule import interval_bins_ns, served_range
 from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
@@ -356,9 +356,9 @@ def served(case: Search) -> list[Served]:
     bins = interval_bins_ns(round(PERIOD * 1e9), flexible=True)
     found = []
     for index in random.choice(len(bins), SERVED_BINS, replace=False).tolist():
-        (wall,) = decide_bin(
-            request, GuardSettings(), situation, late, [round(age * 1e9)], bins, index
-        )
+        (wall,) = Bins(
+            request, GuardSettings(), situation, late, [round(age * 1e9)], bins
+        ).decide_interval(index)
         low, high = (share * bins[index] * 1e-9 for share in served_range(bins, index))
 
         def growths(
