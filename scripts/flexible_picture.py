@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from haptic_wall.controller.report import style
-from haptic_wall.controller.theory.flexible import flexible_boundary
+from haptic_wall.controller.theory.boundary import chain_boundary
+from haptic_wall.controller.theory.chain import two_masses
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 PICTURE = Path(__file__).resolve().parent.parent / "docs" / "flexible.png"
@@ -71,8 +72,12 @@ def drawn(path: Path) -> None:
     with style.picture(path, style.PAGE, 4.0) as figure:
         ax = figure.subplots()
         for load in LOADS:
-            exact = flexible_boundary(
-                *load.servo, damping, PERIOD, DELAY, velocity_filter=load.velocity_filter
+            exact = chain_boundary(
+                *two_masses(*load.servo),
+                damping,
+                PERIOD,
+                DELAY,
+                velocity_filter=load.velocity_filter,
             ).stiffness
             ax.plot(damping, exact, color=load.colour, label=load.name)
         ax.set_xlim(0.0, LAST)

@@ -8,14 +8,14 @@ import numpy as np
 from scipy.optimize import differential_evolution
 
 from haptic_wall.controller.guard.belief import HEAVIEST, Belief, Bounded
-from haptic_wall.controller.guard.bins import decide_bin
+from haptic_wall.controller.guard.bins import Bins
 from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
 from haptic_wall.controller.guard.schedule import interval_bins_ns, served_range
+from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.chain import Chain, sampled, two_masses
 from haptic_wall.controller.theory.chain_contact import one_sided_limits, returned
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.crossings import Loops, poles
-from haptic_wall.controller.theory.flexible import flexible_boundary, flexible_ceiling
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.truth import EncoderSide
 from scripts.study import Found, Given, Part, table
@@ -242,8 +242,8 @@ def outcome(case: Search) -> Outcome:
     belief, age, of_ceiling = drawn(random, kind)
     known, gain, delay = middle_of(belief), belief.torque_gain.value, age + belief.delay.value
     filtered = _filter(random, kind, belief.flexible_hz.value)
-    ceiling = flexible_ceiling(
-        *known, PERIOD, delay, encoder=belief.encoder, velocity_filter=filtered
+    ceiling = chain_ceiling(
+        *two_masses(*known, encoder=belief.encoder), PERIOD, delay, velocity_filter=filtered
     )
     possible = float(ceiling) / gain
     asked = of_ceiling * possible
@@ -271,8 +271,12 @@ def outcome(case: Search) -> Outcome:
         polish=False,
     )
     damping = both.damping * gain
-    limit = flexible_boundary(
-        *known, damping, PERIOD, delay, encoder=belief.encoder, velocity_filter=filtered
+    limit = chain_boundary(
+        *two_masses(*known, encoder=belief.encoder),
+        damping,
+        PERIOD,
+        delay,
+        velocity_filter=filtered,
     ).stiffness
     thrown_by = of_one_sided = math.nan
     if filtered is None:
@@ -341,17 +345,20 @@ def served(case: Search) -> list[Served]:
     filtered = _filter(random, kind, belief.flexible_hz.value)
     late = int(random.choice([0, 0, 1, 2, 3, 5]))
     delay = late * PERIOD + age + belief.delay.value
-    ceiling = flexible_ceiling(
-        *middle_of(belief), PERIOD, delay, encoder=belief.encoder, velocity_filter=filtered
+    ceiling = chain_ceiling(
+        *two_masses(*middle_of(belief), encoder=belief.encoder),
+        PERIOD,
+        delay,
+        velocity_filter=filtered,
     )
     situation = Situation(belief, PERIOD, 4.1, 0.0)
     request = Request(1e9, of_ceiling * float(ceiling), "both", velocity_filter=filtered)
     bins = interval_bins_ns(round(PERIOD * 1e9), flexible=True)
     found = []
     for index in random.choice(len(bins), SERVED_BINS, replace=False).tolist():
-        (wall,) = decide_bin(
-            request, GuardSettings(), situation, late, [round(age * 1e9)], bins, index
-        )
+        (wall,) = Bins(
+            request, GuardSettings(), situation, late, [round(age * 1e9)], bins
+        ).decide_interval(index)
         low, high = (share * bins[index] * 1e-9 for share in served_range(bins, index))
 
         def growths(

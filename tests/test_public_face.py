@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 import haptic_wall
 from haptic_wall.controller.cli.started import RunningWall
 from haptic_wall.controller.logs.columns import COLUMNS
-from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.hw.servo import Servo
 from tests.test_contracts import loaded_by, within
 
@@ -31,11 +30,6 @@ CALLED = {
         "(path: 'str | os.PathLike[str]', *, start_s: 'float' = -inf, end_s: 'float' = inf)"
         " -> 'Log'"
     ),
-    "boundary": (
-        "(*, inertia: 'Span', damping: 'Span', period: 'float', delay: 'Span',"
-        " virtual_damping: 'Sequence[float] | FloatArray | None' = None, torque_gain: 'Span' = 1.0,"
-        " velocity_samples: 'int' = 1) -> 'Boundary'"
-    ),
     "emulated_bus": (
         "(servos: 'Sequence[str]' = ('XM430-W350:1',), *, baud: 'int' = 4000000,"
         " latency_timer: 'int' = 0, block: 'int | None' = None, faults: 'Sequence[str]' = (),"
@@ -44,10 +38,6 @@ CALLED = {
 }
 FIELDS = {
     "Log": ["rows", "metadata", "end", "changes"],
-    "Boundary": [
-        *("virtual_damping", "linear", "exact", "one_sided", "passive", "frequency_hz"),
-        *("max_virtual_damping", "peak_stiffness", "peak_virtual_damping"),
-    ],
 }
 METHODS = {
     "Law": ["high", "low", "torque"],
@@ -112,35 +102,7 @@ if TYPE_CHECKING:  # read by mypy, which says where an error that is ignored her
         assert_type(haptic_wall.read_log("run.hwlog").rows, NDArray[np.void])
         with haptic_wall.run("simulated") as wall:
             assert_type(wall, RunningWall)
-        haptic_wall.boundary(inertia="heavy", damping=0.1, period=1e-3, delay=0.0)  # type: ignore[arg-type]
         haptic_wall.nothing  # type: ignore[attr-defined]  # noqa: B018
-
-
-def test_the_limits_are_those_of_the_theory_and_of_the_least_safe_corner() -> None:
-    asked = {"period": 1e-3, "virtual_damping": [0.0, 0.02, 50.0]}
-    found = haptic_wall.boundary(inertia=0.0058, damping=0.0117, delay=5e-4, **asked)  # type: ignore[arg-type]
-    exact = critical_stiffness(0.0058, 0.0117, np.array([0.0, 0.02, 50.0]), 1e-3, 5e-4)
-    assert found.exact == pytest.approx(exact) and found.exact[2] == 0.0
-    assert found.max_virtual_damping < 50.0 and found.peak_stiffness > exact.max()
-    ranges = {"inertia": 0.0058, "damping": (0.0117, 0.02), "delay": (0.0, 5e-4)}
-    corner = haptic_wall.boundary(**ranges, **asked)  # type: ignore[arg-type]
-    assert corner.exact == pytest.approx(exact)
-
-
-@pytest.mark.parametrize(
-    ("given", "told"),
-    [
-        ({"inertia": 0.0}, "inertia: found 0, wanted more than 0"),
-        ({"damping": (0.2, 0.1)}, "damping: found 0.2 to 0.1, wanted 0 or more"),
-        ({"period": float("nan")}, "period: found nan, wanted a time above 0 s"),
-        ({"velocity_samples": 0}, "velocity_samples: found 0, wanted 1 or more"),
-        ({"delay": float("inf")}, "delay: found inf, wanted 0 or more"),
-    ],
-)
-def test_a_value_outside_of_its_domain_is_named(given: dict[str, float], told: str) -> None:
-    usual = {"inertia": 0.01, "damping": 0.01, "period": 1e-3, "delay": 0.0}
-    with pytest.raises(haptic_wall.UserError, match=told):
-        haptic_wall.boundary(**(usual | given))  # type: ignore[arg-type]
 
 
 def test_a_log_is_a_table_in_documented_units(tmp_path: Path) -> None:

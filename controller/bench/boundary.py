@@ -15,10 +15,10 @@ import numpy as np
 from haptic_wall.controller.bench.rows import Measurement, Section, interleaved, over_rounds, ratio
 from haptic_wall.controller.theory import (
     critical_stiffness,
-    flexible_boundary,
-    flexible_ceiling,
     max_virtual_damping,
 )
+from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
+from haptic_wall.controller.theory.chain import two_masses
 from haptic_wall.controller.theory.checks import FloatArray
 
 _ROUNDS = 7
@@ -131,7 +131,7 @@ def _loaded() -> Callable[[], object]:
     side = math.isqrt(_LOADED)
     servo = (0.011951, 0.011692, 0.003, 200.0, 0.0277)
     damping, delay = np.linspace(0.0, 0.19, side)[:, None], np.linspace(0.0, 4e-3, side)
-    return partial(flexible_boundary, *servo, damping, 1e-3, delay)
+    return partial(chain_boundary, *two_masses(*servo), damping, 1e-3, delay)
 
 
 def _random_loads() -> Callable[[], object]:
@@ -146,9 +146,9 @@ def _random_loads() -> Callable[[], object]:
     damping = inertia * 10 ** random.uniform(-3, 1.5, _LOADED)
     joint = 2.0 * 10 ** random.uniform(-3, -0.7, _LOADED) * rate * moving
     servo, times = (inertia, damping, load, moving * rate**2, joint), random.uniform(0, 4, _LOADED)
-    ceiling = flexible_ceiling(*servo, 1e-3, 1e-3 * times)
+    ceiling = chain_ceiling(*two_masses(*servo), 1e-3, 1e-3 * times)
     dampings = random.uniform(0.0, 0.99, _LOADED) * ceiling
-    return partial(flexible_boundary, *servo, dampings, 1e-3, 1e-3 * times)
+    return partial(chain_boundary, *two_masses(*servo), dampings, 1e-3, 1e-3 * times)
 
 
 def _margins_by_control() -> Callable[[_Settings, int], float] | None:

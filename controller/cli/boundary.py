@@ -23,8 +23,13 @@ from haptic_wall.controller.cli.places import plot_option
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.guard.belief import Belief, Bounded
-from haptic_wall.controller.guard.boundary_curve import Load, Question, WallSide, default_dampings
-from haptic_wall.controller.guard.boundary_report import report
+from haptic_wall.controller.guard.boundary import (
+    Load,
+    Question,
+    WallSide,
+    default_dampings,
+    report,
+)
 from haptic_wall.controller.guard.types import Situation
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory.servos import SERVOS

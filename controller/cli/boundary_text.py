@@ -1,4 +1,4 @@
-"""Formats the answer of ``haptic-wall boundary``: points, peak, and the design table."""
+"""Formats the answer of ``haptic-wall boundary``: points, peak, and the stiffest wall."""
 
 from __future__ import annotations
 
@@ -7,15 +7,7 @@ from typing import Any
 
 from haptic_wall.controller.cli.text import filter_text
 from haptic_wall.controller.cli.wrapping import wrapped
-from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.guard.limits import BY_NAME
-
-_LOWER = 0.98
-"""Largest factor on the stiffness that is reported separately."""
-_PARTS = {
-    "delay": "the delay from sample to torque",
-    "hold": "half the period",
-}
 
 
 def boundary_text(found: Mapping[str, Any]) -> str:
@@ -30,7 +22,7 @@ def boundary_text(found: Mapping[str, Any]) -> str:
             "",
             *_points(found),
             "",
-            *_design(found["design"], len(found["points"])),
+            *_stiffest(found),
         ]
     )
 
@@ -92,63 +84,24 @@ def _points(found: Mapping[str, Any]) -> Iterator[str]:
     )
 
 
-def _design(design: Mapping[str, Any], points: int) -> Iterator[str]:
+def _stiffest(found: Mapping[str, Any]) -> Iterator[str]:
+    design = found["design"]
     side = "one-sided" if design["side"] == "one" else "two-sided"
-    stiffest = ", the stiffest of these:" if points > 1 else ":"
+    stiffest = ", the stiffest of these:" if len(found["points"]) > 1 else ":"
     yield (
         f"Limit of the {side} wall at a virtual damping of {design['virtual_damping']:.4g}"
         f"{stiffest}"
     )
     yield f"limit    {_name(design['binding'])}, {design['stiffness']:.4g} N·m/rad"
-    parts = design["delay_parts"]
-    total = sum(part["seconds"] for part in parts)
-    named = " + ".join(
-        f"{_PARTS[part['name']]} {ms(part['seconds'])} ({100 * part['share']:.0f} %)"
-        for part in parts
-        if part["seconds"] > 0
-    )
-    yield from wrapped(f"delay    {ms(total)} = {named}", "", " " * 9)
-    better = [each for each in design["improvements"] if each["buys"]]
-    if better:
-        yield ""
-        rows = [["with one change", "K N·m/rad", "times", "limit then"]]
-        rows += [
-            [
-                each["description"],
-                f"{each['stiffness']:.4g}",
-                "from 0" if each["factor"] is None else f"{each['factor']:.3g}",
-                _name(each["binding"]),
-            ]
-            for each in better
-        ]
-        yield from _aligned(rows, left=(0, 3))
-    others = [each for each in design["improvements"] if not each["buys"]]
-    lower = [each for each in others if each["factor"] is not None and each["factor"] < _LOWER]
-    useless = [each for each in others if each not in lower]
-    for what, changes in (
-        ("no gain here (under 2 %)", useless),
-        ("lower with", lower),
-    ):
-        if changes:
-            listed = "; ".join(
-                f"{each['description']} ({_name(each['binding'])} {each['stiffness']:.4g})"
-                if changes is lower
-                else each["description"]
-                for each in changes
-            )
-            yield from wrapped(f"{what}: {listed}", "", "  ")
-    if not design["encoder"]:
+    if found["encoder_damping"] is None:
         yield "not examined, because not given: the encoder (--counts-per-rev, --torque-limit)"
 
 
-def _aligned(rows: Sequence[Sequence[str]], left: Sequence[int] = ()) -> Iterator[str]:
+def _aligned(rows: Sequence[Sequence[str]]) -> Iterator[str]:
     """Align columns, numbers to the right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
-        cells = (
-            cell.ljust(width) if i in left else cell.rjust(width)
-            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
-        )
+        cells = (cell.rjust(width) for cell, width in zip(row, widths, strict=True))
         yield "  ".join(cells).rstrip()
 
 

@@ -1,124 +1,260 @@
-"""Computes a servo's stiffness limits over the virtual damping: a function for other programs."""
+"""Limits of a servo and its loop as functions of the virtual damping (``haptic-wall boundary``)."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 
-from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.guard.belief import Belief, Bounded
-from haptic_wall.controller.guard.boundary_curve import (
-    Question,
-    ceiling,
-    curve,
-    default_dampings,
-    highest,
+from haptic_wall.controller.guard.decision_report import filter_report, finite
+from haptic_wall.controller.guard.evaluation import (
+    Evaluation,
+    encoder_damping,
+    quantisation_limit,
 )
-from haptic_wall.controller.guard.types import Situation
+from haptic_wall.controller.guard.limits import BY_NAME, PASSIVE, evaluate, smallest
+from haptic_wall.controller.guard.plants import Plants
+from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
+from haptic_wall.controller.laws.wall import Side
+from haptic_wall.controller.theory import linear_limit
+from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling, chain_peak
+from haptic_wall.controller.theory.chain import Chain, one_mass, two_masses
+from haptic_wall.controller.theory.chain_contact import one_sided_limits
 from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
-Span = float | tuple[float, float]
-"""A number, or (low, high) where it is known only within a range"""
+WallSide = Literal["one", "both"]
+
+EVERY_DAMPING = GuardSettings(mode="off")
+"""Guard settings that evaluate the limits at any damping, without clamping it."""
+_PEAK_POINTS = 33
+_DEFAULT_SHARES = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9)
+_BELIEVED = ("inertia", "damping", "delay", "torque_gain")
+_LOAD = (
+    ("inertia", "load_inertia"),
+    ("frequency_hz", "flexible_hz"),
+    ("damping_ratio", "flexible_damping_ratio"),
+)
 
 
 @dataclass(frozen=True, slots=True)
-class Boundary:
-    """Limits over the virtual damping; arrays of one length, NaN where a limit does not apply.
+class Load:
+    """The load that the motor side turns through a flexible transmission."""
 
-    The names are those of ``haptic-wall boundary --json``.
-    """
+    inertia: float
+    """[kg·m²]"""
+    stiffness: float
+    """Stiffness of the transmission [N·m/rad]"""
+    damping: float
+    """Damping of the transmission [N·m·s/rad]"""
+    encoder: Literal["output", "motor"] = "output"
+    """The side that is measured"""
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """The servo and the loop whose limits are computed."""
+
+    situation: Situation
+    """Servo, with bounds where a value is uncertain, and loop; its delay is the whole t_d."""
+    side: WallSide = "one"
+    """``one``: the wall never pulls; ``both``: it also pulls"""
+    velocity_samples: int = 1
+    load: Load | None = None
+    """A load on a transmission; then nothing else may be uncertain, and the servo's inertia and
+    friction are those of the motor's side"""
+    velocity_filter: VelocityFilter | None = None
+    """Of the velocity that damps; only for two-sided walls"""
+
+    @property
+    def request(self) -> Request:
+        """Return the wall to evaluate; its stiffness has no effect on the limits."""
+        side: Side = "both" if self.side == "both" else "above"
+        return Request(0.0, 0.0, side, self.velocity_samples, velocity_filter=self.velocity_filter)
+
+    def plants(self, count: int) -> Plants:
+        """Return the least safe corner of the belief, ``count`` times."""
+        return Plants.at_corner(self.situation, np.zeros(count))
+
+    def chain(self) -> tuple[Chain, tuple[int, ...]]:
+        """Return that corner's servo, with its load."""
+        p, load = self.plants(1), self.load
+        if load is None:
+            return one_mass(p.inertia, p.damping)
+        rest = (load.inertia, load.stiffness, load.damping)
+        return two_masses(p.inertia, p.damping, *rest, encoder=load.encoder)
+
+    @property
+    def loop(self) -> tuple[float, float, int]:
+        """Return period [s], delay [s] and velocity samples."""
+        return self.situation.period, self.situation.belief.delay.high, self.velocity_samples
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """Limits over the virtual damping, at the least safe corner; arrays of one length."""
 
     virtual_damping: FloatArray
     """[N·m·s/rad]"""
-    linear: FloatArray
-    """Sum of the damping over sum of the delay [N·m/rad]"""
-    exact: FloatArray
-    """Below it a two-sided wall is stable; 0 where no stiffness is [N·m/rad]"""
-    one_sided: FloatArray
-    """Below it a wall that never pulls returns no device faster than it came [N·m/rad]"""
+    limits: dict[str, FloatArray]
+    """By name, of those that apply [N·m/rad]"""
     passive: FloatArray
-    """Below it the wall is stable with any passive hand [N·m/rad]"""
-    frequency_hz: FloatArray
-    """Frequency of the oscillation at the exact limit [Hz]"""
-    max_virtual_damping: float
-    """Above it no stiffness is stable [N·m·s/rad]"""
-    peak_stiffness: float
-    """The highest exact limit at any virtual damping [N·m/rad]"""
-    peak_virtual_damping: float
-    """The virtual damping there [N·m·s/rad]"""
+    """[N·m/rad]"""
+    frequency: FloatArray
+    """Frequency of the oscillation at the exact limit [Hz]; 0 where no stiffness is stable"""
+
+    def smallest(self, side: WallSide) -> FloatArray:
+        """Return the smallest limit for a wall of that side [N·m/rad], without the passive one."""
+        omitted = "one_sided" if side == "both" else ""
+        limits = [each for name, each in self.limits.items() if name != omitted]
+        least: FloatArray = np.min(limits, axis=0)
+        return least
 
 
-def boundary(
-    *,
-    inertia: Span,
-    damping: Span,
-    period: float,
-    delay: Span,
-    virtual_damping: Sequence[float] | FloatArray | None = None,
-    torque_gain: Span = 1.0,
-    velocity_samples: int = 1,
-) -> Boundary:
-    """Compute the stiffness limits of a wall on a servo; with ranges, at their least safe corner.
+def curve(question: Question, virtual_damping: Sequence[float] | FloatArray) -> Curve:
+    """Compute the limits at each virtual damping.
 
     Args:
-        inertia: Of all that the servo turns [kg·m²].
-        damping: Viscous friction b [N·m·s/rad].
-        period: Sampling period T [s].
-        delay: The whole delay from a sample to its torque [s].
-        virtual_damping: B of each point [N·m·s/rad]; None: fractions of the ceiling.
-        torque_gain: Acting torque over commanded torque [1].
-        velocity_samples: Samples over which the velocity is the difference.
+        question: The servo and its loop.
+        virtual_damping: B, any sign [N·m·s/rad].
 
     Raises:
-        UserError: A value lies outside its domain; the message names it.
+        ValueError: A value lies outside its domain; the message names it.
     """
-    if not 0.0 < period < math.inf:
-        raise UserError(f"found {period:g}", field="period", wanted="a time above 0 s")
-    if velocity_samples < 1:
-        raise UserError(f"found {velocity_samples}", field="velocity_samples", wanted="1 or more")
-    whole = _span("delay", delay, zero=True)
-    belief = Belief(
-        inertia=_span("inertia", inertia, zero=False),
-        damping=_span("damping", damping, zero=True),
-        coulomb=Bounded.exactly(0.0),
-        delay=whole,
-        torque_gain=_span("torque_gain", torque_gain, zero=False),
-    )
-    question = Question(
-        situation=Situation(belief, period, 1.0, 0.0),
-        velocity_samples=velocity_samples,
-    )
-    try:
-        chosen = default_dampings(question) if virtual_damping is None else virtual_damping
-        found = curve(question, chosen)
-        top = highest(question)
-        limits = found.found.limits
-        unknown = np.full(found.virtual_damping.size, np.nan)
-        return Boundary(
-            virtual_damping=found.virtual_damping,
-            linear=limits["linear"],
-            exact=limits["exact"],
-            one_sided=limits.get("one_sided", unknown),
-            passive=found.passive,
-            frequency_hz=found.frequency,
-            max_virtual_damping=ceiling(question),
-            peak_stiffness=top["stiffness"],
-            peak_virtual_damping=top["virtual_damping"],
-        )
-    except ValueError as error:  # numbers so extreme that only the theory can tell
-        raise UserError(error, advice="check that all values are in SI units") from None
+    damping = np.asarray(virtual_damping, dtype=np.float64)
+    p, filtered = question.plants(damping.size), question.velocity_filter
+    acting, unknown = p.gain * damping, np.full(damping.size, np.nan)
+    exact = chain_boundary(*question.chain(), acting, *question.loop, filtered)
+    if question.load is not None:
+        limits = {
+            "linear": linear_limit(p.damping, acting, p.period, p.delay) / p.gain,
+            "exact": exact.stiffness / p.gain,
+        }
+        if filtered is None:
+            period, delay, n = question.loop
+            walls = exact.stiffness, acting
+            limits["one_sided"] = one_sided_limits(question.chain()[0], period, delay, *walls, n)
+            limits["one_sided"] /= p.gain
+        if question.situation.position_step > 0:
+            asked = (question.request, EVERY_DAMPING, question.situation)
+            rigid = np.full_like(damping, np.inf)
+            limits["quantisation"] = quantisation_limit(*asked, damping, p.period, rigid)
+        return Curve(damping, limits, unknown, exact.frequency)
+    request = question.request
+    if not question.situation.belief.is_flexible and filtered is None:
+        request = replace(request, side="above")  # with a load the limit differs between the sides
+    wall = Evaluation(request, EVERY_DAMPING, question.situation, p, exact=True, asked=damping)
+    passive = unknown if filtered else PASSIVE.stiffness(wall)
+    return Curve(damping, dict(evaluate(wall).limits), passive, exact.frequency)
 
 
-def _span(name: str, given: Span, *, zero: bool) -> Bounded:
-    low, high = given if isinstance(given, tuple) else (given, given)
-    least = "0 or more" if zero else "more than 0"
-    if not (low >= 0.0 if zero else low > 0.0) or not low <= high < math.inf:
-        raise UserError(
-            f"found {low:g}" if low == high else f"found {low:g} to {high:g}",
-            field=name,
-            wanted=f"{least}, a number or (low, high), in SI units",
-        )
-    return Bounded(0.5 * (low + high), low, high)
+def ceiling(question: Question) -> float:
+    """Return the virtual damping above which no stiffness is stable [N·m·s/rad]."""
+    if question.load is None:
+        return float(_evaluation(question).ceiling[0])
+    top = chain_ceiling(*question.chain(), *question.loop, question.velocity_filter)
+    return float((top / question.plants(1).gain)[0])
+
+
+def _evaluation(question: Question) -> Evaluation:
+    return Evaluation(question.request, EVERY_DAMPING, question.situation, question.plants(1))
+
+
+def highest(question: Question) -> dict[str, float]:
+    """Return the highest stiffness at which any virtual damping makes a two-sided wall stable."""
+    belief, gain = question.situation.belief, question.plants(1).gain
+    filtered = question.velocity_filter is not None and not belief.is_known
+    if question.load is None and (belief.is_flexible or filtered):
+        return _believed_peak(question)
+    top = chain_peak(question.chain()[0], *question.loop, question.velocity_filter)
+    return {
+        "stiffness": float((top.stiffness / gain)[0]),
+        "virtual_damping": float((top.virtual_damping / gain)[0]),
+        "frequency_hz": float(top.frequency[0]),
+    }
+
+
+def _believed_peak(question: Question) -> dict[str, float]:
+    """Return the highest point of a belief with a load or a filter, of a grid of dampings."""
+    two_sided = replace(question, side="both")
+    found = curve(two_sided, np.linspace(0.0, 1.0, _PEAK_POINTS)[:-1] * ceiling(question))
+    stiffness = np.minimum(found.limits["exact"], found.limits.get("flexible", np.inf))
+    best = int(np.argmax(stiffness))
+    return {
+        "stiffness": float(stiffness[best]),
+        "virtual_damping": float(found.virtual_damping[best]),
+        "frequency_hz": float(found.frequency[best]),
+    }
+
+
+def default_dampings(question: Question) -> tuple[float, ...]:
+    """Return virtual dampings from zero to 90 % of the ceiling, in two digits [N·m·s/rad]."""
+    top = ceiling(question)
+    return tuple(float(f"{share * top:.2g}") for share in _DEFAULT_SHARES)
+
+
+def report(question: Question, virtual_damping: Sequence[float]) -> dict[str, Any]:
+    """Return the whole answer of ``haptic-wall boundary`` as plain values.
+
+    Args:
+        question: The servo and its loop.
+        virtual_damping: B of each point, at least one [N·m·s/rad].
+
+    Raises:
+        ValueError: A value lies outside its domain; the message names it.
+    """
+    found = curve(question, virtual_damping)
+    points = [_point(found, i) for i in range(len(virtual_damping))]
+    best = int(np.argmax(found.smallest(question.side)))
+    limits = {name: points[best][name] for name in BY_NAME if name in found.limits}
+    if question.side == "both":
+        limits.pop("one_sided", None)
+    binding, stiffness = smallest(limits)
+    rigid = np.array([np.inf]) if question.load else _evaluation(question).rigid_ceiling
+    asked = (question.request, EVERY_DAMPING, question.situation, question.plants(1).period, rigid)
+    return {
+        "max_virtual_damping": ceiling(question),
+        "encoder_damping": finite(float(encoder_damping(*asked)[0])),
+        "peak": highest(question),
+        "points": points,
+        "settings": _settings(question),
+        "design": {
+            "side": question.side,
+            "virtual_damping": points[best]["virtual_damping"],
+            "stiffness": stiffness,
+            "binding": binding,
+        },
+    }
+
+
+def _point(found: Curve, i: int) -> dict[str, float | None]:
+    limits = {name: float(each[i]) for name, each in found.limits.items()}
+    return {
+        "virtual_damping": float(found.virtual_damping[i]),
+        **dict.fromkeys(BY_NAME),
+        **limits,
+        "passive": None if np.isnan(found.passive[i]) else float(found.passive[i]),
+        "frequency_hz": float(found.frequency[i]),
+    }
+
+
+def _settings(question: Question) -> dict[str, Any]:
+    situation, belief = question.situation, question.situation.belief
+
+    def ends(name: str) -> dict[str, float]:
+        each = getattr(belief, name)
+        return {"low": each.low, "high": each.high}
+
+    flexible: dict[str, Any] = {} if question.load is None else {"load": asdict(question.load)}
+    if belief.is_flexible:
+        flexible["believed_load"] = {key: ends(name) for key, name in _LOAD}
+        flexible["believed_load"]["encoder"] = belief.encoder
+    return {
+        **{name: ends(name) for name in _BELIEVED},
+        "period": situation.period,
+        "velocity_samples": question.velocity_samples,
+        "velocity_filter": filter_report(question.velocity_filter, situation.period),
+        **flexible,
+    }

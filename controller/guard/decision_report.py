@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any
 
 from haptic_wall.controller.guard.belief import Belief
-from haptic_wall.controller.guard.reasons import sentences
 from haptic_wall.controller.guard.types import Decision
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
@@ -41,7 +40,7 @@ def decision_report(
         "encoder_damping": finite(decision.encoder_damping),
         "margin": decision.margin,
         "binding": decision.binding,
-        "reasons": [*sentences(decision.reasons, now), *further],
+        "reasons": [*decision.reasons, *further],
         "only_friction": decision.only_friction,
         "interval_s": decision.period,
         "velocity_filter": filter_report(decision.request.velocity_filter, decision.period),

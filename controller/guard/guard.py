@@ -14,11 +14,11 @@ from dataclasses import replace
 import numpy as np
 
 from haptic_wall.controller.guard.delay_parts import SAMPLE_AGE, DelayParts
-from haptic_wall.controller.guard.design import Wall
 from haptic_wall.controller.guard.evaluation import Evaluation, unstable_nominally
 from haptic_wall.controller.guard.limits import evaluate, smallest
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.reasons import reasons
+from haptic_wall.controller.guard.remedies import Wall
 from haptic_wall.controller.guard.types import (
     Decision,
     GuardSettings,

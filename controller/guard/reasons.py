@@ -5,23 +5,24 @@ Each reason is a sentence, in order of importance: the binding limit, what was c
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
 from haptic_wall.controller.guard.delay_parts import ms
-from haptic_wall.controller.guard.design import Improvement, Wall, improvements
 from haptic_wall.controller.guard.evaluation import count_torque
 from haptic_wall.controller.guard.limits import BY_NAME, smallest
-from haptic_wall.controller.guard.types import Decision, Reason
+from haptic_wall.controller.guard.remedies import Remedy, Wall, remedies
+from haptic_wall.controller.guard.types import Decision
 from haptic_wall.controller.guard.work import Work
 
 _MOST = 4
 """Largest number of reasons; the best remedies are kept, at least two."""
-_STIFFNESS, _DAMPING = "N·m/rad", "N·m·s/rad"
+WORTH_NAMING = 1.02
+"""Smallest factor that counts as an improvement: the limits are accurate to about 1 %."""
 
 
-def reasons(decision: Decision, wall: Wall, work: Work) -> tuple[Reason, ...]:
+def reasons(decision: Decision, wall: Wall, work: Work) -> tuple[str, ...]:
     """Return the reasons of a decision, most important first; none where nothing was clamped.
 
     Args:
@@ -34,80 +35,56 @@ def reasons(decision: Decision, wall: Wall, work: Work) -> tuple[Reason, ...]:
     found = [*_stiffness(decision, wall), *_damping(decision, wall)]
     if decision.binding is not None:
         now = smallest(decision.limits)[1]
-        remedies = improvements(wall, BY_NAME[decision.binding].raised_by, work=work)
-        worth = [each for each in remedies if each.buys(now)]
+        tried = remedies(wall, BY_NAME[decision.binding].raised_by, work)
+        worth = [each for each in tried if each.stiffness > WORTH_NAMING * now]
         found += [_would_raise(each, decision) for each in worth[: max(2, _MOST - len(found))]]
     return tuple(found)
 
 
-def sentences(reasons: Sequence[Reason], now: tuple[float, float] | None = None) -> list[str]:
-    """Return the reasons as sentences for a person.
-
-    Args:
-        reasons: In order.
-        now: Stiffness [N·m/rad] and damping [N·m·s/rad] that are really commanded, where another
-            part of the program commands less than the guard allows; None: not known.
-    """
-    return [_with_number(reason, now) for reason in reasons]
-
-
-def _with_number(reason: Reason, now: tuple[float, float] | None) -> str:
-    """Return a sentence that begins with what is really commanded, where that differs."""
-    if now is None or reason.allowed is None:
-        return reason.text
-    value = now[0] if reason.unit == _STIFFNESS else now[1]
-    if f"{value:.4g}" == f"{reason.allowed:.4g}":
-        return reason.text
-    falls = ", on its way down" if value > reason.allowed else ""
-    return f"the wall has {value:.4g} {reason.unit} at the end{falls}; {reason.text}"
-
-
-def _off(decision: Decision) -> Iterator[Reason]:
+def _off(decision: Decision) -> Iterator[str]:
     name, value = smallest(decision.limits)
-    yield Reason(
+    yield (
         f"the guard is off: stiffness {decision.stiffness:.4g} N·m/rad and damping "
         f"{decision.damping:.4g} N·m·s/rad are commanded as requested; the smallest limit at "
         f"this damping is {name}, {value:.4g} N·m/rad"
     )
     exact = decision.limits["exact"]
     if decision.only_friction:
-        yield Reason(
+        yield (
             "only friction can keep this wall stable: without friction it is unstable for the "
             "believed servo, so small motion dies and larger motion grows"
         )
     elif exact is not None and decision.stiffness > exact:
-        yield Reason(
+        yield (
             "this wall is unstable for the believed servo: any motion grows until the torque "
             "saturates or a safety limit ends the run"
         )
 
 
-def _stiffness(decision: Decision, wall: Wall) -> Iterator[Reason]:
+def _stiffness(decision: Decision, wall: Wall) -> Iterator[str]:
     if decision.binding is None:
         return
     value = smallest(decision.limits)[1]
     law = decision.request.law
     where = f" where the law is steepest ({law})" if law else ""
-    yield Reason(
+    yield (
         f"the guard allows {decision.stiffness:.4g} instead of {decision.request.stiffness:.4g} "
         f"N·m/rad{where}: {decision.margin:g} of the limit {decision.binding}, {value:.4g} "
-        f"({BY_NAME[decision.binding].meaning})",
-        decision.stiffness,
-        _STIFFNESS,
+        f"({BY_NAME[decision.binding].meaning})"
     )
     if decision.binding == "quantisation":
         if not decision.is_coarse:
             yield _coarse_count(decision, wall)
     elif value == 0:
         highest = wall.settings.damping_cap * decision.damping_ceiling
-        yield Reason(
+        yield (
             f"no stiffness is allowed at a damping of {decision.damping:.4g} N·m·s/rad and a "
             f"delay of {ms(decision.delay)}: give the wall virtual damping within "
             f"0 to {highest:.4g} N·m·s/rad"
         )
 
 
-def _coarse_count(decision: Decision, wall: Wall) -> Reason:
+def _coarse_count(decision: Decision, wall: Wall) -> str:
     torque = abs(decision.damping) * _per_damping(decision, wall)
     said = (
         f"one encoder count in one sample commands {torque:.3g} N·m through the damping alone, and "
@@ -119,10 +96,10 @@ def _coarse_count(decision: Decision, wall: Wall) -> Reason:
             f": only virtual damping below {decision.encoder_damping:.3g} N·m·s/rad leaves torque "
             f"for the stiffness; {_more_samples(decision)}"
         )
-    return Reason(said)
+    return said
 
 
-def _damping(decision: Decision, wall: Wall) -> Iterator[Reason]:
+def _damping(decision: Decision, wall: Wall) -> Iterator[str]:
     asked, given = decision.request.damping, decision.damping
     if given == asked:
         return
@@ -152,7 +129,7 @@ def _damping(decision: Decision, wall: Wall) -> Iterator[Reason]:
                 ": the believed load vibrates on its flexible transmission. An encoder on the"
                 " motor's side, or a stiffer horn and link, raises this ceiling"
             )
-    yield Reason(said, given, _DAMPING)
+    yield said
 
 
 def _per_damping(decision: Decision, wall: Wall) -> float:
@@ -172,6 +149,6 @@ def _more_samples(decision: Decision) -> str:
     )
 
 
-def _would_raise(each: Improvement, decision: Decision) -> Reason:
+def _would_raise(each: Remedy, decision: Decision) -> str:
     stiffness = min(decision.margin * each.stiffness, decision.request.stiffness)
-    return Reason(f"with {each.text}, K could be about {float(f'{stiffness:.2g}'):g}")
+    return f"with {each.text}, K could be about {float(f'{stiffness:.2g}'):g}"

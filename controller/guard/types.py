@@ -11,17 +11,6 @@ from haptic_wall.controller.guard.belief import Belief
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
-
-@dataclass(frozen=True, slots=True)
-class Reason:
-    """A sentence about a decision."""
-
-    text: str
-    allowed: float | None = None
-    """The allowed value that it tells [``unit``]"""
-    unit: str = ""
-
-
 Mode = Literal["stable", "passive", "off"]
 
 WITHIN = 1.05
@@ -137,7 +126,7 @@ class Decision:
     margin: float
     binding: str | None
     """Name of the limit that bound K; None: no limit did"""
-    reasons: tuple[Reason, ...]
+    reasons: tuple[str, ...]
     """Why less than requested is commanded; empty where nothing was clamped"""
     only_friction: bool
     """The nominal belief would be unstable without Coulomb friction (mode off only)"""

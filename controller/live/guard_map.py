@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from haptic_wall.controller.guard.boundary_curve import EVERY_DAMPING
+from haptic_wall.controller.guard.boundary import EVERY_DAMPING
 from haptic_wall.controller.guard.decision_report import decision_report
 from haptic_wall.controller.guard.evaluation import Evaluation
 from haptic_wall.controller.guard.guard import decide

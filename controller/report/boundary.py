@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from haptic_wall.controller.guard.boundary_curve import Curve, Question, WallSide, curve
+from haptic_wall.controller.guard.boundary import Curve, Question, WallSide, curve
 from haptic_wall.controller.report import style
 from haptic_wall.controller.report.limit_curves import draw_limits
 
@@ -39,7 +39,7 @@ def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> N
     """
     top = found["max_virtual_damping"]
     plants = question.plants(1)
-    lowest = 0.0 if question.is_exact else -float((plants.damping / plants.gain)[0])
+    lowest = 0.0 if question.load else -float((plants.damping / plants.gain)[0])
     shares = _FEWER if question.load else _SHARES
     across = curve(question, lowest + (top - lowest) * shares)
     with style.picture(path, style.PAGE, 4.6) as figure:
@@ -52,7 +52,7 @@ def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> N
         ax.set_ylabel(style.STIFFNESS)
         ax.set_title(_title(question, found), fontsize=8.5, loc="left")
         ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
-        if not question.is_exact and -lowest < _SMALL * top:
+        if not question.load and -lowest < _SMALL * top:
             _origin(ax, question, lowest, found)
         stable = across.frequency > 0
         below.plot(across.virtual_damping[stable], across.frequency[stable], color=style.INK)
@@ -65,7 +65,7 @@ def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> N
 
 def _plane(ax: Axes, across: Curve, side: WallSide) -> None:
     """Draw the limits as curves, and shade the stable area, and the area below all limits."""
-    damping, limits = across.virtual_damping, across.found.limits
+    damping, limits = across.virtual_damping, across.limits
     exact = limits["exact"]
     ax.fill_between(damping, 0.0, exact, color=style.FAINT, linewidth=0, label="stable, two-sided")
     if "one_sided" in limits:
@@ -115,7 +115,7 @@ def _origin(ax: Axes, question: Question, lowest: float, found: Mapping[str, Any
     inset = ax.inset_axes((1.065, -0.04, 0.2, 0.3))
     _plane(inset, close, question.side)
     inset.set_xlim(min(1.15 * lowest, -0.02 * near), near)
-    inset.set_ylim(0.0, 1.05 * float(np.max(close.found.limits["exact"])))
+    inset.set_ylim(0.0, 1.05 * float(np.max(close.limits["exact"])))
     inset.tick_params(labelsize=7)
     inset.set_title("near the origin", fontsize=7.5, pad=2)
     style.grid(inset)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptic_wall.controller.detector.watch import Watch
-from haptic_wall.controller.guard.bins import decide_bins, explained
+from haptic_wall.controller.guard.bins import Bins
 from haptic_wall.controller.guard.guard import Decision, Situation
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.schedule import (
@@ -94,15 +94,7 @@ def guard_decisions(
     if inside and program:
         intervals_ns = intervals_ns[:1]
     ages_ns = [max(age, least_ns) for age in ages_ns]
-    decisions = decide_bins(
-        config.request(situation.position_step),
-        config.guard_settings(),
-        situation,
-        config.delay.steps,
-        ages_ns,
-        intervals_ns,
-        work,
-    )
+    decisions = _bins(config, situation, ages_ns, intervals_ns, work).decide()
     table = GainTable(
         Allowed(each.stiffness, each.damping, each.delay, each.damping_ceiling, most)
         for each, most in zip(decisions, most_injected(config, situation, decisions), strict=True)
@@ -135,17 +127,20 @@ def decision_in_force(
         index: Of the decision in the table.
         work: What was evaluated before for the same run; None: nothing.
     """
-    situation = situation_of(config, servo)
-    return explained(
-        config.request(situation.position_step),
-        config.guard_settings(),
-        situation,
-        config.delay.steps,
-        decided.ages_ns,
-        decided.intervals_ns,
-        index,
-        work,
-    )
+    bins = (decided.ages_ns, decided.intervals_ns)
+    return _bins(config, situation_of(config, servo), *bins, work).explained(index)
+
+
+def _bins(
+    config: Config,
+    situation: Situation,
+    ages_ns: list[int],
+    intervals_ns: list[int],
+    work: Work | None,
+) -> Bins:
+    request, settings = config.request(situation.position_step), config.guard_settings()
+    asked = (request, settings, situation, config.delay.steps, ages_ns, intervals_ns)
+    return Bins(*asked, Work() if work is None else work)
 
 
 def situation_of(config: Config, servo: OpenServo) -> Situation:

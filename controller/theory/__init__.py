@@ -7,7 +7,6 @@ from haptic_wall.controller.theory.exact import (
     max_virtual_damping,
     peak,
 )
-from haptic_wall.controller.theory.flexible import flexible_boundary, flexible_ceiling
 from haptic_wall.controller.theory.linear import linear_limit
 from haptic_wall.controller.theory.one_sided import one_sided_limit, restitution
 from haptic_wall.controller.theory.passivity import passive_limit
@@ -16,8 +15,6 @@ __all__ = [
     "CriticalPoint",
     "critical_point",
     "critical_stiffness",
-    "flexible_boundary",
-    "flexible_ceiling",
     "linear_limit",
     "max_virtual_damping",
     "one_sided_limit",

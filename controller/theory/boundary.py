@@ -66,7 +66,25 @@ def chain_boundary(
     velocity_samples: ArrayLike = 1,
     velocity_filter: VelocityFilter | None = None,
 ) -> CriticalPoint:
-    """Return ``flexible_boundary`` of any chain; ``shape`` is that of its parameters."""
+    """Return the stiffness below which a two-sided wall is stable on a chain, and the frequency.
+
+    Exact for linear masses, a held torque and any delay.
+
+    Args:
+        chain: The servos, as of ``one_mass`` or ``two_masses``.
+        shape: That of the chain's parameters.
+        virtual_damping: B [N·m·s/rad].
+        period: T > 0 [s].
+        delay: t_d >= 0, from the sample to its torque acting, without the current loop's lag [s].
+        velocity_samples: N of the velocity difference, >= 1.
+        velocity_filter: Filter of the velocity that damps; None: none.
+
+    Returns:
+        The boundary in the broadcast shape: the end of the stable interval that begins at 0.
+
+    Raises:
+        ValueError: An argument is outside of its domain; the message names it.
+    """
     given, (big_b, t, t_d, n) = _common(
         shape,
         virtual_damping=number("virtual_damping", virtual_damping),
@@ -93,7 +111,13 @@ def chain_ceiling(
     velocity_samples: ArrayLike = 1,
     velocity_filter: VelocityFilter | None = None,
 ) -> FloatArray:
-    """Return ``flexible_ceiling`` of any chain; ``shape`` is that of its parameters."""
+    """Return the virtual damping up to which some stiffness from 0 on is stable on a chain.
+
+    Arguments and errors are those of ``chain_boundary``.
+
+    Returns:
+        The end of the stable interval of B that begins at 0 [N·m·s/rad], in the broadcast shape.
+    """
     given, (t, t_d, n) = _common(
         shape,
         period=positive("period", period),

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
         PlatformError,
         UserError,
     )
-    from haptic_wall.controller.guard.boundary import Boundary, boundary
     from haptic_wall.controller.laws.own import OwnLaw as Law
     from haptic_wall.controller.live.ask import NotAppliedError
     from haptic_wall.controller.logs.table import Log, read_log
@@ -31,7 +30,6 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 __all__ = [
-    "Boundary",
     "BusError",
     "ConfigError",
     "HapticWallError",
@@ -45,7 +43,6 @@ __all__ = [
     "Servo",
     "ServoError",
     "UserError",
-    "boundary",
     "emulated_bus",
     "read_log",
     "run",
@@ -53,7 +50,6 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Boundary": "controller.guard.boundary",
     "BusError": "controller.emulated_bus.bus",
     "ConfigError": "controller.errors",
     "HapticWallError": "controller.errors",
@@ -67,7 +63,6 @@ _HOMES = {
     "Servo": "hw.servo",
     "ServoError": "hw.errors",
     "UserError": "controller.errors",
-    "boundary": "controller.guard.boundary",
     "emulated_bus": "controller.emulated_bus.bus:DynamixelBus",
     "read_log": "controller.logs.table",
     "run": "controller.cli.started",

@@ -6,14 +6,14 @@ import pytest
 from haptic_wall.controller.theory import (
     critical_point,
     critical_stiffness,
-    flexible_boundary,
-    flexible_ceiling,
     linear_limit,
     max_virtual_damping,
     one_sided_limit,
     passive_limit,
     peak,
 )
+from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
+from haptic_wall.controller.theory.chain import two_masses
 from tests.cli.caller import Cli
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -51,47 +51,30 @@ def test_the_points_are_those_of_the_theory_in_the_order_asked(cli: Cli) -> None
     )
 
 
-@pytest.mark.whole
-def test_the_design_is_told_for_the_stiffest_wall_asked_for(cli: Cli) -> None:
+def test_the_stiffest_wall_asked_for_is_named_with_its_limit(cli: Cli) -> None:
     found = cli.json("boundary", *LOOP, "--virtual-damping=0.05,0.2,0.1")
     stiffest = max(found["points"], key=lambda point: point["one_sided"])
     design = found["design"]
     assert design["virtual_damping"] == stiffest["virtual_damping"] == 0.2
     assert (design["binding"], design["stiffness"]) == ("one_sided", stiffest["one_sided"])
-    assert sum(part["share"] for part in design["delay_parts"]) == pytest.approx(1)
-    gains = {each["change"]: each for each in design["improvements"]}
-    faster = cli.json("boundary", *LOOP[:-1], "0.001", "--virtual-damping=0.2")
-    assert gains["delay"]["stiffness"] == pytest.approx(faster["design"]["stiffness"], rel=1e-3)
-    assert gains["delay"]["factor"] == pytest.approx(
-        gains["delay"]["stiffness"] / design["stiffness"]
-    )
     both = cli.json("boundary", *LOOP, "--virtual-damping=0.2", "--side", "both")["design"]
-    assert gains["two_sided"]["stiffness"] == pytest.approx(both["stiffness"])
     assert both["binding"] == "exact"
-    assert "two_sided" not in {each["change"] for each in both["improvements"]}
 
 
-def test_ranges_give_the_least_safe_corner_and_what_knowing_it_buys(cli: Cli) -> None:
+def test_ranges_give_the_least_safe_corner(cli: Cli) -> None:
     ranges = ["--inertia", "0.010:0.014", "--damping", "0.008:0.02", "--delay", "0.001:0.002"]
     words = [*ranges, "--torque-gain", "0.9:1.2", "--period", "0.001", "--virtual-damping=0.1"]
     found = cli.json("boundary", *words)
     (point,) = found["points"]
     corner = critical_stiffness(0.010, 0.008, 1.2 * 0.1, 1e-3, 2e-3) / 1.2
     assert point["exact"] == pytest.approx(corner)
-    improvements = {each["change"]: each["stiffness"] for each in found["design"]["improvements"]}
-    known = one_sided_limit(0.012, 0.014, 1.05 * 0.1, 1e-3, 1.5e-3) / 1.05
-    assert improvements["belief"] == pytest.approx(known, rel=1e-3)
 
 
 @pytest.mark.whole
 @pytest.mark.parametrize("damping", ["9", "-0.0117", "-1"])
 def test_where_no_stiffness_is_stable_the_answer_is_nought(cli: Cli, damping: str) -> None:
-    status, out, _ = cli("boundary", *LOOP, f"--virtual-damping={damping}")
-    assert status == 0
-    assert "from 0" in out
     found = cli.json("boundary", *LOOP, f"--virtual-damping={damping}")
     assert found["points"][0]["exact"] == found["design"]["stiffness"] == 0
-    assert {each["factor"] for each in found["design"]["improvements"]} == {None}
 
 
 LOADED = [
@@ -155,17 +138,17 @@ def test_with_a_load_the_limits_are_those_of_two_masses(encoder: str, cli: Cli) 
         "--side=both",
     )
     servo = (0.012, 0.0117, 0.003, 200.0, 0.0277)
-    limits = flexible_boundary(*servo, [0.0, 0.1, 0.3], 1e-3, 2e-3, encoder=encoder)
+    limits = chain_boundary(*two_masses(*servo, encoder=encoder), [0.0, 0.1, 0.3], 1e-3, 2e-3)
     points = found["points"]
     assert {*points[0]} >= POINT
     assert [point["exact"] for point in points] == pytest.approx(limits.stiffness)
     assert [point["frequency_hz"] for point in points] == pytest.approx(limits.frequency)
     assert [point["passive"] for point in points] == [None] * 3
     assert all(point["one_sided"] <= point["exact"] for point in points)
-    ceiling = flexible_ceiling(*servo, 1e-3, 2e-3, encoder=encoder)
+    ceiling = chain_ceiling(*two_masses(*servo, encoder=encoder), 1e-3, 2e-3)
     assert found["max_virtual_damping"] == pytest.approx(float(ceiling))
     dampings = np.linspace(0.0, float(ceiling), 400)
-    top = flexible_boundary(*servo, dampings, 1e-3, 2e-3, encoder=encoder).stiffness
+    top = chain_boundary(*two_masses(*servo, encoder=encoder), dampings, 1e-3, 2e-3).stiffness
     assert found["peak"]["stiffness"] >= np.max(top) * (1 - 1e-9)
     assert found["design"]["binding"] == "exact"
 
@@ -180,17 +163,14 @@ BELIEVED = [
 def test_a_configuration_gives_the_limits_of_the_load_that_it_believes(cli: Cli) -> None:
     found = cli.json("boundary", *BELIEVED, "--virtual-damping=0,0.1,0.25", "--side=both")
     servo = (0.011951, 0.011692, 0.003, 200.0, 0.0277)
-    exact = flexible_boundary(*servo, [0.0, 0.1], 1e-3, 1e-3).stiffness
+    exact = chain_boundary(*two_masses(*servo), [0.0, 0.1], 1e-3, 1e-3).stiffness
     limits = [point["flexible"] for point in found["points"]]
     assert np.all(np.array(limits[:2]) < exact)
     assert np.all(np.array(limits[:2]) > 0.8 * exact)
     assert limits[2] == 0.0
-    ceiling = float(flexible_ceiling(*servo, 1e-3, 1e-3))
+    ceiling = float(chain_ceiling(*two_masses(*servo), 1e-3, 1e-3))
     assert 0.8 * ceiling < found["max_virtual_damping"] < ceiling
     assert found["design"]["binding"] == "flexible"
-    changes = {each["change"] for each in found["design"]["improvements"]}
-    assert {"motor_encoder", "stiffer"} <= changes
     status, out, _ = cli("boundary", *BELIEVED, "--virtual-damping=0.1")
     assert status == 0
     assert "a believed load of 0.003 kg·m² of it that vibrates at 45.96 Hz" in out
-    assert "an encoder on the motor's side" in out

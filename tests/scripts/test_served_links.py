@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from haptic_wall.controller.guard.bins import decide_bin
+from haptic_wall.controller.guard.bins import Bins
 from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation
 from haptic_wall.controller.guard.schedule import interval_bins_ns, served_range
 from scripts.guard_links import NAMES, PERIOD, chain_of, drawn, growth, inside
@@ -40,9 +40,9 @@ def test_a_wall_decays_at_every_interval_of_its_bin(
         part = (interval >= low) & (interval < high)
         if not part.any():
             continue
-        (wall,) = decide_bin(
-            request, GuardSettings(), situation, steps, [round(age * 1e9)], bins, index
-        )
+        (wall,) = Bins(
+            request, GuardSettings(), situation, steps, [round(age * 1e9)], bins
+        ).decide_interval(index)
         assert wall.stiffness > 0.0
         some = truths[part], chain.take(np.flatnonzero(part)), interval[part], delay[part]
         assert growth(*some, wall, None).max() < 0.0

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, peak
-from haptic_wall.controller.theory.flexible import flexible_boundary, flexible_ceiling
+from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
+from haptic_wall.controller.theory.chain import two_masses
 from haptic_wall.controller.theory.servos import SERVOS
 from tests.support.cases_drawn import PRESETS
 from tests.support.real_servos import BANDWIDTH
@@ -53,7 +54,7 @@ def draw_linked(preset: str, random: np.random.Generator, *, friction: bool) -> 
 def ceiling_of(truth: Truth) -> float:
     """Return the commanded B above which no soft wall is stable on two masses [N·m·s/rad]."""
     bandwidth = truth.current_bandwidth or None
-    ceiling = flexible_ceiling(*_masses(truth), PERIOD, truth.delay, bandwidth=bandwidth)
+    ceiling = chain_ceiling(*two_masses(*_masses(truth), bandwidth=bandwidth), PERIOD, truth.delay)
     return float(ceiling) / truth.torque_gain
 
 
@@ -65,8 +66,8 @@ def limit_of(truth: Truth, damping: float) -> float:
         damping: Commanded B [N·m·s/rad].
     """
     gain, bandwidth = truth.torque_gain, truth.current_bandwidth or None
-    found = flexible_boundary(
-        *_masses(truth), gain * damping, PERIOD, truth.delay, bandwidth=bandwidth
+    found = chain_boundary(
+        *two_masses(*_masses(truth), bandwidth=bandwidth), gain * damping, PERIOD, truth.delay
     )
     return float(found.stiffness) / gain
 

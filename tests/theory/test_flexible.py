@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -10,12 +10,10 @@ from scipy.linalg import expm
 
 from haptic_wall.controller.theory import (
     critical_stiffness,
-    flexible_boundary,
-    flexible_ceiling,
     max_virtual_damping,
 )
 from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
-from haptic_wall.controller.theory.chain import Chain
+from haptic_wall.controller.theory.chain import Chain, two_masses
 from haptic_wall.controller.theory.checks import FloatArray
 from tests.cases import sampled
 
@@ -102,12 +100,16 @@ def answers(loops: list[Loop], shares: FloatArray) -> tuple[FloatArray, FloatArr
     lag = np.array([loop.bandwidth for loop in loops])
     encoder, bandwidth = loops[0].encoder, lag if lag.all() else None
     servo = (m, b, load, k, c)
-    ceiling = flexible_ceiling(
-        *servo, period, late * period, n, encoder=encoder, bandwidth=bandwidth
+    ceiling = chain_ceiling(
+        *two_masses(*servo, encoder=encoder, bandwidth=bandwidth), period, late * period, n
     )
     dampings = shares * ceiling
-    found = flexible_boundary(
-        *servo, dampings, period, late * period, n, encoder=encoder, bandwidth=bandwidth
+    found = chain_boundary(
+        *two_masses(*servo, encoder=encoder, bandwidth=bandwidth),
+        dampings,
+        period,
+        late * period,
+        n,
     )
     return ceiling, dampings, found.stiffness
 
@@ -159,7 +161,7 @@ def test_without_any_damping_limits_are_those_of_hardly_any(encoder: str) -> Non
     def ceiling(ratio: float) -> FloatArray:
         moved = m * load / (m + load)
         servo = (m, 0.0, load, moved * rate**2, 2.0 * ratio * moved * rate)
-        return flexible_ceiling(*servo, 1e-3, delay, encoder=encoder)
+        return chain_ceiling(*two_masses(*servo, encoder=encoder), 1e-3, delay)
 
     assert np.all(ceiling(0.0) < 1.001 * ceiling(1e-8))
 
@@ -169,7 +171,7 @@ def test_a_stiff_transmission_is_none() -> None:
     big_b = np.array([0.0, 0.02, 0.5])
     rigid = critical_stiffness(m + load, b, big_b, period, delay)
     damper = 2 * 0.05 * np.sqrt(1e8 * m * load / (m + load))
-    found = flexible_boundary(m, b, load, 1e8, damper, big_b, period, delay).stiffness
+    found = chain_boundary(*two_masses(m, b, load, 1e8, damper), big_b, period, delay).stiffness
     np.testing.assert_allclose(found, rigid, rtol=1e-5)
 
 
@@ -192,7 +194,7 @@ def test_three_masses_with_one_stiff_transmission_are_two() -> None:
         np.array([[20.0, c]]),
     )
     big_b = np.array([0.0, 0.05, 0.1])
-    two = flexible_boundary(m, 0.0117, load, k, c, big_b, 1e-3, 2e-3).stiffness
+    two = chain_boundary(*two_masses(m, 0.0117, load, k, c), big_b, 1e-3, 2e-3).stiffness
     found = chain_boundary(three, (1,), big_b, 1e-3, 2e-3).stiffness
     np.testing.assert_allclose(found, two, rtol=1e-4)
 
@@ -209,10 +211,9 @@ def test_three_masses_with_one_stiff_transmission_are_two() -> None:
 def test_what_is_outside_of_the_domain_is_named(
     change: dict[str, float | str], message: str
 ) -> None:
-    given: dict[str, float | str] = {
-        **{"inertia": 0.01, "damping": 0.01, "load_inertia": 0.01, "virtual_damping": 0.0},
-        **{"transmission_stiffness": 100.0, "transmission_damping": 0.0},
-        **{"period": 1e-3, "delay": 1e-3},
-    }
+    servo = {"inertia": 0.01, "damping": 0.01, "load_inertia": 0.01}
+    servo |= {"transmission_stiffness": 100.0, "transmission_damping": 0.0}
+    given: dict[str, Any] = servo | change
+    delay = given.pop("delay", 1e-3)
     with pytest.raises(ValueError, match=message):
-        flexible_boundary(**(given | change))  # type: ignore[arg-type]
+        chain_boundary(*two_masses(**given), 0.0, 1e-3, delay)

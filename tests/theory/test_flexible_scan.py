@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from haptic_wall.controller.theory.flexible import flexible_boundary, flexible_ceiling
+from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
+from haptic_wall.controller.theory.chain import two_masses
 from haptic_wall.controller.theory.flexible_scan import FlexibleScan, Servos
 
 
@@ -25,11 +26,11 @@ def test_random_servos(encoder: str, period: float, delay: float, thorough: bool
     damping = 2 * between(0.003, 0.2) * moving * rate
     servo = (inertia, inertia * between(0.05, 7.0), load, stiffness, damping)
     (scan,) = FlexibleScan.of([Servos(*servo, delay)], period, 1, encoder)
-    ceiling = flexible_ceiling(*servo, period, delay, encoder=encoder)
+    ceiling = chain_ceiling(*two_masses(*servo, encoder=encoder), period, delay)
     assert np.all(scan.ceilings() < 1.025 * ceiling)
     assert np.all(scan.ceilings() > 0.95 * ceiling)
     big_b = 0.7 * random.random(n) * ceiling
-    exact = flexible_boundary(*servo, big_b, period, delay, encoder=encoder).stiffness
+    exact = chain_boundary(*two_masses(*servo, encoder=encoder), big_b, period, delay).stiffness
     limits = scan.limits(big_b)
     assert np.all(limits < 1.02 * exact)
     assert np.all(limits > 0.95 * exact)

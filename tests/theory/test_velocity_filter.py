@@ -10,9 +10,8 @@ import pytest
 from scipy.linalg import expm
 from scipy.signal import freqz
 
-from haptic_wall.controller.theory import flexible_boundary, flexible_ceiling
 from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
-from haptic_wall.controller.theory.chain import one_mass
+from haptic_wall.controller.theory.chain import one_mass, two_masses
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.flexible_scan import FlexibleScan, Servos
 from haptic_wall.controller.theory.velocity_filter import FilterKind, VelocityFilter
@@ -89,13 +88,17 @@ def test_limits_agree_with_dense_eigenvalues(kind: FilterKind, wholly: bool) -> 
         f0 = hz * float(random.choice([1.0, random.uniform(0.3, 3.0)]))
         filtered = VelocityFilter(kind, math.tau * f0 * PERIOD, float(random.uniform(0.3, 2.0)))
         loop = (PERIOD, delay, samples)
-        ceiling = float(flexible_ceiling(*servo, *loop, encoder=encoder, velocity_filter=filtered))
+        ceiling = float(
+            chain_ceiling(*two_masses(*servo, encoder=encoder), *loop, velocity_filter=filtered)
+        )
 
         radius = partial(
             spectral_radius, servo, delay=delay, samples=samples, encoder=encoder, f=filtered
         )
         b = float(random.uniform(0.05, 0.95)) * min(ceiling, 100.0 * whole)
-        boundary = flexible_boundary(*servo, b, *loop, encoder=encoder, velocity_filter=filtered)
+        boundary = chain_boundary(
+            *two_masses(*servo, encoder=encoder), b, *loop, velocity_filter=filtered
+        )
         limit = float(boundary.stiffness)
         m, own, j, c, d = (np.array([x]) for x in servo)
         (scan,) = FlexibleScan.of(

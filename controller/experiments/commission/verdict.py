@@ -105,7 +105,7 @@ class GuardQuestion:
 
 
 def verdict(question: GuardQuestion, identified: bool) -> dict[str, Any]:
-    """Return the possible stiffness, its damping, the binding limit and its improvements.
+    """Return the possible stiffness, its damping, and the binding limit.
 
     Args:
         question: The servo in its loop.

@@ -21,7 +21,7 @@ from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.laws.wall import Wall as ProgramWall
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.theory import flexible_boundary
+from haptic_wall.controller.theory.boundary import chain_boundary
 from haptic_wall.controller.theory.chain import two_masses
 from haptic_wall.controller.theory.chain_contact import returned as chain_returned
 from haptic_wall.hw.plant.mechanism import Mechanism
@@ -199,7 +199,7 @@ def test_contacts_of_a_load_return_what_the_theory_says() -> None:
         masses = servo.inertia, servo.damping, *load
         loop_of = (0.5 * servo.damping, PERIOD, PERIOD)
         stiffness = 0.5 * float(
-            flexible_boundary(*masses, *loop_of, encoder=servo.encoder).stiffness
+            chain_boundary(*two_masses(*masses, encoder=servo.encoder), *loop_of).stiffness
         )
         wall = wall_of(
             servo, period=PERIOD, delay=PERIOD, virtual_damping=loop_of[0], one_sided=True

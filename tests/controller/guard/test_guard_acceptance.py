@@ -109,9 +109,7 @@ def cases(thorough: bool, wholly: bool) -> list[Case]:
         with pytest.MonkeyPatch.context() as patch:
             # What would raise the limit has tests of its own, and takes two thirds of the time.
             if i % 5:
-                patch.setattr(
-                    "haptic_wall.controller.guard.reasons.improvements", lambda *_, **__: []
-                )
+                patch.setattr("haptic_wall.controller.guard.reasons.remedies", lambda *_, **__: [])
             (decision,) = decide(request, settings, situation, [late * period])
         found.append(Case(decision, situation, late * period))
     return found

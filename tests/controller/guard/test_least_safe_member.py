@@ -16,10 +16,10 @@ from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation
 from haptic_wall.controller.guard.types import WITHIN
 from haptic_wall.controller.theory import (
     critical_stiffness,
-    flexible_boundary,
-    flexible_ceiling,
     max_virtual_damping,
 )
+from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
+from haptic_wall.controller.theory.chain import two_masses
 from haptic_wall.controller.theory.checks import FloatArray
 from tests.theory import oracles, test_flexible
 
@@ -96,8 +96,8 @@ def limits(case: Case, some: FloatArray, damping: float) -> FloatArray:
     whole, b, gain, load, hz, ratio, delay, period = some.T
     wall: Any = (gain * damping, period, delay, case.samples)
     if load.any():
-        servo = two_masses(whole, b, load, hz, ratio)
-        found = flexible_boundary(*servo, *wall, encoder=case.belief.encoder).stiffness
+        servo = masses_of(whole, b, load, hz, ratio)
+        found = chain_boundary(*two_masses(*servo, encoder=case.belief.encoder), *wall).stiffness
     else:
         found = critical_stiffness(whole, b, *wall)
     commanded: FloatArray = found / gain
@@ -109,15 +109,15 @@ def ceilings(case: Case, some: FloatArray) -> FloatArray:
     whole, b, gain, load, hz, ratio, delay, period = some.T
     loop: Any = (period, delay, case.samples)
     if load.any():
-        servo = two_masses(whole, b, load, hz, ratio)
-        found = flexible_ceiling(*servo, *loop, encoder=case.belief.encoder)
+        servo = masses_of(whole, b, load, hz, ratio)
+        found = chain_ceiling(*two_masses(*servo, encoder=case.belief.encoder), *loop)
     else:
         found = max_virtual_damping(whole, b, *loop)
     commanded: FloatArray = found / gain
     return commanded
 
 
-def two_masses(
+def masses_of(
     whole: FloatArray, b: FloatArray, load: FloatArray, hz: FloatArray, ratio: FloatArray
 ) -> Any:
     load = np.minimum(load, 0.99 * whole)
@@ -132,7 +132,7 @@ def radius(case: Case, member: FloatArray, stiffness: float, damping: float) -> 
     k, big_b, n = gain * stiffness, gain * damping, case.samples
     if not load:
         return oracles.radius(oracles.Loop(whole, b, k, big_b, period, delay, n))
-    servo = map(float, two_masses(*member[[0, 1, 3, 4, 5]]))
+    servo = map(float, masses_of(*member[[0, 1, 3, 4, 5]]))
     loop = test_flexible.Loop._make([*servo, period, delay / period, n, case.belief.encoder, 0.0])
     return test_flexible.radius(loop, k, big_b)
 

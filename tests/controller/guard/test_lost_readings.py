@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.guard.belief import Belief, Bounded
-from haptic_wall.controller.guard.bins import decide_bin
+from haptic_wall.controller.guard.bins import Bins
 from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation
 from haptic_wall.controller.guard.schedule import ServedInterval, interval_bins_ns
 from haptic_wall.controller.theory import max_virtual_damping
@@ -38,7 +38,7 @@ class Walls:
         """Return the decision in a bin of the served interval."""
         if index not in self.known:
             asked = Request(1e9, self.loop.virtual, "both"), GuardSettings(), self.where
-            (self.known[index],) = decide_bin(*asked, 0, [0], BINS, index)
+            (self.known[index],) = Bins(*asked, 0, [0], BINS).decide_interval(index)
         return self.known[index]
 
     def over(self, index: int, interval: int, times: int) -> Matrix:

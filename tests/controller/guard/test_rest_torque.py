@@ -8,7 +8,6 @@ import pytest
 
 from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
-from haptic_wall.controller.guard.reasons import sentences
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory.checks import FloatArray
@@ -117,7 +116,7 @@ def test_damping_above_the_share_is_clamped_either_way_with_its_reason(
         assert abs(decision.damping) == pytest.approx(0.267 * samples, rel=0.02)
         assert decision.damping * asked > 0
         assert decision.stiffness == 0
-        reason = sentences(decision.reasons)[1 if stiffness else 0]
+        reason = decision.reasons[1 if stiffness else 0]
         for part in (f"{decision.damping:.4g} instead of {asked:g}", "0.41 N·m", "velocity over"):
             assert part in reason
     assert one(request, replace(where, position_step=0.0)).damping == asked

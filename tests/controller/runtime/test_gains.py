@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from haptic_wall.controller.guard.schedule import RUN, Allowed, GainSchedule, GainTable
 from haptic_wall.controller.laws.wall import Wall
 from haptic_wall.controller.runtime.gains import Gains
-from haptic_wall.controller.theory import flexible_boundary, flexible_ceiling
+from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.chain import sampled, two_masses
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.crossings import Loops, poles
@@ -88,9 +88,11 @@ def test_no_pair_on_the_way_to_lower_gains_is_unstable(encoder: str) -> None:
     servo = (motor, 0.012, load, moving * rate**2, 2.0 * ratio * moving * rate)
     damping, pairs = random.uniform(0.02, 0.3, n), []
     for delay, share in ((2.1e-3, 0.7), (2.5e-3, 0.2)):
-        ceiling = flexible_ceiling(*servo, period, delay, encoder=encoder)
+        ceiling = chain_ceiling(*two_masses(*servo, encoder=encoder), period, delay)
         damping = np.minimum(damping * share / 0.7, share * ceiling)
-        limit = flexible_boundary(*servo, damping, period, delay, encoder=encoder).stiffness
+        limit = chain_boundary(
+            *two_masses(*servo, encoder=encoder), damping, period, delay
+        ).stiffness
         pairs.append((0.8 * limit, damping, ceiling))
     chain, _ = two_masses(*servo, encoder=encoder)
     periods = np.full(n, period)

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from haptic_wall.controller.theory import flexible_ceiling
+from haptic_wall.controller.theory.boundary import chain_ceiling
+from haptic_wall.controller.theory.chain import two_masses
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.simulated import SimulatedServo
 from haptic_wall.hw.truth import EncoderSide, TrueServo
@@ -112,7 +113,7 @@ def test_two_masses_grow_beyond_their_ceiling_as_their_poles_say(
 ) -> None:
     true = linked_servo(encoder)
     servo = (true.inertia, true.damping, true.load_inertia, 200.0, true.transmission_damping)
-    ceiling = float(flexible_ceiling(*servo, PERIOD, 0.0, encoder=encoder))
+    ceiling = float(chain_ceiling(*two_masses(*servo, encoder=encoder), PERIOD, 0.0))
     loop = Loop(*servo, PERIOD, 0.0, 1, encoder)
     for share in (1.0 / beyond, beyond):
         positions = wall_motion(true, 2.0, share * ceiling, 3000)
