@@ -160,7 +160,9 @@ class Axis:
         scale, damping_scale = self.watch.backstop.reduced
         return gains.stiffness * scale, gains.damping * damping_scale
 
-    def torque(self, reading: Reading, tick: Tick) -> float:
+    def torque(  # noqa: PLR0912 - in one piece for speed
+        self, reading: Reading, tick: Tick
+    ) -> float:
         """Return the torque for a reading [N·m]; the run must end where ``trip`` is set then.
 
         Args:
@@ -173,7 +175,7 @@ class Axis:
             if verdict is _REFUSED:
                 outcome, self.measured_torque = _REFUSED, math.nan
             else:
-                self.trip = verdict  # type: ignore[assignment] - the only outcome is REFUSED
+                self.trip = verdict
                 self._move(position, sampled_ns)
         self.outcome = outcome
         if outcome is not _OK and outcome is not _WAITING:

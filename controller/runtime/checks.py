@@ -14,7 +14,7 @@ import math
 from collections import deque
 from dataclasses import dataclass
 from math import isfinite, isnan
-from typing import Final
+from typing import Final, Literal
 
 from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.laws.wall import Law
@@ -30,6 +30,7 @@ REFUSALS: Final = 3
 the bus: the next one trips."""
 MISSED_S: Final = 0.5
 """Time over which missed periods are counted [s]; at low rates it is that of ten periods"""
+Refused = Literal[Outcome.REFUSED]
 _REFUSED: Final = Outcome.REFUSED
 _WINDOW_NS: Final = 10_000_000
 """Least time over which the speed of a driven motion is measured [ns]. One count a tick is 1.53
@@ -155,7 +156,7 @@ class Safety:
         self._given = math.nan
         """Work of the torque less friction's, not below the negative energy in the spring [J]"""
 
-    def good(self, position: float, sampled_ns: int, alert: bool) -> Trip | Outcome | None:
+    def good(self, position: float, sampled_ns: int, alert: bool) -> Trip | Refused | None:
         """Judge a valid reply: its position, and its distance from the last one.
 
         Args:

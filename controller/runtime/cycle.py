@@ -38,8 +38,9 @@ def is_pipelined(
         period_s: The sampling period [s].
     """
     if schedule == "auto":  # where a reply takes several periods, neither is better
-        slow = traffic is not None and not traffic.reply_s
-        return slow and traffic.longest_s > COLLECT_SHARE * period_s
+        if traffic is None or traffic.reply_s:
+            return False
+        return traffic.longest_s > COLLECT_SHARE * period_s
     return schedule == "pipelined"
 
 

@@ -27,11 +27,12 @@ if TYPE_CHECKING:
     from haptic_wall.controller.live.ask import NotAppliedError
     from haptic_wall.controller.logs.table import Log, read_log
     from haptic_wall.hw.errors import ServoError
-    from haptic_wall.hw.servo import Servo
+    from haptic_wall.hw.servo import Bus
 
 __version__ = "0.1.0"
 __all__ = [
     "Boundary",
+    "Bus",
     "BusError",
     "ConfigError",
     "HapticWallError",
@@ -42,7 +43,6 @@ __all__ = [
     "PlatformError",
     "RunError",
     "RunningWall",
-    "Servo",
     "ServoError",
     "UserError",
     "boundary",
@@ -54,6 +54,7 @@ __all__ = [
 
 _HOMES = {
     "Boundary": "controller.guard.boundary",
+    "Bus": "hw.servo",
     "BusError": "controller.emulated_bus.bus",
     "ConfigError": "controller.errors",
     "HapticWallError": "controller.errors",
@@ -64,7 +65,6 @@ _HOMES = {
     "PlatformError": "controller.errors",
     "RunError": "controller.cli.started",
     "RunningWall": "controller.cli.started",
-    "Servo": "hw.servo",
     "ServoError": "hw.errors",
     "UserError": "controller.errors",
     "boundary": "controller.guard.boundary",
