@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.errors import Problem
-from haptic_wall.hw.servo import Servo
+from haptic_wall.hw.servo import Bus
 from haptic_wall.hw.settings import EMULATED, ServoSettings
 from haptic_wall.hw.truth import Kind
 
@@ -45,8 +45,8 @@ class Backend:
     ``settings.options``; the other fields are ``servo.*`` of the configuration.
     """
 
-    open: Callable[[ServoSettings, Clock, int | None], Servo]
-    """Opens a servo without starting it. The descriptor is that of its port, where
+    open: Callable[[ServoSettings, Clock, int | None], Bus]
+    """Opens a bus of the servo without starting it. The descriptor is that of its port, where
     ``open_port`` has opened one, perhaps in another process; the servo's ``close`` closes it, and
     so does a refusal. Raises ``haptic_wall.hw.errors.ServoError``"""
     options: type = NoOptions

@@ -1,4 +1,4 @@
-"""Defines optional abilities of a servo; a caller must work without them."""
+"""Defines optional abilities of a bus; a caller must work without them."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ class TakesHand(Protocol):
 
 @runtime_checkable
 class HasHealth(Protocol):
-    """A servo that reports its supply and its temperature while it runs."""
+    """Servos that report their supply and their temperature while they run."""
 
-    def health(self) -> tuple[float, float]:
-        """Return the last known supply [V] and temperature [°C]; supply 0: not known yet."""
+    def health(self) -> list[tuple[float, float]]:
+        """Return each one's last supply [V] and temperature [°C]; supply 0: not known yet."""
         ...
 
 
 @runtime_checkable
 class HasTrouble(Protocol):
-    """A servo that can say what was wrong with it."""
+    """Servos that can say what was wrong with them."""
 
     trouble: str
     """The fault and its remedy, known after ``stop``; empty: none"""

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 from haptic_wall.hw.backend import Backend
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.errors import BackendError
-from haptic_wall.hw.servo import Servo
+from haptic_wall.hw.servo import Bus
 from haptic_wall.hw.settings import ServoSettings
 
 if TYPE_CHECKING:
@@ -89,8 +89,8 @@ def _installed() -> dict[str, list[EntryPoint]]:
     return found
 
 
-def open_servo(settings: ServoSettings, clock: Clock, descriptor: int | None = None) -> Servo:
-    """Return the servo that ``settings`` describe, not started.
+def open_servo(settings: ServoSettings, clock: Clock, descriptor: int | None = None) -> Bus:
+    """Return a bus of the servo that ``settings`` describe, not started.
 
     Args:
         settings: The servo.

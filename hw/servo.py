@@ -1,9 +1,10 @@
-"""The servo interface: all access of the controller to a servo, simulated, emulated or real."""
+"""The interface of a bus of servos: all access of the controller to them, simulated or real."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final, NamedTuple, Protocol
 
@@ -22,7 +23,7 @@ class Outcome(IntEnum):
     CORRUPT = 2
     """Bytes arrived that are not a valid reply."""
     REFUSED = 3
-    """A valid reply with a position that the servo cannot have reached."""
+    """A valid reply with a position that the servo cannot have reached; only the loop says so."""
     WAITING = 4
     """No reply yet, and none was due: replies take several periods here. Not a loss."""
 
@@ -86,18 +87,16 @@ class BusCounts:
     late: int = 0
     """Replies after their request had been given up; never used."""
     corrupt: int = 0
-    refused: int = 0
-    """Good replies with an implausible position; never used"""
 
 
 @dataclass(slots=True)
-class Bus:
-    """The bus between a loop and the servo, as the loop sees it."""
+class Traffic:
+    """The traffic between a loop and its servos, as the loop sees it."""
 
-    counts: BusCounts = field(default_factory=BusCounts)
-    """Begin anew with each ``start``"""
+    counts: list[BusCounts]
+    """Of each servo; begin anew with each ``start``"""
     waited_ns: int = 0
-    """Bus wait of the last ``collect``, without its own work [ns]"""
+    """Wait of the last ``collect``, without its own work [ns]"""
     reply_s: float = 0.0
     """Time of a reply, where that is several periods [s]; 0: replies come in time. Known after
     ``start``"""
@@ -122,81 +121,81 @@ class Check:
     """Whether ``doctor --fix`` can apply the remedy"""
 
 
-class Servo(Protocol):
-    """One servo, commanded in torque. Opened by ``haptic_wall.hw.open``, closed by ``close``.
+class Bus(Protocol):
+    """The servos of a run, commanded in torque; one servo is a bus of one.
 
-    The order of calls is ``start``, any number of cycles, ``stop``, ``close``. A cycle is
-    ``request``, ``collect``, ``write``. The request may be sent in the period before the one that
-    collects it (the reply then travels while the loop sleeps).
+    Opened by ``haptic_wall.hw.open``, closed by ``close``. The order of calls is ``start``, any
+    number of cycles, ``stop``, ``close``. A cycle is ``request``, ``collect``, ``write``. The
+    request may be sent in the period before the one that collects it (the replies then travel while
+    the loop sleeps). Lists have one item a servo, always in the same order.
 
-    Where a reply takes several periods (``bus.reply_s``) a request stays outstanding until it is
-    answered:
-    until then ``request`` has no effect, and ``collect`` does not wait.
+    Where a reply takes several periods (``traffic.reply_s``) a request stays outstanding until it
+    is answered: until then ``request`` has no effect, and ``collect`` does not wait.
     """
 
     @property
-    def facts(self) -> Facts:
-        """Return the facts; some are known after ``start`` only."""
+    def facts(self) -> Sequence[Facts]:
+        """Return the facts of each servo; some are known after ``start`` only."""
         ...
 
     @property
-    def bus(self) -> Bus | None:
-        """Return the bus to it, the same object as long as it is open.
+    def traffic(self) -> Traffic | None:
+        """Return the traffic, the same object as long as the bus is open.
 
-        None: no reply travels over a bus, so none can be late or lost.
+        None: no reply travels, so none can be late or lost.
         """
         ...
 
-    def start(self) -> list[Check]:
-        """Check all conditions, then enable torque at zero torque.
+    def start(self) -> list[list[Check]]:
+        """Check all conditions, then enable the torques at zero torque.
 
         Returns:
-            The checks, in order.
+            The checks of each servo, in order.
 
         Raises:
             UnfitServoError: A check failed; the message says if torque off was not read back.
             ServoMissingError: No reply.
-            ServoLostError: It stops replying; the message says whether torque is off.
+            ServoLostError: One stops replying; the message says whether torque is off.
         """
         ...
 
     def request(self) -> None:
-        """Request the position. Does not wait."""
+        """Request all positions. Does not wait."""
         ...
 
-    def collect(self, deadline_ns: int) -> Reading:
-        """Return the answer to the last ``request``, waiting until ``deadline_ns`` [ns] at most.
+    def collect(self, deadline_ns: int) -> Sequence[Reading]:
+        """Return the answers to the last ``request``, waiting until ``deadline_ns`` [ns] at most.
 
         It never raises for events on the bus: a lost or broken reply is an outcome.
 
         Raises:
             ServoLostError: The port is gone.
-            TorqueLostError: The servo's torque is gone.
-            ServoHealthError: The servo is in no state to be driven any longer.
+            TorqueLostError: The torque of a servo is gone.
+            ServoHealthError: A servo is in no state to be driven any longer.
         """
         ...
 
-    def write(self, torque: float) -> float:
-        """Send a torque [N·m], limited and rounded to the servo's possibilities.
+    def write(self, torques: Sequence[float]) -> Sequence[float]:
+        """Send the torques [N·m] together, limited and rounded to the servos' possibilities.
 
         Returns:
-            The torque really sent [N·m].
+            The torques really sent [N·m].
 
         Raises:
-            ValueError: The torque is not a finite number; nothing was sent.
-            RuntimeError: The servo is not started, or is stopped.
+            ValueError: A torque is not a finite number; nothing was sent.
+            RuntimeError: The bus is not started, or is stopped.
             ServoLostError: The port is gone.
         """
         ...
 
     def stop(self) -> bool:
-        """Set zero torque, switch torque off, read it back. Safe to call at any time, and twice.
+        """Set zero torques, switch all torques off, read that back. Safe at any time, and twice.
 
         Returns:
-            Whether torque off was read back.
+            Whether torque off was read back from all.
         """
         ...
 
     def close(self) -> None:
-        """Release the servo; stop it first if it was started and not stopped. Safe twice."""
+        """Release the servos; stop them first if they were started and not stopped. Safe twice."""
         ...

@@ -37,9 +37,6 @@ class DriverSettings:
     """Direction of the probe: away from the wall"""
     period_s: float = 1e-3
     """Period of the loop that will drive it [s]: limits the additional bytes beside a sample"""
-    max_speed: float | None = 0.0
-    """Positions that imply a higher speed are refused [rad/s]; 0: none are; None: faster than
-    ``Facts.fastest``"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""A servo simulated in the controller's own process, behind the servo interface.
+"""Servos simulated in the controller's own process, behind the interface of a bus.
 
 It models the same as ``haptic_wall.hw.plant.mechanism``: inertia, friction at rest and in motion,
 a weight, cogging, a load behind a flexible transmission, a scripted operator, the encoder's
@@ -10,11 +10,12 @@ lost, and reading and writing take no time), a current sensor, or temperature.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.hand import SharedHand
 from haptic_wall.hw.plant.mechanism import Mechanism
-from haptic_wall.hw.servo import Bus, Check, Facts, Outcome, Reading
+from haptic_wall.hw.servo import Check, Facts, Outcome, Reading
 from haptic_wall.hw.truth import TrueServo
 
 GRAIN_NS = 1000
@@ -22,106 +23,117 @@ GRAIN_NS = 1000
 cached. A loop cannot notice it."""
 
 
-class SimulatedServo:
-    """A servo whose motion is computed on each access."""
+class SimulatedBus:
+    """Servos whose motion is computed on each access.
 
-    facts: Facts
-    bus: Bus | None
+    Args:
+        trues: The servos.
+        clock: Their time, which begins with ``start``.
+    """
 
-    def __init__(self, true: TrueServo, clock: Clock) -> None:
-        """Open it; its time begins with ``start``."""
-        self._true = true
+    traffic = None
+
+    def __init__(self, trues: Sequence[TrueServo], clock: Clock) -> None:
+        self._trues = trues
         self._now_ns = clock.now_ns
-        self._written: float | None = None
-        """The last torque and its time [ns], applied when time advances"""
+        self._written: Sequence[float] = ()
+        """The last torques, which act from ``_written_ns`` on; applied when time advances"""
         self._written_ns = 0
         self._grain_ns = 1 if isinstance(clock, SimulatedClock) else GRAIN_NS
-        self._mechanism = Mechanism(true, self._instant())
+        self._mechanisms = [Mechanism(true, self._instant()) for true in trues]
         self._hand: SharedHand | None = None
-        self._reading: Reading | None = None
+        self._readings: list[Reading] = []
         self._running = False
-        self.bus = None
-        self.facts = Facts(
-            name="simulated servo",
-            counts_per_rev=true.counts_per_rev,
-            torque_limit=true.torque_limit,
-            torque_step=true.torque_step,
-            stall_torque=true.torque_limit,
-        )
+        self.facts = [
+            Facts(
+                name="simulated servo",
+                counts_per_rev=true.counts_per_rev,
+                torque_limit=true.torque_limit,
+                torque_step=true.torque_step,
+                stall_torque=true.torque_limit,
+            )
+            for true in trues
+        ]
 
-    def start(self) -> list[Check]:
-        """Start its time; there is nothing to check."""
+    def start(self) -> list[list[Check]]:
+        """Start their time; there is nothing to check."""
         now_ns = self._instant()
-        self._mechanism = Mechanism(self._true, now_ns, operator_waits=True)
-        self._mechanism.engage_operator(now_ns)
+        self._mechanisms = [Mechanism(true, now_ns, operator_waits=True) for true in self._trues]
+        for mechanism in self._mechanisms:
+            mechanism.engage_operator(now_ns)
         if self._hand is not None:
-            self._mechanism.take_hand(self._hand)
-        self._reading = self._written = None
+            self._mechanisms[0].take_hand(self._hand)
+        self._readings, self._written = [], ()
         self._running = True
-        return []
+        return [[] for _ in self._mechanisms]
 
     def request(self) -> None:
-        """Sample the position now."""
+        """Sample the positions now."""
         now_ns = self._now_ns()
         self._pass_until(now_ns - now_ns % self._grain_ns)
-        position, counts = self._mechanism.measured()
-        self._reading = Reading(Outcome.OK, position, counts, now_ns, math.nan, False)
+        self._readings = [
+            Reading(Outcome.OK, *mechanism.measured(), now_ns, math.nan, False)
+            for mechanism in self._mechanisms
+        ]
 
-    def collect(self, deadline_ns: int) -> Reading:  # noqa: ARG002 - nothing to wait for
-        """Return the sample of the last ``request``, without waiting.
+    def collect(self, deadline_ns: int) -> list[Reading]:  # noqa: ARG002 - nothing to wait for
+        """Return the samples of the last ``request``, without waiting.
 
         Raises:
             RuntimeError: There was no request.
         """
-        reading = self._reading
-        if reading is None:
+        readings, self._readings = self._readings, []
+        if not readings:
             raise RuntimeError("a reading was collected without a request; call request first")
-        self._reading = None
-        return reading
+        return readings
 
-    def write(self, torque: float) -> float:
-        """Command a torque [N·m].
+    def write(self, torques: Sequence[float]) -> list[float]:
+        """Command a torque to each [N·m].
 
         Returns:
-            The torque after limit and rounding [N·m].
+            The torques after limit and rounding [N·m].
 
         Raises:
-            ValueError: The torque is not a finite number.
-            RuntimeError: The servo is not started.
+            ValueError: A torque is not a finite number.
+            RuntimeError: The bus is not started.
         """
         if not self._running:
             raise RuntimeError("a torque was written while torque is off; call start first")
-        acting = self._mechanism.limited(torque)
+        acting = [
+            mechanism.limited(torque)
+            for mechanism, torque in zip(self._mechanisms, torques, strict=True)
+        ]
         now_ns = self._instant()
-        if self._written is not None:  # the last torque acted until now
+        if self._written:  # the last torques acted until now
             self._pass_until(now_ns)
         self._written, self._written_ns = acting, now_ns
         return acting
 
     def stop(self) -> bool:
-        """Switch torque off; the servo moves on by itself. Always succeeds."""
+        """Switch the torques off; the servos move on by themselves. Always succeeds."""
         if self._running:
             self._pass_until(self._instant())
-            self._mechanism.release(self._mechanism.time_ns)
+            for mechanism in self._mechanisms:
+                mechanism.release(mechanism.time_ns)
             self._running = False
         return True
 
     def close(self) -> None:
-        """Stop it if it runs."""
+        """Stop if they run."""
         self.stop()
 
     def take_hand(self, hand: SharedHand) -> None:
-        """Let a person hold the shaft from now on, whenever the hand holds on."""
+        """Let a person hold the first shaft from now on, whenever the hand holds on."""
         self._hand = hand
-        self._mechanism.take_hand(hand)
+        self._mechanisms[0].take_hand(hand)
 
     def _pass_until(self, now_ns: int) -> None:
-        """Move until ``now_ns`` [ns], with the last torque."""
-        mechanism = self._mechanism
-        if self._written is not None:
-            mechanism.take(self._written, self._written_ns)
-            self._written = None
-        mechanism.advance(now_ns)
+        """Move until ``now_ns`` [ns], with the last torques."""
+        written, self._written = self._written, ()
+        for mechanism, torque in zip(self._mechanisms, written, strict=False):
+            mechanism.take(torque, self._written_ns)
+        for mechanism in self._mechanisms:
+            mechanism.advance(now_ns)
 
     def _instant(self) -> int:
         now_ns = self._now_ns()

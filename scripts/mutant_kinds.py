@@ -18,8 +18,8 @@ ROLES = {
     "guard": ("controller/guard/*.py",),
     "detector": ("controller/detector/*.py",),
     "tick": (
-        "controller/runtime/tick.py",
-        "controller/runtime/sampler.py",
+        "controller/runtime/axis.py",
+        "controller/runtime/cycle.py",
         "controller/runtime/gains.py",
         "controller/runtime/motion_watch.py",
         "controller/runtime/loop.py",

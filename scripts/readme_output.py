@@ -169,7 +169,7 @@ def situation(config: Config) -> Situation:
     """Situation that the guard decides in; for a real servo that of an emulated one."""
     preset = "emulated-ideal" if config.servo.kind == "hardware" else ""
     seen = load_config(preset).config if preset else config
-    facts = open_servo(
+    (facts,) = open_servo(
         seen.model_copy(
             update={"loop": seen.loop.model_copy(update={"clock": "simulated"})}
         ).servo_settings(),

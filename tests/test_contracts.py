@@ -77,7 +77,7 @@ def test_opening_loads_only_what_is_opened() -> None:
         "    settings = ServoSettings('/dev/none', 57600, 1, 'XM430-W350', backend='dynamixel')\n"
         "    open_servo(settings, MonotonicClock())"
     )
-    assert "haptic_wall.hw.dynamixel.servo" in real
+    assert "haptic_wall.hw.dynamixel.group" in real
     assert within(real, *SIMULATED) == []
     simulated = loaded_by(
         "from haptic_wall.hw.clock import SimulatedClock\n"

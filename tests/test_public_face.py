@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import haptic_wall
 from haptic_wall.controller.cli.started import RunningWall
 from haptic_wall.controller.logs.columns import COLUMNS
-from haptic_wall.hw.servo import Servo
+from haptic_wall.hw.servo import Bus
 from tests.test_contracts import loaded_by, within
 
 CALLED = {
@@ -41,7 +41,7 @@ FIELDS = {
 }
 METHODS = {
     "Law": ["high", "low", "torque"],
-    "Servo": ["bus", "close", "collect", "facts", "request", "start", "stop", "write"],
+    "Bus": ["close", "collect", "facts", "request", "start", "stop", "traffic", "write"],
 }
 ERRORS = {
     "HapticWallError": Exception,
@@ -125,4 +125,4 @@ def test_a_log_is_a_table_in_documented_units(tmp_path: Path) -> None:
 
 
 def test_it_is_the_interface_that_the_controller_uses() -> None:
-    assert haptic_wall.Servo is Servo
+    assert haptic_wall.Bus is Bus

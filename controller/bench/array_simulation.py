@@ -138,9 +138,9 @@ def _alone(wall: _Released) -> float:
     before = math.nan
     for k in range(_SHORT):
         body.request()
-        position = body.collect(clock.now_ns()).position
+        position = body.collect(clock.now_ns())[0].position
         velocity = (position - before) / _PERIOD_S if k else 0.0
-        body.write(-wall.stiffness * position - wall.virtual_damping * velocity)
+        body.write([-wall.stiffness * position - wall.virtual_damping * velocity])
         before = position
         clock.wait_until((k + 1) * period_ns)
     body.close()

@@ -263,8 +263,7 @@ def _ticked(
             last = when[k]
             if gap > max(_GAP_S, 2.0 * period):
                 watch.resume()
-            watch.passed(max(1, round(gap / period)))
-            watch.sample(where[k], law, math.nan)
+            watch.sample(where[k], law, math.nan, max(1, round(gap / period)))
         watch.sent(commanded[k])
         if watch.current:
             state[k], alarm[k] = watch.current, watch.alarm

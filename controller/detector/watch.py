@@ -62,7 +62,7 @@ class Watch:
         self._acting.lag = (age_s + self._settings.lag) / self._period
 
     def passed(self, periods: int) -> None:
-        """Count a tick, ``periods`` after the last one."""
+        """Count a tick without a new position, ``periods`` after the last one."""
         self._mean += self._acting.acted(periods) * periods
         self._periods += periods
         self._ticks += periods
@@ -72,14 +72,16 @@ class Watch:
         self._acting.send(torque)
         self._sent = torque
 
-    def sample(self, position: float, law: Law, measured: float) -> None:
-        """Take a new position, in a tick counted by ``passed``.
+    def sample(self, position: float, law: Law, measured: float, periods: int) -> None:
+        """Take a new position, in a tick ``periods`` after the last one.
 
         Args:
             position: [rad]
             law: The rendered law, with its stiffness, damping and position.
             measured: Torque from the servo's current [N·m]; NaN: it gives none.
+            periods: Periods since the last tick.
         """
+        self.passed(periods)
         self.spanned = periods = self._periods
         self.commanded = commanded = self._mean / periods
         self.acted = commanded if isnan(measured) else measured

@@ -27,7 +27,7 @@ from haptic_wall.hw.elastic import PLACE, WORDS, ElasticClock
 from haptic_wall.hw.errors import Problem, ServoError
 from haptic_wall.hw.hand import SharedHand
 from haptic_wall.hw.open import open_servo
-from haptic_wall.hw.servo import Check, Servo
+from haptic_wall.hw.servo import Bus, Check
 from haptic_wall.hw.settings import ServoSettings
 
 LAST_S = 5
@@ -120,14 +120,14 @@ def _key(orders: Orders, telemetry: Telemetry) -> Callable[[int], float] | None:
     return key_reader(KeySource(descriptor, code), telemetry.words, gone)
 
 
-def _opener(hand: int | None) -> Callable[[ServoSettings, Clock, int | None], Servo]:
+def _opener(hand: int | None) -> Callable[[ServoSettings, Clock, int | None], Bus]:
     """Return what opens the servo, with a person's hand on it if there is one."""
 
-    def opened(settings: ServoSettings, clock: Clock, port: int | None) -> Servo:
-        servo = open_servo(settings, clock, port)
-        if hand is not None and isinstance(servo, TakesHand):
-            servo.take_hand(SharedHand(hand))
-        return servo
+    def opened(settings: ServoSettings, clock: Clock, port: int | None) -> Bus:
+        bus = open_servo(settings, clock, port)
+        if hand is not None and isinstance(bus, TakesHand):
+            bus.take_hand(SharedHand(hand))
+        return bus
 
     return opened
 

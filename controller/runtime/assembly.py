@@ -28,18 +28,16 @@ from haptic_wall.controller.laws.passivity_control import PassivityControl
 from haptic_wall.controller.laws.program import Phase, Program
 from haptic_wall.controller.laws.velocity import Biquad, velocity_estimator
 from haptic_wall.controller.laws.wall import Law
+from haptic_wall.controller.runtime.axis import Axis
 from haptic_wall.controller.runtime.changeover import Changeover
-from haptic_wall.controller.runtime.checks import Safety, SafetyLimits, speed_limits
+from haptic_wall.controller.runtime.checks import REFUSALS, Safety, SafetyLimits, speed_limits
 from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.runtime.handover import Inbox, KnownServo
-from haptic_wall.controller.runtime.sampler import Sampler, is_pipelined
 from haptic_wall.controller.runtime.telemetry import Telemetry
-from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.controller.runtime.watch_settings import watch_settings
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory import critical_stiffness, peak
-from haptic_wall.hw.clock import Clock
-from haptic_wall.hw.servo import Servo
+from haptic_wall.hw.servo import Facts
 
 RAMP_S = 0.05
 """Duration of a ramp to a lower stiffness [s]; a step would be felt as a knock."""
@@ -49,10 +47,6 @@ _BEFORE = 0.999
 """Fraction of a damping from which the critical stiffness must still rise to it"""
 SLOWEST = 0.05
 """Least speed in passivity control's division by the speed [rad/s]"""
-
-
-OpenServo = Servo | KnownServo
-"""A servo that the guard decides for"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +63,7 @@ class Decided:
 
 def guard_decisions(
     config: Config,
-    servo: OpenServo,
-    simulated: bool,
+    servo: KnownServo,
     *,
     program: bool = False,
     work: Work | None = None,
@@ -80,16 +73,15 @@ def guard_decisions(
     Args:
         config: The effective configuration.
         servo: The servo, opened.
-        simulated: The clock is simulated.
         program: A program is rendered, whose values the guard does not change. On the simulated
             clock, in the same process, only the period itself is decided for.
         work: What was evaluated before for the same run; None: nothing.
     """
     situation = situation_of(config, servo)
     intervals_ns = interval_bins_ns(config.period_ns, situation.belief.is_flexible)
-    inside = simulated and servo.bus is None  # the same process: samples have zero age
+    inside = servo.simulated and servo.traffic is None  # the same process: samples have zero age
     least_ns = round(config.guard.sample_age * 1e9)
-    slowest_ns = max(round(_reply_s(servo) * 1e9), least_ns)
+    slowest_ns = max(round(servo.reply_s * 1e9), least_ns)
     ages_ns = [0] if inside else age_bins_ns(config.period_ns, slowest_ns)
     if inside and program:
         intervals_ns = intervals_ns[:1]
@@ -116,7 +108,7 @@ def gain_schedule(config: Config, decided: Decided) -> GainSchedule:
 
 
 def decision_in_force(
-    config: Config, servo: OpenServo, decided: Decided, index: int, work: Work | None = None
+    config: Config, servo: KnownServo, decided: Decided, index: int, work: Work | None = None
 ) -> Decision:
     """Return a decision of the gain schedule, with its reasons.
 
@@ -143,14 +135,14 @@ def _bins(
     return Bins(*asked, Work() if work is None else work)
 
 
-def situation_of(config: Config, servo: OpenServo) -> Situation:
+def situation_of(config: Config, servo: KnownServo) -> Situation:
     """Return the situation of the wall: the belief, the period, the limits of the servo."""
     return Situation(
         belief=config.belief(),
         period=config.period_ns * 1e-9,
         torque_limit=servo.facts.torque_limit,
         position_step=servo.facts.position_step,
-        slow_replies=_reply_s(servo) > 0.0,
+        slow_replies=servo.reply_s > 0.0,
     )
 
 
@@ -193,82 +185,69 @@ def most_injected(
     return [most[id(decision)] for decision in all_decisions]
 
 
-def _reply_s(servo: OpenServo) -> float:
-    """How long a reply takes, where it takes several periods [s]; else 0."""
-    return 0.0 if servo.bus is None else servo.bus.reply_s
-
-
-def rendered(config: Config, servo: Servo, program: Sequence[Phase]) -> Law:
+def rendered(config: Config, facts: Facts, program: Sequence[Phase]) -> Law:
     """Return the law to render: that of the configuration, or an experiment's program."""
     if program:
-        return Program(program, config.period_ns * 1e-9, servo.facts.torque_limit)
-    return config.law(servo.facts.position_step)
+        return Program(program, config.period_ns * 1e-9, facts.torque_limit)
+    return config.law(facts.position_step)
 
 
 def assembled(
     config: Config,
-    clock: Clock,
-    servo: Servo,
+    servo: KnownServo,
     telemetry: Telemetry,
     schedule: GainSchedule,
     law: Law,
-) -> Tick:
-    """Return the tick, with all of its parts.
+) -> Axis:
+    """Return the axis of a servo, with all of its parts.
 
     Args:
         config: The effective configuration.
-        clock: The loop's clock.
-        servo: Opened, and started if its limits come from the device.
+        servo: The servo, started if its limits come from the device.
         telemetry: Destination of the rows.
         schedule: The guard's decisions.
         law: The law to render.
     """
     period_ns = config.period_ns
     period = period_ns * 1e-9
-    wall, safety, kick = config.wall, config.safety, config.servo.kick
+    facts, wall, safety, kick = servo.facts, config.wall, config.safety, config.servo.kick
     belief = config.belief()
     gain = belief.torque_gain.high
     real = config.servo.kind == "hardware"
-    fastest, driven = speed_limits(safety.max_speed, servo.facts, real)
+    fastest, driven = speed_limits(safety.max_speed, facts, real)
     if not (law.guarded or real):
         driven = math.inf  # a program may drive a simulated shaft
     filtered = config.velocity_filter()
     gains = Gains(schedule, law, max(1, round(RAMP_S / period)))
-    rest_torque = engage_torque(safety.engage_torque, servo.facts.stall_torque)
-    return Tick(
-        clock=clock,
-        servo=servo,
+    rest_torque = engage_torque(safety.engage_torque, facts.stall_torque)
+    return Axis(
         law=law,
-        sampler=Sampler(
-            servo,
-            velocity_estimator(period, wall.velocity_samples),
-            period_ns,
-            pipelined=is_pipelined(config.servo.schedule, servo.bus, period),
-            velocity_filter=None if filtered is None else Biquad(filtered.taps()),
-        ),
+        velocities=velocity_estimator(period, wall.velocity_samples),
+        velocity_filter=None if filtered is None else Biquad(filtered.taps()),
         gains=gains,
         ring=DelayRing(config.delay.steps),
         safety=Safety(
             SafetyLimits(
                 max_speed=fastest,
-                position_step=servo.facts.position_step,
+                position_step=facts.position_step,
                 max_loss=safety.max_loss,
                 loss_window=max(1, round(safety.loss_window_s / period)),
                 max_silence_ns=round(safety.max_silence_s * 1e9),
                 period_ns=period_ns,
+                refusals=0 if servo.traffic is None else REFUSALS,
                 # In the other profiles they only lower stiffness and damping.
                 max_missed=safety.max_missed if config.realtime.profile == "strict" else math.inf,
                 travel=safety.travel or (-math.inf, math.inf),
                 travel_from_start=wall.reference == "start",
                 driven_speed=driven,
-                torque_limit=servo.facts.torque_limit,
+                torque_limit=facts.torque_limit,
                 inertia=belief.inertia.low / gain,
                 damping=belief.damping.low / gain,
                 coulomb=belief.coulomb.low / gain,
                 kicked=kick is not None and abs(kick) <= MEANT_KICK,
             )
         ),
-        watch=Watch(watch_settings(config, servo.facts, law)),
+        watch=Watch(watch_settings(config, facts, law)),
         passivity=(
             PassivityControl(period, SLOWEST)
             if law.guarded and config.wall.passivity_control
@@ -276,16 +255,17 @@ def assembled(
         ),
         telemetry=telemetry,
         period_ns=period_ns,
+        torque_limit=facts.torque_limit,
         wall_from_start=law.guarded and wall.reference == "start",
         engagement=Engagement(
             EngageLimits(
                 torque=rest_torque,
-                position_step=servo.facts.position_step,
+                position_step=facts.position_step,
                 periods=max(1, math.ceil(REST_S / period - 1e-6)),
             ),
             # A program comes on wherever the shaft is: it starts there.
             start_room=config.start_room if law.guarded else math.inf,
         ),
         inbox=Inbox(telemetry),
-        changeover=Changeover(rest_torque, servo.facts.torque_limit, period),
+        changeover=Changeover(rest_torque, facts.torque_limit, period),
     )

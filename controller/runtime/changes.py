@@ -61,5 +61,5 @@ class Changes:
         if asked not in self._known:
             if len(self._known) >= _KEPT:
                 self._known.pop(next(iter(self._known)))
-            self._known[asked] = guard_decisions(new, self.servo, self.servo.simulated)
+            self._known[asked] = guard_decisions(new, self.servo)
         return self._known[asked]

@@ -13,20 +13,25 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
-from math import isnan
-from typing import Final
+from math import isfinite, isnan
+from typing import Final, Literal
 
 from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.settings.shares import DRIVEN_SHARE
-from haptic_wall.hw.servo import JUMP_SPEED, Facts, Reading
+from haptic_wall.hw.servo import JUMP_SPEED, Facts, Outcome
 
 LEAST_FAILED: Final = 3
 """Consecutive failed readings that a silence needs to trip: at low rates the allowed time is over
 after one or two, and a stall of the loop itself is no fault of the bus [1]"""
+REFUSALS: Final = 3
+"""Largest number of consecutive readings refused for their speed. A persistent jump is no hiccup of
+the bus: the next one trips."""
 MISSED_S: Final = 0.5
 """Time over which missed periods are counted [s]; at low rates it is that of ten periods"""
+Refused = Literal[Outcome.REFUSED]
+_REFUSED: Final = Outcome.REFUSED
 _WINDOW_NS: Final = 10_000_000
 """Least time over which the speed of a driven motion is measured [ns]. One count a tick is 1.53
 rad/s at 4096 counts and 1 kHz; the two counts of tolerance are 0.31 rad/s over this time."""
@@ -68,6 +73,8 @@ class SafetyLimits:
     """Time without a good reading [ns]; fewer than ``LEAST_FAILED`` failed ones never trip"""
     period_ns: int
     """Of the grid [ns]"""
+    refusals: int = 0
+    """Consecutive readings that may be refused for their speed before it trips"""
     max_missed: float = math.inf
     """Fraction of the last periods that may have no tick [1]; inf: any"""
     travel: tuple[float, float] = (-math.inf, math.inf)
@@ -96,6 +103,7 @@ class Safety:
 
     Attributes:
         found: The value that tripped, and its limit, for people; empty: none.
+        refused: Number of readings refused: broken replies that look valid.
         worst_missed: Largest fraction of the periods of half a second without a tick [1].
     """
 
@@ -115,11 +123,13 @@ class Safety:
         "_missed",
         "_moved",
         "_position",
+        "_refused",
         "_sampled_ns",
         "_since",
         "_since_ns",
         "_window",
         "found",
+        "refused",
         "worst_missed",
     )
 
@@ -129,7 +139,7 @@ class Safety:
         self._window = bytearray(limits.loss_window)
         self._at = 0
         self._failed = 0
-        self._in_row = 0
+        self._in_row = self._refused = self.refused = 0
         self._heard_ns: int | None = None
         self._gaps: deque[tuple[int, int]] = deque()
         self._missed = 0
@@ -146,26 +156,41 @@ class Safety:
         self._given = math.nan
         """Work of the torque less friction's, not below the negative energy in the spring [J]"""
 
-    def good(self, reading: Reading) -> Trip | None:
-        """Judge a good reading: its position, and its distance from the last one."""
+    def good(self, position: float, sampled_ns: int, alert: bool) -> Trip | Refused | None:
+        """Judge a valid reply: its position, and its distance from the last one.
+
+        Args:
+            position: [rad]
+            sampled_ns: Its instant [ns].
+            alert: The servo has latched a hardware error.
+
+        Returns:
+            None: it is good; ``Outcome.REFUSED``: a position that the shaft cannot have reached,
+            not to be used; or the trip.
+        """
+        limits = self._limits
+        moved, elapsed_ns = position - self._position, sampled_ns - self._sampled_ns
+        way = moved if moved >= 0.0 else -moved  # NaN the first time: compares false
+        too_far = way > limits.max_speed * (elapsed_ns * 1e-9) + 2.0 * limits.position_step
+        if too_far and self._refused < limits.refusals:
+            self._refused += 1
+            self.refused += 1
+            return _REFUSED
+        self._refused = 0
         if self._failed:  # else the window holds no failure that could leave it
             self._count(0)
         self._in_row = 0
-        _, position, _, sampled_ns, _, alert = reading
-        if not math.isfinite(position):
+        if not isfinite(position):
             return Trip.NOT_A_NUMBER
         if alert:
             return Trip.HARDWARE_ERROR
-        limits = self._limits
-        self._moved = moved = position - self._position  # NaN the first time: compares false
-        self._elapsed_ns = elapsed_ns = sampled_ns - self._sampled_ns
         if limits.travel_from_start and isnan(moved):
             self._low += position
             self._high += position
+        self._moved, self._elapsed_ns = moved, elapsed_ns
         self._position = position
         self._sampled_ns = self._heard_ns = sampled_ns
-        way = moved if moved >= 0.0 else -moved
-        if way > limits.max_speed * (elapsed_ns * 1e-9) + 2.0 * limits.position_step:
+        if too_far:
             speed = way / (elapsed_ns * 1e-9) if elapsed_ns else math.inf
             self.found = (
                 f"{speed:.3g} rad/s between two readings; at most {limits.max_speed:.3g} is allowed"

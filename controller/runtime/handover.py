@@ -17,19 +17,25 @@ from haptic_wall.controller.guard.schedule import GainTable
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.runtime.changeover import Obstacle
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
-from haptic_wall.hw.servo import Bus, Facts
+from haptic_wall.hw.servo import Facts, Traffic
 
 _OFFERED, _WITHDRAWN = int(Word.OFFERED), int(Word.WITHDRAWN)
 
 
 @dataclass(frozen=True, slots=True)
 class KnownServo:
-    """The facts of a servo that another process has opened."""
+    """What the guard knows of an opened servo; another process may have opened it."""
 
     facts: Facts
-    bus: Bus | None
+    traffic: Traffic | None
+    """Of its bus; None: no reply travels"""
     simulated: bool
     """Whether the loop runs on the simulated clock"""
+
+    @property
+    def reply_s(self) -> float:
+        """Return how long a reply takes, where it takes several periods [s]; else 0."""
+        return 0.0 if self.traffic is None else self.traffic.reply_s
 
 
 @dataclass(slots=True)

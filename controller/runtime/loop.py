@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from haptic_wall.controller.runtime.cycle import Cycle
 from haptic_wall.controller.runtime.deadlines import Wait, first_deadline, next_deadline
 from haptic_wall.controller.runtime.safety import End, StopReason
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
-from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.hw.clock import Clock
 
 BLOCK = 1024
@@ -23,7 +23,7 @@ class Loop:
     """The loop of a run: waits for each deadline of the grid and executes a tick.
 
     Args:
-        tick: Executed at each deadline.
+        cycle: Executed at each deadline.
         wait: Waits for the deadlines.
         clock: The loop's clock.
         telemetry: Holds the control words: stop request, cut, counters.
@@ -35,7 +35,7 @@ class Loop:
 
     def __init__(
         self,
-        tick: Tick,
+        cycle: Cycle,
         wait: Wait,
         clock: Clock,
         telemetry: Telemetry,
@@ -43,7 +43,7 @@ class Loop:
         on_block: Callable[[], None],
         read_key: Callable[[int], float] | None = None,
     ) -> None:
-        self.tick = tick
+        self.cycle = cycle
         self.period_ns = period_ns
         self._wait = wait
         self._clock = clock
@@ -70,14 +70,14 @@ class Loop:
     @property
     def missed(self) -> int:
         """Return the number of periods since ``begin`` in which no tick was executed."""
-        return (self._deadline - self._begun) // self.period_ns - self.tick.ticks
+        return (self._deadline - self._begun) // self.period_ns - self.cycle.ticks
 
     def begin(self) -> None:
         """Restart the counts of time, ticks and missed periods."""
         self._begun = self._deadline
         self._begun_offset = self._words[Word.OFFSET_NS]
-        self.tick.ticks = self._words[Word.TICKS] = 0
-        self.tick.missed = self._words[Word.MISSED] = 0
+        self.cycle.ticks = self._words[Word.TICKS] = 0
+        self.cycle.missed = self._words[Word.MISSED] = 0
 
     def serve(self, duration_s: float | None) -> StopReason | None:
         """Execute ticks for a duration [s], or without end; return the reason of an early end.
@@ -87,8 +87,8 @@ class Loop:
             ServoLostError: The servo, or its torque, is gone.
         """
         end = math.inf if duration_s is None else self._deadline + round(duration_s * 1e9)
-        tick, words, period_ns = self.tick, self._words, self.period_ns
-        wait, run, now = self._wait, tick.run, self._clock.now_ns
+        cycle, words, period_ns = self.cycle, self._words, self.period_ns
+        wait, run, now = self._wait, cycle.run, self._clock.now_ns
         deadline, missed = self._deadline, self._missed
         stop, cut = int(Word.STOP), int(Word.CUT)  # plain numbers: read in every tick
         read_key, key_ns = self._read_key, self._key_ns
@@ -104,10 +104,10 @@ class Loop:
                     key_ns = read_key(woke)
                 served = deadline
                 run(deadline, woke, missed)
-                if tick.trip is not None:
+                if cycle.trip is not None:
                     deadline += period_ns
-                    return tick.trip
-                if tick.done:
+                    return cycle.trip
+                if cycle.done:
                     deadline += period_ns
                     return End.DURATION
                 ended = now()

@@ -21,12 +21,12 @@ from haptic_wall.controller.runtime.assembly import (
     rendered,
     situation_of,
 )
+from haptic_wall.controller.runtime.cycle import Cycle, is_pipelined
 from haptic_wall.controller.runtime.deadlines import waiter_for
 from haptic_wall.controller.runtime.handover import KnownServo
 from haptic_wall.controller.runtime.loop import Loop
 from haptic_wall.controller.runtime.realtime import freeze_garbage, reserve_memory
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip
-from haptic_wall.controller.runtime.sampler import is_pipelined
 from haptic_wall.controller.runtime.session_report import (
     delay_report,
     guard_report,
@@ -47,7 +47,7 @@ from haptic_wall.hw.errors import (
     TorqueLostError,
 )
 from haptic_wall.hw.open import open_servo
-from haptic_wall.hw.servo import Bus, Check, Servo
+from haptic_wall.hw.servo import Bus, Check, Facts, Traffic
 from haptic_wall.hw.settings import ServoSettings
 
 _REPLIES = 3.0
@@ -105,8 +105,8 @@ class Surroundings:
     not be held through them"""
     read_key: Callable[[int], float] | None = None
     """Reads the dead man's key, as for ``Loop``"""
-    open_servo: Callable[[ServoSettings, Clock, int | None], Servo] = open_servo
-    """Opens the servo; replaced by tests and experiments that change an emulated one"""
+    open_servo: Callable[[ServoSettings, Clock, int | None], Bus] = open_servo
+    """Opens the servo's bus; replaced by tests and experiments that change an emulated one"""
 
 
 def run_session(
@@ -143,12 +143,12 @@ def run_session(
         session.abandon(error)
         raise
     finally:
-        session.servo.close()
+        session.bus.close()
     return session.finish()
 
 
 class _Session:
-    """A servo and its law, from opening to the report."""
+    """A bus with its axes, from opening to the report."""
 
     def __init__(
         self,
@@ -167,7 +167,7 @@ class _Session:
         self._started = False
         self._work = Work()
         self._checks: list[Check] = []
-        self.servo = surroundings.open_servo(config.servo_settings(), clock, surroundings.port)
+        self.bus = surroundings.open_servo(config.servo_settings(), clock, surroundings.port)
 
     def prepare(self) -> None:
         """Do all long computations: a started servo needs a frame within its watchdog's time."""
@@ -180,52 +180,51 @@ class _Session:
 
     def _decide(self) -> None:
         """Compute the guard's decisions from the servo's known values."""
+        (facts,) = self.bus.facts
+        self._servo = KnownServo(facts, self.bus.traffic, self._simulated)
         self._decided = guard_decisions(
-            self._config,
-            self.servo,
-            self._simulated,
-            program=bool(self._program),
-            work=self._work,
+            self._config, self._servo, program=bool(self._program), work=self._work
         )
 
     def start(self) -> None:
-        """Check the servo, switch its torque on, and build the tick; the loop then runs."""
-        config, servo, telemetry = self._config, self.servo, self._telemetry
-        limit = servo.facts.torque_limit
+        """Check the servo, switch its torque on, and build the cycle; the loop then runs."""
+        config, bus, telemetry = self._config, self.bus, self._telemetry
+        limit, period_s = self._servo.facts.torque_limit, config.period_ns * 1e-9
         if not telemetry.words[Word.STOP]:  # no torque is switched on for a session that is to stop
             self._started = True
             if isinstance(self._clock, ElasticClock):
                 self._clock.engage()
-            self._checks = servo.start()
-            if (servo.bus or Bus()).reply_s:
+            (self._checks,) = bus.start()
+            if bus.traffic is not None and bus.traffic.reply_s:
                 # Replies take longer than assumed: decisions for older samples take seconds.
-                servo.stop()
+                bus.stop()
                 self._decide()
-                self._checks = servo.start()
-            elif servo.facts.torque_limit != limit:  # its own Current Limit: decided at once
+                (self._checks,) = bus.start()
+            elif bus.facts[0].torque_limit != limit:  # its own Current Limit: decided at once
                 self._decide()
             passed = f", {len(self._checks)} start-up checks passed" if self._checks else ""
-            self._around.tell(f"{servo.facts.name}: torque is on{passed}")
-            bus = servo.bus or Bus()
-            period_s = config.period_ns * 1e-9
-            if config.servo.schedule == "auto" and is_pipelined("auto", bus, period_s):
+            self._around.tell(f"{bus.facts[0].name}: torque is on{passed}")
+            traffic = bus.traffic
+            automatic = config.servo.schedule == "auto" and is_pipelined("auto", traffic, period_s)
+            if traffic is not None and automatic:
                 self._around.tell(
                     "schedule pipelined: the adapter holds replies for "
-                    f"{bus.longest_s * 1e3:.2g} ms"
+                    f"{traffic.longest_s * 1e3:.2g} ms"
                 )
-        self._tick = assembled(
+        self._servo = replace(self._servo, facts=bus.facts[0])
+        self._axis = assembled(
             config,
-            self._clock,
-            servo,
+            self._servo,
             telemetry,
             gain_schedule(config, self._decided),
-            rendered(config, servo, self._program),
+            rendered(config, self._servo.facts, self._program),
         )
-        known = KnownServo(servo.facts, servo.bus and replace(servo.bus), self._simulated)
-        self._tick.inbox.tell(known)
-        self._health = servo if isinstance(servo, HasHealth) else None
+        self._axis.inbox.tell(self._servo)
+        self._health = bus if isinstance(bus, HasHealth) else None
+        pipelined = is_pipelined(config.servo.schedule, bus.traffic, period_s)
+        words, period_ns = telemetry.words, config.period_ns
         self._loop = Loop(
-            self._tick,
+            Cycle(self._clock, bus, [self._axis], words, period_ns, pipelined=pipelined),
             self._wait,
             self._clock,
             telemetry,
@@ -239,7 +238,7 @@ class _Session:
     def _between_ticks(self) -> None:
         """Pass on the servo's health, and call ``on_block``."""
         if self._health is not None:
-            volts, celsius = self._health.health()
+            ((volts, celsius),) = self._health.health()
             self._telemetry.words[Word.TEMPERATURE_MC] = round(1e3 * celsius)
             self._telemetry.words[Word.SUPPLY_MV] = round(1e3 * volts)
         self._around.on_block()
@@ -249,28 +248,28 @@ class _Session:
         began_s = time.monotonic()
         self._waiting = WallWait(self._loop, self._config, self._around.tell)
         self._reason, self._message = _run(
-            self._loop, self._config, self.servo, duration_s, self._waiting
+            self._loop, self._config, self._servo.traffic, duration_s, self._waiting
         )
         self._real_s = time.monotonic() - began_s
         recent_s = self._loop.stall_s(self._clock.now_ns())
         self._stalled = f"this computer stalled for {recent_s * 1e3:.0f} ms" if recent_s else ""
-        self._torque_off = _stop(self.servo, self._clock, self._telemetry)
+        self._torque_off = _stop(self.bus, self._clock, self._telemetry)
         if isinstance(self._clock, ElasticClock):
             self._clock.release()
 
     def abandon(self, error: BaseException) -> None:
         """Switch the torque off after an error; a servo that never replied was never driven."""
         if self._started and not isinstance(error, (ServoMissingError, StrangeServoError)):
-            _stop(self.servo, self._clock, self._telemetry)
+            _stop(self.bus, self._clock, self._telemetry)
 
     def finish(self) -> Result:
         """Return the outcome; the servo is closed."""
-        servo, tick = self.servo, self._tick
-        trouble = servo.trouble if isinstance(servo, HasTrouble) else ""
+        axis, cycle, facts = self._axis, self._loop.cycle, self.bus.facts[0]
+        trouble = self.bus.trouble if isinstance(self.bus, HasTrouble) else ""
         result = Result(
             stop_reason=self._reason,
-            message=self._message or tick.safety.found or trouble,
-            ticks=tick.ticks,
+            message=self._message or axis.safety.found or trouble,
+            ticks=cycle.ticks,
             missed=self._loop.missed,
             elapsed_s=self._loop.elapsed_s,
             real_s=self._real_s,
@@ -278,11 +277,11 @@ class _Session:
             guard=None,
             oscillation=None,
             delay=None,
-            bus=_bus(self._config, servo.bus),
+            bus=_bus(self._config, self._servo.traffic, axis.safety.refused),
             torque_off=self._torque_off,
             checks=self._checks,
-            facts=_facts(servo),
-            wall_came_on=tick.came_on,
+            facts=_facts(facts),
+            wall_came_on=axis.came_on,
             waited_for=self._waiting.lacking(),
             stalled=self._stalled,
             stalled_s=self._loop.stalled_s if isinstance(self._clock, ElasticClock) else None,
@@ -294,51 +293,45 @@ class _Session:
 
     def _reported(self, result: Result) -> Result:
         """Add the report's computed parts to a result."""
-        servo, tick = self.servo, self._tick
-        watch, schedule, made = tick.watch, tick.gains.schedule, tick.inbox.made
+        servo, axis = self._servo, self._axis
+        schedule, made = axis.gains.schedule, axis.inbox.made
         config = self._config if made is None else Config.model_validate_json(made.config)
         self._around.on_block()
         decision = decision_in_force(config, servo, self._decided, schedule.index, self._work)
         return replace(
             result,
             guard=guard_report(
-                config,
-                decision,
-                tick,
-                tick.law,
-                watch,
-                situation_of(config, servo),
-                (servo.bus or Bus()).counts,
+                config, decision, self._loop.cycle, situation_of(config, servo), result.bus
             ),
-            oscillation=oscillation_report(watch),
+            oscillation=oscillation_report(axis.watch),
             delay=delay_report(config, decision, schedule.age_ns),
             warnings=[
-                *missed_warnings(config, tick.safety.worst_missed),
+                *missed_warnings(config, axis.safety.worst_missed),
                 *stall_warnings(result.stalled_s),
             ],
         )
 
 
-def _stop(servo: Servo, clock: Clock, telemetry: Telemetry) -> bool:
+def _stop(bus: Bus, clock: Clock, telemetry: Telemetry) -> bool:
     """Switch the torque off; return whether that was read back, and set ``Word.STATE``."""
     words = telemetry.words
     words[Word.HEARTBEAT_NS] = clock.now_ns()  # the supervisor's time-out starts here
     words[Word.STATE] = LoopState.STOPPING
-    torque_off = servo.stop()
+    torque_off = bus.stop()
     words[Word.STATE] = LoopState.TORQUE_OFF if torque_off else LoopState.TORQUE_UNKNOWN
     return torque_off
 
 
-def _bus(config: Config, bus: Bus | None) -> dict[str, Any] | None:
+def _bus(config: Config, traffic: Traffic | None, refused: int) -> dict[str, Any] | None:
     """Return the counts of a bus, and the schedule that ``auto`` has chosen or that was set."""
-    if bus is None:
+    if traffic is None:
         return None
-    pipelined = is_pipelined(config.servo.schedule, bus, config.period_ns * 1e-9)
-    return asdict(bus.counts) | {"schedule": "pipelined" if pipelined else "immediate"}
+    pipelined = is_pipelined(config.servo.schedule, traffic, config.period_ns * 1e-9)
+    schedule = "pipelined" if pipelined else "immediate"
+    return asdict(traffic.counts[0]) | {"refused": refused, "schedule": schedule}
 
 
-def _facts(servo: Servo) -> dict[str, float | None]:
-    facts = servo.facts
+def _facts(facts: Facts) -> dict[str, float | None]:
     return {
         "counts_per_rev": facts.counts_per_rev,
         "torque_step": facts.torque_step,
@@ -371,19 +364,20 @@ def _with_defect(result: Result, error: Exception) -> Result:
 def _run(
     loop: Loop,
     config: Config,
-    servo: Servo,
+    traffic: Traffic | None,
     duration_s: float | None,
     waiting: WallWait,
 ) -> tuple[StopReason, str]:
     """Warm up, switch the wall on, run; return the stop reason, and a message if needed."""
     try:
         reason = None
-        if servo.bus or config.loop.clock == "monotonic":
+        if traffic or config.loop.clock == "monotonic":
             # Where replies take long, until some have come: age and position are then known.
-            reason = loop.serve(max(config.loop.warm_up_s, _REPLIES * (servo.bus or Bus()).reply_s))
+            least_s = _REPLIES * traffic.reply_s if traffic else 0.0
+            reason = loop.serve(max(config.loop.warm_up_s, least_s))
         if reason is None:
             reason = waiting(duration_s)
-        loop.tick.wall_on()
+        loop.cycle.wall_on()
         loop.begin()
         return reason or loop.serve(duration_s) or End.DURATION, ""
     except ServoHealthError as error:

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
-from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.guard.decision_report import assumed, decision_report
 from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.guard.guard import Decision, Situation
-from haptic_wall.controller.laws.wall import Law
-from haptic_wall.controller.runtime.tick import Tick
+from haptic_wall.controller.runtime.axis import Axis
+from haptic_wall.controller.runtime.cycle import Cycle
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.hw.servo import BusCounts
 
 NOTED_S = 0.005
 """Sum of the stalls from which they are noted [s]"""
@@ -32,43 +30,40 @@ def delay_report(config: Config, decision: Decision, age_ns: int) -> dict[str, f
 def guard_report(
     config: Config,
     decision: Decision,
-    tick: Tick,
-    law: Law,
-    watch: Watch,
+    cycle: Cycle,
     situation: Situation,
-    counts: BusCounts,
+    bus: Mapping[str, Any] | None,
 ) -> dict[str, Any]:
     """Return the guard's decision, the commanded values at the end, and why they differ.
 
     Args:
         config: The effective configuration.
         decision: The decision at the end.
-        tick: The tick, with its commanded values.
-        law: The rendered law.
-        watch: The oscillation watch, with its derating.
+        cycle: The cycle, with its axis.
         situation: Servo and loop.
-        counts: The bus's.
+        bus: Counts of the bus; None: there is none.
     """
-    if not law.guarded:
+    (axis,) = cycle.axes
+    if not axis.law.guarded:
         return decision_report(decision) | {"assumed": None}
     model, belief = config.model, situation.belief
     unknown = model.flexible_hz is None and (
         config.servo.kind == "hardware" or belief.transmission_stiffness.high > 0.0
     )
-    further = list(_besides_the_guard(config, decision, tick, watch, counts))
+    further = list(_besides_the_guard(config, decision, axis, cycle.missed, bus))
     return {
-        **decision_report(decision, further, now=tick.commanded),
+        **decision_report(decision, further, now=axis.commanded),
         "assumed": assumed(belief, decision) if unknown else None,
     }
 
 
 def _besides_the_guard(
-    config: Config, decision: Decision, tick: Tick, watch: Watch, counts: BusCounts
+    config: Config, decision: Decision, axis: Axis, missed: int, bus: Mapping[str, Any] | None
 ) -> Iterator[str]:
     """Say why less is commanded than the guard allows of the grid's own period."""
-    stiffness, damping = tick.commanded
+    watch, (stiffness, damping) = axis.watch, axis.commanded
     if decision.period > config.period_ns * 1e-9:
-        yield _slower(config, decision, tick.missed, counts)
+        yield _slower(config, decision, missed, bus)
     reduced = watch.backstop.reduced[0]
     if reduced < 1.0 and math.isfinite(watch.first_alarm_s):
         yield (
@@ -85,19 +80,19 @@ def _besides_the_guard(
         )
 
 
-def _slower(config: Config, decision: Decision, missed: int, counts: BusCounts) -> str:
+def _slower(config: Config, decision: Decision, missed: int, bus: Mapping[str, Any] | None) -> str:
     """Say that samples come at a longer interval than the grid's, and why."""
     start = (
         f"every {ms(decision.period)} instead of every {ms(config.period_ns * 1e-9)}, which counts"
         " as the period"
     )
-    failed = counts.lost + counts.corrupt + counts.refused
-    if not failed:
+    failed = bus["lost"] + bus["corrupt"] + bus["refused"] if bus else 0
+    if not (bus and failed):
         return f"a tick is executed {start}, because ticks were late"
     check = "cable, power, baud rate and adapter"
     if config.servo.is_emulated:
         check = "the emulator's processor time, and injected faults"
-    replies = f"{failed} of {counts.cycles} replies were lost or broken"
+    replies = f"{failed} of {bus['cycles']} replies were lost or broken"
     if not missed:
         return f"a good reading came {start}: {replies}; check {check}"
     return (

@@ -29,6 +29,7 @@ class WallWait:
 
     def __init__(self, loop: Loop, config: Config, tell: Callable[[str], None]) -> None:
         self._loop = loop
+        (self._axis,) = loop.cycle.axes
         self._config = config
         self._tell = tell
         self.waited_for = ""
@@ -40,11 +41,11 @@ class WallWait:
         Args:
             most_s: Longest wait [s]; None: for ever.
         """
-        tick = self._loop.tick
+        cycle = self._loop.cycle
         known = self._tell_start()
         told = set()
         looks = 0
-        while not tick.may_engage():
+        while not cycle.may_engage():
             kind, self.waited_for = self._reason()
             # The first readings after a very short warm-up are not reported.
             if kind not in told and looks * LOOK_S > REST_S:
@@ -64,39 +65,39 @@ class WallWait:
 
         The shaft may have moved on in the tick in which the wall was to come on.
         """
-        if self._loop.tick.came_on:
+        if self._axis.came_on:
             return ""
         return self._reason()[1] if self.over else self.waited_for
 
     def _tell_start(self) -> bool:
         """Report the positions of wall and shaft; return whether they are known."""
-        config, tick = self._config, self._loop.tick
-        law, position = tick.law, tick.position
-        if math.isnan(position) and config.servo.kind == "simulated" and not tick.wall_from_start:
+        config, axis = self._config, self._axis
+        law, position = axis.law, axis.position
+        if math.isnan(position) and config.servo.kind == "simulated" and not axis.wall_from_start:
             position = config.start_position  # no reading yet, and no torque has moved it
         if math.isnan(position):
             return False
         if law.guarded:
-            stiffness = tick.gains.schedule.allowed.stiffness
+            stiffness = axis.gains.schedule.allowed.stiffness
             felt = felt_text(stiffness, config.belief().coulomb.value) if law.linear else ""
             self._tell(start_text(law, config.wall.acting_side, position) + felt)
         return True
 
     def _reason(self) -> tuple[str, str]:
         """Return the unmet condition: a name, and a text for people."""
-        tick = self._loop.tick
-        if math.isnan(tick.position):
+        axis = self._axis
+        if math.isnan(axis.position):
             return "reading", "the wall waits for the first reading"
-        if not tick.held():
+        if not self._loop.cycle.held():
             return "dead man", "the dead man is not held; the wall comes on when it is"
-        stiffness = tick.gains.schedule.allowed.stiffness
-        room = tick.engagement.limits.room(stiffness)
+        stiffness = axis.gains.schedule.allowed.stiffness
+        room = axis.engagement.limits.room(stiffness)
         text = waiting_text(
-            tick.law,
+            axis.law,
             self._config.wall.acting_side,
-            tick.position,
+            axis.position,
             stiffness,
             room,
-            tick.servo.facts.torque_limit,
+            axis.torque_limit,
         )
         return "place", text

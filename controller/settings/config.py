@@ -183,16 +183,14 @@ class Config(Sections):
         On the simulated clock an emulated bus lives in memory. On the monotonic clock it is a
         separate process; the process that started it knows its port.
         """
-        servo, most = self.servo, self.safety.max_speed
-        emulated = servo.kind == "emulated"
-        in_memory = emulated and self.loop.clock == "simulated"
+        servo = self.servo
+        in_memory = servo.kind == "emulated" and self.loop.clock == "simulated"
         asked = servo.asked()
         return replace(
             asked,
             port="" if in_memory else asked.port,
             probe_direction=1 if self.wall.acting_side == "below" else -1,
             period_s=self.period_s,
-            max_speed=JUMP_SPEED if emulated and most is None else most,
             true=None if servo.kind == "hardware" else self.true_servo(),
         )
 

@@ -13,7 +13,7 @@ from haptic_wall.hw.backend import Backend, TorqueModel
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.dynamixel.wire import cycle_s
 from haptic_wall.hw.errors import PortError, Problem, SpecError
-from haptic_wall.hw.servo import Servo
+from haptic_wall.hw.servo import Bus
 from haptic_wall.hw.settings import ServoSettings
 from haptic_wall.hw.truth import TrueServo
 
@@ -67,8 +67,8 @@ def _open_port(settings: ServoSettings) -> int:
     return port.open_port(settings.port, settings.baud)
 
 
-def _open(settings: ServoSettings, clock: Clock, descriptor: int | None) -> Servo:
-    from haptic_wall.hw.dynamixel.servo import DynamixelServo
+def _open(settings: ServoSettings, clock: Clock, descriptor: int | None) -> Bus:
+    from haptic_wall.hw.dynamixel.group import DynamixelGroup
 
     driver = settings.driver()
     if descriptor is None and not settings.port and settings.true is not None:
@@ -78,13 +78,13 @@ def _open(settings: ServoSettings, clock: Clock, descriptor: int | None) -> Serv
                 advice="set loop.clock=simulated, or start `haptic-wall emulate` and set "
                 "servo.port to its path.",
             )
-        return DynamixelServo(driver, _memory_line(settings, driver, settings.true, clock))
+        return DynamixelGroup([driver], _memory_line(settings, driver, settings.true, clock))
 
     from haptic_wall.hw.serialport.line import FdLine
 
     line = FdLine(_open_port(settings) if descriptor is None else descriptor, clock)
     try:
-        return DynamixelServo(driver, line)
+        return DynamixelGroup([driver], line)
     except BaseException:
         line.close()
         raise

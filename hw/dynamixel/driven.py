@@ -10,16 +10,9 @@ from typing import Final
 
 from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.health import DrivingRange
-from haptic_wall.hw.dynamixel.jump_filter import JumpFilter
 from haptic_wall.hw.dynamixel.register_access import QUICK_NS, Table
-from haptic_wall.hw.dynamixel.registers import (
-    COUNTS_PER_REV,
-    POSITION_UNIT,
-    WATCHDOG_TRIPPED,
-    WATCHDOG_UNIT_NS,
-)
+from haptic_wall.hw.dynamixel.registers import COUNTS_PER_REV, WATCHDOG_TRIPPED, WATCHDOG_UNIT_NS
 from haptic_wall.hw.dynamixel.rules import error_names, what_to_do
-from haptic_wall.hw.dynamixel.samples import Sample
 from haptic_wall.hw.dynamixel.startup import Ready, Startup
 from haptic_wall.hw.dynamixel.station import Station
 from haptic_wall.hw.dynamixel.tables import MODELS, Model, model_by_number
@@ -32,11 +25,9 @@ from haptic_wall.hw.errors import (
     TorqueLostError,
     UnfitServoError,
 )
-from haptic_wall.hw.servo import Bus, Facts, Outcome, Reading
+from haptic_wall.hw.servo import Facts
 from haptic_wall.hw.settings import DriverSettings
 
-_NAN: Final = math.nan
-_OK: Final = Outcome.OK
 _NEVER_NS: Final = 1 << 62
 _TWICE: Final = 2
 """Consecutive polls that confirm a fault of supply or temperature, because a current peak makes the
@@ -112,10 +103,7 @@ class Driven:
         self.silence_ns = _NEVER_NS
         """Time since then after which the Bus Watchdog may have tripped [ns]; while the torque is
         off pauses may have any length"""
-        self.running = False
-        """It has been started, and not stopped"""
-        self.bus = Bus(station.counts)
-        self._learn(self._facts(model.current_limit, model.voltage))
+        self.facts = self._facts(model.current_limit, model.voltage)
         self.forget()
 
     def forget(self) -> None:
@@ -128,7 +116,6 @@ class Driven:
         """A hardware error was latched"""
         self.trouble = ""
         """See ``HasTrouble``"""
-        self._jump_filter.forget()
         self.station.forget()
         self._strikes = dict.fromkeys(self.health, 0)
 
@@ -142,7 +129,7 @@ class Driven:
         """Check and set up the servo; torque is on at a goal of zero then.
 
         Raises:
-            ServoError: See ``DynamixelServo.start``; the caller switches the torque off.
+            ServoError: See ``DynamixelGroup.start``; the caller switches the torque off.
         """
         number = self.meet()
         startup = Startup(self._settings, self._model, self.table, self._constant)
@@ -158,8 +145,7 @@ class Driven:
         self.heard_ns = self.table.clock.now_ns()
         if self.table.read("bus_watchdog") != self._units:
             self.look(0)  # a stall in the start has tripped it
-        self._learn(self._facts(seen["current_limit"], seen.volts))
-        self.bus.longest_s = ready.longest_ns * 1e-9
+        self.facts = self._facts(seen["current_limit"], seen.volts)
         # The watchdog counts whole units, so that one set to two may trip soon after the first.
         self.silence_ns = round(max(self._units - 1, 0.75) * WATCHDOG_UNIT_NS)
         return ready
@@ -168,34 +154,16 @@ class Driven:
         """Stop watching for pauses: the torque is off from now."""
         self.silence_ns = _NEVER_NS
 
-    def goal_of(self, torque: float) -> int:
-        """Return the goal current for a torque [N·m]; the caller must send it at once.
+    def limited(self, torque: float) -> float:
+        """Return a torque within the servo's limit [N·m].
 
         Raises:
             ValueError: The torque is not a finite number.
-            RuntimeError: The servo is not started.
         """
-        if not self.running:
-            raise RuntimeError("a torque was written while torque is off; call start first")
         if not math.isfinite(torque):
             raise ValueError(f"a torque of {torque} N·m was commanded; a finite one is wanted")
-        most = self._most
-        goal = self.goal = self.law.goal(max(-most, min(most, torque)))
-        return goal
-
-    def reading(self, sample: Sample) -> Reading:
-        """Convert a sample; a position that implies a speed above ``max_speed`` is refused."""
-        outcome, counts, current, alert, sampled_ns = sample
-        if outcome is not _OK:
-            return Reading(outcome, _NAN, 0, sampled_ns, _NAN, False)
-        self.heard_ns = sampled_ns
-        if not self._jump_filter.accepts(counts, sampled_ns):
-            self.bus.counts.refused += 1
-            return Reading(Outcome.REFUSED, _NAN, 0, sampled_ns, _NAN, False)
-        self.alert = self.alert or alert
-        return Reading(
-            outcome, counts * POSITION_UNIT, counts, sampled_ns, self.law.torque(current), alert
-        )
+        most = self.facts.torque_limit
+        return max(-most, min(most, torque))
 
     def judge(self, values: Mapping[str, int]) -> None:
         """Judge polled values, see ``HealthPolls``.
@@ -274,12 +242,6 @@ class Driven:
                     names = error_names(error) or f"0x{error:02x}"
                     told = f"the {self.facts.name} has latched: {names}; {what_to_do(error)}"
                     self.trouble = told
-
-    def _learn(self, facts: Facts) -> None:
-        self.facts = facts
-        self._most = facts.torque_limit
-        most = self._settings.max_speed
-        self._jump_filter = JumpFilter(facts.fastest if most is None else most)
 
     def _facts(self, current_limit: int, volts: float) -> Facts:
         """Return the facts; the torque limit is rounded down to a whole number of torque steps."""

@@ -6,6 +6,7 @@ only its own reading is lost.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 from typing import Final
@@ -16,22 +17,26 @@ from haptic_wall.hw.dynamixel.driven import Driven
 from haptic_wall.hw.dynamixel.exchange import GOAL_CURRENT, Exchange
 from haptic_wall.hw.dynamixel.health import HealthPolls
 from haptic_wall.hw.dynamixel.register_access import Table
+from haptic_wall.hw.dynamixel.registers import POSITION_UNIT
 from haptic_wall.hw.dynamixel.samples import Way
 from haptic_wall.hw.errors import Problem, ServoError, ServoLostError, UnfitServoError
 from haptic_wall.hw.serialport.line import Line
-from haptic_wall.hw.servo import BusCounts, Check, Outcome, Reading
+from haptic_wall.hw.servo import BusCounts, Check, Facts, Outcome, Reading, Traffic
 from haptic_wall.hw.settings import DriverSettings
 
 _OK: Final = Outcome.OK
 _REPLY_PATIENCE: Final = 1.5
 """Factor on the usual reply time after which a slow adapter's reply is given up: one that has just
 missed the timer comes with its next expiry"""
+_NAN: Final = math.nan
 _TRIES: Final = 3
 _PATIENCE_NS: Final = 100_000_000
 
 
 class DynamixelGroup:
-    """Servos on a line, in the order of their settings. After any error the caller calls ``stop``.
+    """A ``Bus`` of servos on a line, real or emulated, in the order of their settings.
+
+    After any error the caller calls ``stop``.
 
     After ``start`` a servo needs an instruction within every Bus Watchdog period; otherwise it
     drops its torque and silently refuses goals. ``request`` detects such a pause, and may wait
@@ -60,6 +65,7 @@ class DynamixelGroup:
             for one, station in zip(settings, self.exchange.stations, strict=True)
         ]
         self._baud, self._period_s = first.baud, first.period_s
+        self.traffic = Traffic([one.station.counts for one in self.servos])
         self._polls = self._plan()
         self._now_ns = line.clock.now_ns
         self._reply_ns = 0
@@ -67,6 +73,21 @@ class DynamixelGroup:
         self.running = False
         self.left_on: list[Driven] = self.servos
         """Servos whose torque off was not read back since the last start"""
+
+    @property
+    def facts(self) -> list[Facts]:
+        """Return the facts of each servo; some are known after ``start`` only."""
+        return [one.facts for one in self.servos]
+
+    @property
+    def trouble(self) -> str:
+        """Return what was wrong with the servos; see ``HasTrouble``."""
+        return "; ".join(one.trouble for one in self.servos if one.trouble)
+
+    def health(self) -> list[tuple[float, float]]:
+        """Return each servo's last supply [V] and temperature [°C]; see ``HasHealth``."""
+        seen = (one.health for one in self.servos)
+        return [(each["supply"] / 10, float(each["temperature"])) for each in seen]
 
     def start(self) -> list[list[Check]]:
         """Check and set up each servo in sequence; then switch the torques on at goals of zero.
@@ -109,11 +130,15 @@ class DynamixelGroup:
         if self._reply_ns:
             jitter_ns = 2e9 * self._period_s
             exchange.patience_ns = round(_REPLY_PATIENCE * self._reply_ns + jitter_ns)
+        traffic = self.traffic
+        traffic.reply_s = self._reply_ns * 1e-9
+        traffic.longest_s = max(each.longest_ns for each in ready) * 1e-9
+        traffic.counts = []
         for one in servos:
             one.silence_ns += exchange.patience_ns
-            one.bus.reply_s = self._reply_ns * 1e-9
-            one.bus.counts = one.station.counts = BusCounts()
-        self._run(running=True)
+            one.station.counts = BusCounts()
+            traffic.counts.append(one.station.counts)
+        self.running = True
         watched = Check("watched while it runs", True, *self._polls.describe())
         return [[*each.checks, watched] for each in ready]
 
@@ -146,15 +171,20 @@ class DynamixelGroup:
         exchange, polls, readings = self.exchange, self._polls, []
         # Do not wait within a period for replies that take several.
         samples = exchange.collect(0 if self._reply_ns else deadline_ns)
-        waited_ns = exchange.waited_ns
+        self.traffic.waited_ns = exchange.waited_ns
         for one, sample in zip(self.servos, samples):  # noqa: B905 - quicker
-            one.bus.waited_ns = waited_ns
-            polled = polls.asked and sample.outcome is _OK
+            outcome, counts, current, alert, sampled_ns = sample
+            if outcome is not _OK:
+                readings.append(Reading(outcome, _NAN, 0, sampled_ns, _NAN, False))
+                continue
             # A latched error explains more than its consequences.
-            if polled and not sample.alert and (values := polls.values(one.station.block)):
+            if polls.asked and not alert and (values := polls.values(one.station.block)):
                 one.judge(values)
                 polls.answered()
-            readings.append(one.reading(sample))
+            one.heard_ns = sampled_ns
+            one.alert |= alert
+            position, torque = counts * POSITION_UNIT, one.law.torque(current)
+            readings.append(Reading(outcome, position, counts, sampled_ns, torque, alert))
         return readings
 
     def write(self, torques: Sequence[float]) -> list[float]:
@@ -172,10 +202,18 @@ class DynamixelGroup:
                 sent.
             RuntimeError: The group is not started.
         """
+        if not self.running:
+            raise RuntimeError("a torque was written while torque is off; call start first")
         servos = self.servos
-        goals = [one.goal_of(torque) for one, torque in zip(servos, torques, strict=True)]
+        goals = [
+            one.law.goal(one.limited(torque)) for one, torque in zip(servos, torques, strict=True)
+        ]
         self.exchange.send(goals)
-        return [one.law.torque(goal) for one, goal in zip(servos, goals)]  # noqa: B905 - checked
+        sent = []
+        for one, goal in zip(servos, goals):  # noqa: B905 - checked
+            one.goal = goal
+            sent.append(one.law.torque(goal))
+        return sent
 
     def stop(self) -> bool:
         """Send zero torque to all, switch all torques off and read them back.
@@ -202,11 +240,6 @@ class DynamixelGroup:
                 self.stop()
         finally:
             self.line.close()
-
-    def _run(self, *, running: bool) -> None:
-        self.running = running
-        for one in self.servos:
-            one.running = running
 
     def _plan(self) -> HealthPolls:
         return HealthPolls(self.exchange, self._baud, self._period_s)
@@ -242,7 +275,7 @@ class DynamixelGroup:
             one.end()
         with suppress(ServoLostError):
             if self.running:
-                self._run(running=False)
+                self.running = False
                 with suppress(ServoLostError):  # torque off, which follows, is what counts
                     self.exchange.send([0] * len(self.servos))
             left = torque_off(list(left))

@@ -26,10 +26,11 @@ if TYPE_CHECKING:
     from haptic_wall.controller.live.ask import NotAppliedError
     from haptic_wall.controller.logs.table import Log, read_log
     from haptic_wall.hw.errors import ServoError
-    from haptic_wall.hw.servo import Servo
+    from haptic_wall.hw.servo import Bus
 
 __version__ = "0.1.0"
 __all__ = [
+    "Bus",
     "BusError",
     "ConfigError",
     "HapticWallError",
@@ -40,7 +41,6 @@ __all__ = [
     "PlatformError",
     "RunError",
     "RunningWall",
-    "Servo",
     "ServoError",
     "UserError",
     "emulated_bus",
@@ -50,6 +50,7 @@ __all__ = [
 ]
 
 _HOMES = {
+    "Bus": "hw.servo",
     "BusError": "controller.emulated_bus.bus",
     "ConfigError": "controller.errors",
     "HapticWallError": "controller.errors",
@@ -60,7 +61,6 @@ _HOMES = {
     "PlatformError": "controller.errors",
     "RunError": "controller.cli.started",
     "RunningWall": "controller.cli.started",
-    "Servo": "hw.servo",
     "ServoError": "hw.errors",
     "UserError": "controller.errors",
     "emulated_bus": "controller.emulated_bus.bus:DynamixelBus",

@@ -151,10 +151,10 @@ def test_the_version_is_that_of_changes_and_citation() -> None:
 
 def test_every_start_up_check_is_explained() -> None:
     config = load_config("emulated-ideal", ["loop.clock=simulated"]).config
-    servo = open_servo(config.servo_settings(), SimulatedClock())
+    bus = open_servo(config.servo_settings(), SimulatedClock())
     try:
-        checks = servo.start()
+        (checks,) = bus.start()
     finally:
-        servo.close()
+        bus.close()
     page = text_of("docs/start-up.md").partition("| check | wanted")[2].partition("\n\n")[0]
     assert re.findall(r"^\| ([\w -]+) \| ", page, re.M) == [check.name for check in checks]

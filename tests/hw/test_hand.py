@@ -8,7 +8,7 @@ import pytest
 from haptic_wall.hw.capabilities import TakesHand
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.hand import EVERY_NS, FASTEST, MOST_STIFFNESS, SILENCE_NS, SharedHand
-from haptic_wall.hw.simulated import SimulatedServo
+from haptic_wall.hw.simulated import SimulatedBus
 from haptic_wall.hw.truth import TrueServo
 from tests.hw.dynamixel.emulated_client import Client
 
@@ -27,16 +27,14 @@ class Held:
 
     def __init__(self, hand: SharedHand, load: float = 0.0) -> None:
         self.clock = SimulatedClock(5_000_000_000)
-        self.servo = SimulatedServo(
-            TrueServo(
-                inertia=0.01,
-                damping=0.01,
-                counts_per_rev=0,
-                load_inertia=load,
-                transmission_stiffness=200.0 if load else 0.0,
-            ),
-            self.clock,
+        true = TrueServo(
+            inertia=0.01,
+            damping=0.01,
+            counts_per_rev=0,
+            load_inertia=load,
+            transmission_stiffness=200.0 if load else 0.0,
         )
+        self.servo = SimulatedBus([true], self.clock)
         assert isinstance(self.servo, TakesHand)
         self.servo.take_hand(SharedHand(hand.descriptor))  # as another process sees it
         self.servo.start()
@@ -46,8 +44,8 @@ class Held:
         for _ in range(round(seconds * 1000)):
             self.clock.wait_until(self.clock.now_ns() + TICK_NS)
             self.servo.request()
-            position = self.servo.collect(0).position
-            self.servo.write(0.0)
+            position = self.servo.collect(0)[0].position
+            self.servo.write([0.0])
         return position
 
 

@@ -13,13 +13,14 @@ from pathlib import Path
 import pytest
 
 from haptic_wall.hw.clock import MonotonicClock, SimulatedClock
-from haptic_wall.hw.dynamixel.servo import DynamixelServo
+from haptic_wall.hw.dynamixel.group import DynamixelGroup
 from haptic_wall.hw.errors import PortError, ServoLostError, ServoMissingError, UnfitServoError
 from haptic_wall.hw.open import cut_torque, open_port, open_servo
 from haptic_wall.hw.servo import Outcome
 from haptic_wall.hw.settings import ServoSettings
-from haptic_wall.hw.simulated import SimulatedServo
+from haptic_wall.hw.simulated import SimulatedBus
 from haptic_wall.hw.truth import TrueServo
+from tests.support.one_servo import OneServo
 from tests.typed import not_none
 
 TRUE = TrueServo(inertia=0.012, damping=0.012, coulomb=0.09, position=-0.3)
@@ -41,13 +42,13 @@ def silent_port() -> Iterator[str]:
 
 
 def test_simulated_settings_are_a_simulated_servo() -> None:
-    assert isinstance(open_servo(ServoSettings(true=TRUE), SimulatedClock()), SimulatedServo)
+    assert isinstance(open_servo(ServoSettings(true=TRUE), SimulatedClock()), SimulatedBus)
 
 
 def test_a_bus_in_memory_is_driven_by_the_real_driver() -> None:
     clock = SimulatedClock()
-    servo = open_servo(settings(true=TRUE), clock)
-    assert isinstance(servo, DynamixelServo)
+    servo = OneServo(open_servo(settings(true=TRUE), clock))
+    assert isinstance(servo.bus, DynamixelGroup)
     assert all(check.ok for check in servo.start())
     servo.request()
     reading = servo.collect(clock.now_ns() + 1_000_000)
@@ -132,7 +133,7 @@ def test_a_servo_on_a_real_terminal_is_driven_and_cut(emulator: str) -> None:
     wanted = replace(settings(emulator), watchdog_s=2.5)
     descriptor = not_none(open_port(wanted))
     for attempt in range(3):  # a start-up that a stalled machine spoiled may be tried again
-        servo = open_servo(wanted, clock, os.dup(descriptor))
+        servo = OneServo(open_servo(wanted, clock, os.dup(descriptor)))
         try:
             checks = servo.start()
             break

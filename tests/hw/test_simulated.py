@@ -9,16 +9,17 @@ from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.servo import Outcome
-from haptic_wall.hw.simulated import SimulatedServo
+from haptic_wall.hw.simulated import SimulatedBus
 from haptic_wall.hw.truth import TrueServo
+from tests.support.one_servo import OneServo
 
 MS = 1_000_000
 
 
-def started(start_ns: int = 0, **settings: Any) -> tuple[SimulatedServo, SimulatedClock]:
+def started(start_ns: int = 0, **settings: Any) -> tuple[OneServo, SimulatedClock]:
     clock = SimulatedClock(start_ns)
     true = TrueServo(**{"inertia": 0.01, "counts_per_rev": 0, **settings})
-    servo = SimulatedServo(true, clock)
+    servo = OneServo(SimulatedBus([true], clock))
     servo.start()
     return servo, clock
 
@@ -41,7 +42,7 @@ def test_its_time_begins_with_the_start() -> None:
     # A hand would have moved it, had it begun when it was opened.
     clock = SimulatedClock()
     true = TrueServo(inertia=0.01, counts_per_rev=0, hand="lean", position=0.1)
-    servo = SimulatedServo(true, clock)
+    servo = OneServo(SimulatedBus([true], clock))
     clock.wait_until(5000 * MS)
     servo.start()
     servo.request()

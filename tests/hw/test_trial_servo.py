@@ -20,7 +20,7 @@ def test_a_mass_is_moved_until_the_operator_lets_go(truth: Truth) -> None:
         servo = TrialServo(truth, clock, operator)
         for i in range(201):
             servo.request()
-            servo.write(0.2)
+            servo.write([0.2])
             clock.wait_until((i + 1) * 1_000_000)
         return [1e2 * (servo.outputs[k + 10] - servo.outputs[k]) for k in (90, 190)]
 

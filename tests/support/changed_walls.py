@@ -23,7 +23,7 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.hand import Grasp
 from haptic_wall.hw.open import open_servo
-from haptic_wall.hw.servo import Servo
+from haptic_wall.hw.servo import Bus
 from haptic_wall.hw.settings import ServoSettings
 
 Array = NDArray[np.float64]
@@ -60,19 +60,19 @@ class Holding(Protocol):
 
 
 class _Asking:
-    """Stands before a servo: asks for changes, and records the true position."""
+    """Stands before a bus: asks for changes, and records the true position."""
 
-    def __init__(self, servo: Servo, hand: ChangedRun) -> None:
-        self._servo = servo
+    def __init__(self, bus: Bus, hand: ChangedRun) -> None:
+        self._bus = bus
         self._hand = hand
-        self.facts, self.bus = servo.facts, servo.bus
-        self.start, self.collect, self.write = servo.start, servo.collect, servo.write
-        self.stop, self.close = servo.stop, servo.close
+        self.facts, self.traffic = bus.facts, bus.traffic
+        self.start, self.collect, self.write = bus.start, bus.collect, bus.write
+        self.stop, self.close = bus.stop, bus.close
 
     def request(self) -> None:
         """Request the position of the servo, and let the other side ask."""
-        self._servo.request()
-        self._hand.tick(self._servo._mechanism.position)  # type: ignore[attr-defined]
+        self._bus.request()
+        self._hand.tick(self._bus._mechanisms[0].position)  # type: ignore[attr-defined]
 
 
 @dataclass
@@ -109,12 +109,12 @@ class ChangedRun:
         telemetry.close()
         return result, rows
 
-    def _open(self, settings: ServoSettings, clock: Clock, port: int | None) -> Servo:
-        servo = open_servo(settings, clock, port)
+    def _open(self, settings: ServoSettings, clock: Clock, port: int | None) -> Bus:
+        bus = open_servo(settings, clock, port)
         if self.hand is not None:
-            servo.take_hand(self.hand)  # type: ignore[attr-defined]
-        self._changes = Changes(self.config, KnownServo(servo.facts, None, True))
-        return _Asking(servo, self)
+            bus.take_hand(self.hand)  # type: ignore[attr-defined]
+        self._changes = Changes(self.config, KnownServo(bus.facts[0], None, True))
+        return _Asking(bus, self)
 
     def tick(self, position: float) -> None:
         """Go on with the change at hand, or ask for one."""

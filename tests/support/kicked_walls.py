@@ -139,8 +139,7 @@ def listen(one: Stiff, trace: Trace, belief: float, *, once: bool) -> Heard:
     alarmed = False
     positions = (trace.counts * COUNT).tolist()
     for k, (position, torque) in enumerate(zip(positions, trace.torque.tolist(), strict=True)):
-        watch.passed(1)
-        watch.sample(position, law, math.nan)
+        watch.sample(position, law, math.nan, 1)
         watch.sent(torque)
         if watch.alarm is not alarmed:
             alarmed = watch.alarm

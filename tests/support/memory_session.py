@@ -15,15 +15,15 @@ from haptic_wall.controller.runtime.telemetry import ROW, Telemetry
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.dynamixel.codec import Instruction
+from haptic_wall.hw.dynamixel.group import DynamixelGroup
 from haptic_wall.hw.dynamixel.registers import POSITION_UNIT
-from haptic_wall.hw.dynamixel.servo import DynamixelServo
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.adapter import Adapter
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.emulated.witness import Event, Witness
-from haptic_wall.hw.servo import Servo
+from haptic_wall.hw.servo import Bus
 from haptic_wall.hw.settings import ServoSettings
 
 LIMITS_OF_HARDWARE = (
@@ -90,7 +90,7 @@ def run_in_memory(
     buses = []
     given_ns: list[int] = []
 
-    def opener(settings: ServoSettings, _clock: Clock, _port: int | None) -> Servo:
+    def opener(settings: ServoSettings, _clock: Clock, _port: int | None) -> Bus:
         assert settings.true is not None
         truth = EmulatedServo(
             MODELS[settings.model],
@@ -108,7 +108,7 @@ def run_in_memory(
             adapter=None if adapter is None else Adapter(*adapter, 0),
         )
         buses.append(bus)
-        return DynamixelServo(settings.driver(), MemoryLine(bus, clock))
+        return DynamixelGroup([settings.driver()], MemoryLine(bus, clock))
 
     def tell(text: str) -> None:
         if "torque is on" in text:

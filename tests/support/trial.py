@@ -23,11 +23,14 @@ from haptic_wall.controller.runtime.assembly import (
     rendered,
     situation_of,
 )
+from haptic_wall.controller.runtime.cycle import Cycle
+from haptic_wall.controller.runtime.handover import KnownServo
 from haptic_wall.controller.runtime.telemetry import FLAG_SATURATED, NO_DEAD_MAN, Telemetry, Word
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.servo import Facts
 from tests.support.operators import NOBODY, Operator, draw_operator, operator_of
 from tests.support.trial_servo import TrialServo
 from tests.support.truth import Truth
@@ -176,32 +179,26 @@ def run_trial(
     servo = TrialServo(truth, clock, operator, position=position, velocity=velocity, struck=struck)
     telemetry = Telemetry(-1, _CHUNK + 8)
     telemetry.words[Word.HELD_NS] = NO_DEAD_MAN
-    schedule = _schedule(config, servo, tuple(sets), wall)
-    law = rendered(config, servo, ())
-    tick = assembled(
-        config,
-        clock,
-        servo,
-        telemetry,
-        schedule,
-        law,
-    )
-    tick.wall_on()
+    known = KnownServo(servo.facts[0], None, simulated=True)
+    schedule = _schedule(config, known, tuple(sets), wall)
+    axis = assembled(config, known, telemetry, schedule, rendered(config, known.facts, ()))
+    cycle = Cycle(clock, servo, [axis], telemetry.words, config.period_ns, pipelined=False)
+    cycle.wall_on()
     blocks: list[NDArray[np.void]] = []
     period_ns, deadline, left, tail = config.period_ns, 0, round(duration_s / config.period_s), 0
-    run, wait_until = tick.run, clock.wait_until
-    while left > 0 and tick.trip is None:
+    run, wait_until = cycle.run, clock.wait_until
+    while left > 0 and cycle.trip is None:
         for _ in range(min(left, _CHUNK)):
             deadline += period_ns
             wait_until(deadline)
             run(deadline, deadline, 0)
-            if tick.trip is not None:
+            if cycle.trip is not None:
                 break
         left -= _CHUNK
         rows, tail = telemetry.read(tail)
         blocks.append(rows)
     rows = np.concatenate(blocks)
-    backstop = tick.watch.backstop
+    backstop = axis.watch.backstop
     return Trial(
         period=config.period_s,
         output=np.array(servo.outputs[: rows.size]),
@@ -212,9 +209,9 @@ def run_trial(
         held=rows["held_torque"],
         state=rows["oscillation"],
         saturated=(rows["flags"] & FLAG_SATURATED) != 0,
-        first_alarm_s=tick.watch.first_alarm_s,
-        trip=None if tick.trip is None else tick.trip.label,
-        oscillation=oscillation_report(tick.watch),
+        first_alarm_s=axis.watch.first_alarm_s,
+        trip=None if cycle.trip is None else cycle.trip.label,
+        oscillation=oscillation_report(axis.watch),
         counts=(backstop.probes, backstop.hands, backstop.alarms),
     )
 
@@ -234,11 +231,11 @@ def _with_wall(config: Config, wall: WallAsked) -> Config:
 
 
 def _schedule(
-    config: Config, servo: TrialServo, sets: tuple[str, ...], wall: WallAsked
+    config: Config, servo: KnownServo, sets: tuple[str, ...], wall: WallAsked
 ) -> GainSchedule:
     """Return the guard's decisions, or the wall as requested at the guard's delay."""
     if not wall.forced:
-        return gain_schedule(config, guard_decisions(config, servo, simulated=True))
+        return gain_schedule(config, guard_decisions(config, servo))
     decision = _decision(sets, servo.facts.torque_limit, servo.facts.counts_per_rev)
     asked = replace(decision, stiffness=wall.stiffness, damping=wall.damping)
     (most,) = most_injected(config, situation_of(config, servo), [asked])
@@ -250,8 +247,7 @@ def _schedule(
 @lru_cache(maxsize=64)
 def _decision(sets: tuple[str, ...], torque_limit: float, counts_per_rev: int) -> Decision:
     """Return any decision with this belief; its delay, reasons and limits are not used."""
-    facts = Truth(inertia=1.0, torque_limit=torque_limit, counts_per_rev=counts_per_rev)
-    servo = TrialServo(facts, SimulatedClock())
+    servo = KnownServo(Facts("a servo", counts_per_rev, torque_limit, 0.0), None, simulated=True)
     config = trial_config(sets)
-    decided = guard_decisions(config, servo, simulated=True)
+    decided = guard_decisions(config, servo)
     return decision_in_force(config, servo, decided, 0)

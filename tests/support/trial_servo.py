@@ -8,6 +8,7 @@ take no time, nothing is lost), a current sensor, or temperature.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from haptic_wall.hw.clock import Clock
@@ -15,7 +16,7 @@ from haptic_wall.hw.plant.current_loop import Winding
 from haptic_wall.hw.plant.mechanics import mechanics_of
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.plant.operator_model import ReferenceStretch
-from haptic_wall.hw.servo import Bus, Check, Facts, Outcome, Reading
+from haptic_wall.hw.servo import Check, Facts, Outcome, Reading
 from haptic_wall.hw.truth import TrueServo
 from tests.support.operators import NOBODY, Operator
 from tests.support.truth import Truth
@@ -26,7 +27,7 @@ _SOFT = 1e-3
 
 
 class TrialServo:
-    """A simulated servo; see the module.
+    """A bus of one simulated servo; see the module.
 
     Attributes:
         outputs: True position of the output at each request [rad]; grows by one per request.
@@ -53,15 +54,17 @@ class TrialServo:
             struck: Velocity that the load behind a transmission has in addition [rad/s].
         """
         self.truth = truth
-        self.facts = Facts(
-            name="trial servo",
-            counts_per_rev=truth.counts_per_rev,
-            torque_limit=truth.torque_limit,
-            torque_step=truth.torque_step,
-            stall_torque=truth.stall_torque / truth.torque_gain,
-            no_load_speed=truth.no_load_speed,
-        )
-        self.bus: Bus | None = None
+        self.facts = [
+            Facts(
+                name="trial servo",
+                counts_per_rev=truth.counts_per_rev,
+                torque_limit=truth.torque_limit,
+                torque_step=truth.torque_step,
+                stall_torque=truth.stall_torque / truth.torque_gain,
+                no_load_speed=truth.no_load_speed,
+            )
+        ]
+        self.traffic = None
         self.outputs: list[float] = []
         self._now_ns = clock.now_ns
         self._reading: Reading | None = None
@@ -79,9 +82,9 @@ class TrialServo:
         if struck:
             self._plant._z[2] += struck
 
-    def start(self) -> list[Check]:
+    def start(self) -> list[list[Check]]:
         """Return no checks; its time runs since its creation."""
-        return []
+        return [[]]
 
     def request(self) -> None:
         """Sample the position now."""
@@ -96,15 +99,16 @@ class TrialServo:
         self.outputs.append(plant.position)
         self._reading = Reading(Outcome.OK, *plant.measured(), now_ns, math.nan, False)
 
-    def collect(self, deadline_ns: int) -> Reading:  # noqa: ARG002 - nothing to wait for
+    def collect(self, deadline_ns: int) -> list[Reading]:  # noqa: ARG002 - nothing to wait for
         """Return the sample of the last ``request``, at once."""
         assert self._reading is not None, "call request first"
-        return self._reading
+        return [self._reading]
 
-    def write(self, torque: float) -> float:
+    def write(self, torques: Sequence[float]) -> list[float]:
         """Command a torque that acts ``truth.delay`` later; return it limited and rounded [N·m]."""
         gain = self.truth.torque_gain
-        return self._plant.command(gain * torque, self._now_ns()) / gain
+        (torque,) = torques
+        return [self._plant.command(gain * torque, self._now_ns()) / gain]
 
     def stop(self) -> bool:
         """Switch torque off. Always succeeds."""

@@ -8,6 +8,7 @@ P 17       where is the shaft?; answered by P 17 COUNTS, with the same number
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from haptic_wall.hw.backend import Backend
@@ -15,7 +16,7 @@ from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.errors import ServoLostError, ServoMissingError
 from haptic_wall.hw.serialport.line import FdLine, Line
 from haptic_wall.hw.serialport.port import open_port
-from haptic_wall.hw.servo import Bus, BusCounts, Check, Facts, Outcome, Reading
+from haptic_wall.hw.servo import BusCounts, Check, Facts, Outcome, Reading, Traffic
 from haptic_wall.hw.settings import ServoSettings
 
 ANSWER_NS = 500_000_000
@@ -33,29 +34,32 @@ class LineOptions:
 
 
 class LineServo:
+    """A bus of one servo."""
+
     def __init__(self, settings: ServoSettings, line: Line) -> None:
         options: LineOptions = settings.options
-        self.bus = Bus()
-        self.facts = Facts(
+        self.traffic = Traffic([BusCounts()])
+        facts = Facts(
             name=f"line servo on {settings.port}",
             counts_per_rev=options.counts_per_rev,
             torque_limit=min(settings.torque_limit or math.inf, options.most_torque),
             torque_step=0.001,
         )
+        self.facts = [facts]
         self._line = line
         self._now_ns = line.clock.now_ns
         self._unread = b""
         self._asked = self._asked_ns = 0
         self._running = False
 
-    def start(self) -> list[Check]:
+    def start(self) -> list[list[Check]]:
         if not self._switch("1"):
             raise ServoMissingError(
-                f"The {self.facts.name} does not answer", advice="check the cable."
+                f"The {self.facts[0].name} does not answer", advice="check the cable."
             )
-        self.bus.counts = BusCounts()
+        self.traffic.counts = [BusCounts()]
         self._running = True
-        return [Check("torque", True, "on, at zero", "on, at zero")]
+        return [[Check("torque", True, "on, at zero", "on, at zero")]]
 
     def request(self) -> None:
         # The number tells the answer from one that was given up: it may still come.
@@ -63,23 +67,24 @@ class LineServo:
         self._asked_ns = self._now_ns()
         self._line.write(b"P %d\n" % self._asked)
 
-    def collect(self, deadline_ns: int) -> Reading:
-        bus, began_ns = self.bus, self._now_ns()
-        bus.counts.cycles += 1
+    def collect(self, deadline_ns: int) -> list[Reading]:
+        traffic, began_ns = self.traffic, self._now_ns()
+        traffic.counts[0].cycles += 1
         outcome, counts = self._answer(deadline_ns)
-        bus.waited_ns = self._now_ns() - began_ns
-        position = counts * self.facts.position_step if outcome is Outcome.OK else math.nan
-        return Reading(outcome, position, counts, self._asked_ns, math.nan, False)
+        traffic.waited_ns = self._now_ns() - began_ns
+        position = counts * self.facts[0].position_step if outcome is Outcome.OK else math.nan
+        return [Reading(outcome, position, counts, self._asked_ns, math.nan, False)]
 
-    def write(self, torque: float) -> float:
+    def write(self, torques: Sequence[float]) -> list[float]:
+        (torque,) = torques
         if not self._running:
             raise RuntimeError("a torque was written while torque is off; call start first")
         if not math.isfinite(torque):
             raise ValueError(f"a torque of {torque} N·m was commanded; a finite one is wanted")
-        most = math.floor(1000.0 * self.facts.torque_limit)
+        most = math.floor(1000.0 * self.facts[0].torque_limit)
         thousandths = max(-most, min(most, round(1000.0 * torque)))
         self._line.write(b"T %d\n" % thousandths)
-        return thousandths / 1000.0
+        return [thousandths / 1000.0]
 
     def stop(self) -> bool:
         self._running = False
@@ -104,7 +109,7 @@ class LineServo:
                 return False
 
     def _answer(self, deadline_ns: int) -> tuple[Outcome, int]:
-        counts = self.bus.counts
+        counts = self.traffic.counts[0]
         while True:
             for words in self._lines():
                 try:

@@ -1,4 +1,4 @@
-"""The contract of all servos, and what is the line servo's own, on a board in memory."""
+"""The contract of all buses, and what is the line servo's own, on a board in memory."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ pytest.importorskip("line_servo", reason="pip install docs/examples/line_servo")
 from line_board import COUNTS_PER_REV, Board
 from line_servo import LineOptions, LineServo
 
-from haptic_wall.controller.pytest_plugin.servo_contract import Rig, ServoContract
+from haptic_wall.controller.pytest_plugin.servo_contract import BusContract, Rig
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.errors import ServoMissingError
 from haptic_wall.hw.servo import Outcome
@@ -42,7 +42,7 @@ class MemoryLine:
         pass
 
 
-class TestLineServo(ServoContract):
+class TestLineServo(BusContract):
     def make_rig(self):
         clock = SimulatedClock()
         return Rig(LineServo(SETTINGS, MemoryLine(clock)), clock, push=0.3)
@@ -62,18 +62,19 @@ def test_an_answer_that_comes_late_is_not_taken_for_the_next_one(servo, line):
     servo.start()
     servo.request()
     late, line.answer = line.answer, b""
-    assert servo.collect(line.clock.now_ns() + 500_000).outcome is Outcome.LOST
+    assert servo.collect(line.clock.now_ns() + 500_000)[0].outcome is Outcome.LOST
     line.answer = late
     servo.request()
-    assert servo.collect(line.clock.now_ns() + 500_000).outcome is Outcome.OK
-    assert (servo.bus.counts.lost, servo.bus.counts.late) == (1, 1)
+    assert servo.collect(line.clock.now_ns() + 500_000)[0].outcome is Outcome.OK
+    (counts,) = servo.traffic.counts
+    assert (counts.lost, counts.late) == (1, 1)
 
 
 def test_a_broken_answer_is_no_position(servo, line):
     servo.start()
     servo.request()
     line.answer = b"P 1 2x\n"
-    assert servo.collect(line.clock.now_ns() + 500_000).outcome is Outcome.CORRUPT
+    assert servo.collect(line.clock.now_ns() + 500_000)[0].outcome is Outcome.CORRUPT
 
 
 def test_a_board_that_is_not_there_is_missing(servo, line):

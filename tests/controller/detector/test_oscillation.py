@@ -46,8 +46,7 @@ def heard(x: FloatArray, torque: FloatArray) -> tuple[Watch, int | None]:
     watch = Watch(WatchSettings(PERIOD, COUNT, light=inertia, heavy=inertia))
     law, first = Wall(10.0, 0.0, 0.0, "both"), None
     for k, (position, sent) in enumerate(zip(x.tolist(), torque.tolist(), strict=True)):
-        watch.passed(1)
-        watch.sample(position, law, math.nan)
+        watch.sample(position, law, math.nan, 1)
         watch.sent(sent)
         if watch.alarm and first is None:
             first = k

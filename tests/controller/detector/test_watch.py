@@ -145,12 +145,10 @@ def test_the_measured_torque_is_believed_before_the_one_sent() -> None:
     watch = Watch(WatchSettings(1e-3))
     watch.passed(1)
     watch.sent(1.0)
-    watch.passed(1)
-    watch.sample(0.0, SPRING, math.nan)
+    watch.sample(0.0, SPRING, math.nan, 1)
     assert watch.acted == pytest.approx(0.5), "two periods, the torque acted in one of them"
     assert watch.spanned == 2
-    watch.passed(1)
-    watch.sample(0.0, SPRING, -0.3)
+    watch.sample(0.0, SPRING, -0.3, 1)
     assert watch.acted == -0.3
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from haptic_wall.controller.live.dead_man import SILENCE_NS, DeadMan
 from haptic_wall.controller.runtime.telemetry import FLAG_OFF, Telemetry, Word
-from tests.controller.runtime.test_tick import Rig, on
+from tests.controller.runtime.test_cycle import Rig, on
 
 MS = 1_000_000
 PAGE, OTHER = "a page", "another page"
@@ -33,11 +33,11 @@ def test_the_torque_is_out_150_ms_after_the_last_beat_that_was_answered() -> Non
         now_ns = rig.clock.now_ns()
         man.answer(PAGE, man.beat(now_ns), now_ns)
         rig.run(33)
-    assert all(rig.servo.sent)
+    assert all(rig.bus.sent)
     rig.run(200)
     off = [bool(flags & FLAG_OFF) for flags in rig.rows["flags"]]
     assert 66 + 150 <= off.index(True) <= 66 + 152
-    assert not any(rig.servo.sent[off.index(True) :])
+    assert not any(rig.bus.sent[off.index(True) :])
 
 
 def test_an_answer_that_was_under_way_for_long_holds_for_the_rest_of_its_time() -> None:

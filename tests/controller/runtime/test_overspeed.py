@@ -8,7 +8,7 @@ import pytest
 
 from haptic_wall.controller.laws.wall import Wall
 from haptic_wall.controller.runtime.checks import Safety, SafetyLimits, speed_limits
-from haptic_wall.hw.servo import Facts, Outcome, Reading
+from haptic_wall.hw.servo import Facts
 
 COUNT = math.tau / 4096
 LIMIT = 3.85
@@ -41,7 +41,7 @@ def fed(
 
     def found(position: float, torque: float) -> bool:
         at_ns = 10**9 + round(t * 1e9)
-        safety.good(Reading(Outcome.OK, position, 0, at_ns, math.nan, False))
+        safety.good(position, at_ns, False)
         return safety.driven(torque, wall.in_contact(position), wall)
 
     found(x, 0.0)

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.runtime.assembly import Decided, guard_decisions
+from haptic_wall.controller.runtime.cycle import Cycle
 from haptic_wall.controller.runtime.gains import Gains
+from haptic_wall.controller.runtime.handover import KnownServo
 from haptic_wall.controller.runtime.session import Result, Surroundings, run_session
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_OFF,
@@ -22,15 +24,13 @@ from haptic_wall.controller.runtime.telemetry import (
     Telemetry,
     Word,
 )
-from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.group import DynamixelGroup
-from haptic_wall.hw.dynamixel.servo import DynamixelServo
-from haptic_wall.hw.servo import Check, Servo
+from haptic_wall.hw.servo import Check
 from tests.cases import sampled
 from tests.typed import not_none, status_of
 
@@ -179,7 +179,7 @@ def test_a_stop_before_the_start_never_switches_the_torque_on(
     def start(_: object) -> NoReturn:
         raise AssertionError("started")
 
-    monkeypatch.setattr(DynamixelServo, "start", start)
+    monkeypatch.setattr(DynamixelGroup, "start", start)
     telemetry = Telemetry.create()
     telemetry.words[Word.STOP] = 1
     result, _ = session("emulated-ideal", "loop.clock=simulated", telemetry=telemetry)
@@ -313,12 +313,12 @@ def test_decisions_for_slow_replies_are_computed_with_the_torque_off(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The decisions take up to seconds. Only a start shows how long a reply takes."""
-    real_start, real_stop = DynamixelServo.start, DynamixelGroup.stop
+    real_start, real_stop = DynamixelGroup.start, DynamixelGroup.stop
     torque_on, when = [False], []
 
-    def start(servo: DynamixelServo) -> list[Check]:
-        checks = real_start(servo)
-        servo.bus.reply_s = 0.016
+    def start(group: DynamixelGroup) -> list[list[Check]]:
+        checks = real_start(group)
+        group.traffic.reply_s = 0.016
         torque_on[0] = True
         return checks
 
@@ -326,11 +326,11 @@ def test_decisions_for_slow_replies_are_computed_with_the_torque_off(
         torque_on[0] = False
         return real_stop(group)
 
-    def decided(config: Config, servo: Servo, simulated: bool, **given: Any) -> Decided:
+    def decided(config: Config, servo: KnownServo, **given: Any) -> Decided:
         when.append(torque_on[0])
-        return guard_decisions(config, servo, simulated, **given)
+        return guard_decisions(config, servo, **given)
 
-    monkeypatch.setattr(DynamixelServo, "start", start)
+    monkeypatch.setattr(DynamixelGroup, "start", start)
     monkeypatch.setattr(DynamixelGroup, "stop", stop)
     monkeypatch.setattr("haptic_wall.controller.runtime.session.guard_decisions", decided)
     result, _ = session("emulated-ideal", "loop.clock=simulated", duration=0.2)
@@ -354,11 +354,11 @@ def test_a_dead_man_let_go_inside_the_wall(
     preset: str, more: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Let go when the hand is deepest, held again at once: the wall waits until it is out."""
-    plain, telemetry = Tick.run, Telemetry.create()
+    plain, telemetry = Cycle.run, Telemetry.create()
     let_go: list[int] = []
 
-    def run(self: Tick, deadline_ns: int, woke_ns: int, missed: int) -> None:
-        depth = self.position
+    def run(self: Cycle, deadline_ns: int, woke_ns: int, missed: int) -> None:
+        depth = self.axes[0].position
         if self.ticks and telemetry.words[Word.MISSED] == 0 and depth > 0.08 and not let_go:
             let_go.append(self.ticks)
             telemetry.words[Word.HELD_NS] = 0
@@ -366,7 +366,7 @@ def test_a_dead_man_let_go_inside_the_wall(
             telemetry.words[Word.HELD_NS] = NO_DEAD_MAN
         plain(self, deadline_ns, woke_ns, missed)
 
-    monkeypatch.setattr(Tick, "run", run)
+    monkeypatch.setattr(Cycle, "run", run)
     sets = ("loop.clock=simulated", *more)
     result, rows = session(preset, *sets, duration=7.0, telemetry=telemetry)
     assert result.stop_reason == "duration"

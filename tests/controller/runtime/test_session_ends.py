@@ -13,7 +13,6 @@ from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.group import DynamixelGroup
-from haptic_wall.hw.dynamixel.servo import DynamixelServo
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.errors import (
     ServoLostError,
@@ -32,12 +31,12 @@ class Scene:
         self.telemetry = Telemetry.create()
         self.words = self.telemetry.words
         self.sent = 0
-        self.opener: Callable[..., DynamixelServo] = self.open
+        self.opener: Callable[..., DynamixelGroup] = self.open
 
-    def open(self, *arguments: Any) -> DynamixelServo:
+    def open(self, *arguments: Any) -> DynamixelGroup:
         servo = open_servo(*arguments)
-        assert isinstance(servo, DynamixelServo)
-        line = servo._group.line
+        assert isinstance(servo, DynamixelGroup)
+        line = servo.line
         assert isinstance(line, MemoryLine)
         self.line = line
         self._read, self._write = line.read, line.write
@@ -116,7 +115,7 @@ def test_a_start_that_fails_under_torque_does_not_call_it_off_unconfirmed(
 def test_what_never_answered_was_never_driven(scene: Scene) -> None:
     opener = scene.opener
 
-    def unplugged(*arguments: Any) -> DynamixelServo:
+    def unplugged(*arguments: Any) -> DynamixelGroup:
         servo = opener(*arguments)
         scene.go_deaf()
         return servo
@@ -130,7 +129,7 @@ def test_what_never_answered_was_never_driven(scene: Scene) -> None:
 def test_what_is_no_known_servo_is_neither_stopped_nor_left_to_be_cut(scene: Scene) -> None:
     opener = scene.opener
 
-    def exchanged(*arguments: Any) -> DynamixelServo:
+    def exchanged(*arguments: Any) -> DynamixelGroup:
         servo = opener(*arguments)
         scene.truth.model = replace(scene.truth.model, number=2020)
         return servo

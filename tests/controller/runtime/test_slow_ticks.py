@@ -15,7 +15,7 @@ from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.checks import IntArray
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.open import open_servo
-from haptic_wall.hw.servo import Servo
+from haptic_wall.hw.servo import Bus
 from haptic_wall.hw.settings import ServoSettings
 from tests.cases import sampled
 from tests.typed import not_none
@@ -39,17 +39,17 @@ TWO_SIDED = (
 )
 
 
-class SlowServo:
-    """A simulated servo after whose ``write`` the tick goes on for some time."""
+class SlowBus:
+    """A simulated bus after whose ``write`` the tick goes on for some time."""
 
-    def __init__(self, servo: Servo, clock: SimulatedClock, costs: Iterator[float]) -> None:
-        self._servo, self._clock, self._costs = servo, clock, costs
+    def __init__(self, bus: Bus, clock: SimulatedClock, costs: Iterator[float]) -> None:
+        self._bus, self._clock, self._costs = bus, clock, costs
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._servo, name)
+        return getattr(self._bus, name)
 
-    def write(self, torque: float) -> float:
-        sent = self._servo.write(torque)
+    def write(self, torques: Sequence[float]) -> Sequence[float]:
+        sent = self._bus.write(torques)
         self._clock.wait_until(self._clock.now_ns() + round(next(self._costs) * PERIOD * 1e9))
         return sent
 
@@ -62,8 +62,8 @@ def run(
     telemetry = Telemetry.create()
     clock = SimulatedClock()
 
-    def opener(settings: ServoSettings, _: Clock, port: int | None) -> Servo:
-        return cast(Servo, SlowServo(open_servo(settings, clock, port), clock, costs))
+    def opener(settings: ServoSettings, _: Clock, port: int | None) -> Bus:
+        return cast(Bus, SlowBus(open_servo(settings, clock, port), clock, costs))
 
     result = run_session(
         config, clock, telemetry, duration, surroundings=Surroundings(open_servo=opener)
@@ -137,15 +137,15 @@ def test_what_an_elastic_clock_takes_out_is_in_the_row_all_the_same(waited: bool
     clock, telemetry = SimulatedClock(), Telemetry.create()
     words = telemetry.words
 
-    class Stalling(SlowServo):
-        def write(self, torque: float) -> float:
+    class Stalling(SlowBus):
+        def write(self, torques: Sequence[float]) -> Sequence[float]:
             if words[Word.HEAD] == 699:
                 words[Word.OFFSET_NS] += 7_000_000
                 words[Word.WAITED_NS] += 7_000_000 * waited
-            return self._servo.write(torque)
+            return self._bus.write(torques)
 
-    def opener(settings: ServoSettings, _: Clock, port: int | None) -> Servo:
-        return cast(Servo, Stalling(open_servo(settings, clock, port), clock, always(0.0)))
+    def opener(settings: ServoSettings, _: Clock, port: int | None) -> Bus:
+        return cast(Bus, Stalling(open_servo(settings, clock, port), clock, always(0.0)))
 
     config = load_config("emulated-ideal", ["loop.clock=simulated"]).config
     around = Surroundings(open_servo=opener)

@@ -7,6 +7,7 @@ import pytest
 
 from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.runtime.assembly import guard_decisions
+from haptic_wall.controller.runtime.handover import KnownServo
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.fields import fields
 from haptic_wall.controller.settings.load import load_config
@@ -69,7 +70,8 @@ def test_each_accepted_belief_about_a_rigid_servo_has_limits(seed: int) -> None:
     config = corner(seed)
     if config is None:
         return
-    servo = open_servo(config.servo_settings(), SimulatedClock(), None)
-    decided = guard_decisions(config, servo, simulated=False)
+    bus = open_servo(config.servo_settings(), SimulatedClock(), None)
+    known = KnownServo(bus.facts[0], bus.traffic, simulated=False)
+    decided = guard_decisions(config, known)
     bins = range(len(decided.ages_ns) * len(decided.intervals_ns))
     assert all(0.0 <= decided.table.at(k).stiffness < math.inf for k in bins)

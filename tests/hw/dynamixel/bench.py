@@ -6,13 +6,13 @@ from dataclasses import replace
 
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode
-from haptic_wall.hw.dynamixel.servo import DynamixelServo
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo, TrueState
 from haptic_wall.hw.settings import DriverSettings
 from haptic_wall.hw.truth import TrueServo
+from tests.support.one_servo import OneServo
 
 BAUD = 4_000_000
 GOAL_CURRENT = 102
@@ -82,7 +82,7 @@ class Bench:
         self.memory_line = MemoryLine(self.bus, self.clock)
         self.line = SpyLine(self.memory_line, self.truth)
         self.settings = replace(SETTINGS, baud=bus_baud, **settings)  # type: ignore[arg-type]
-        self.servo = DynamixelServo(self.settings, self.line)
+        self.servo = OneServo.driven(self.settings, self.line)
 
     @property
     def state(self) -> TrueState:

@@ -13,10 +13,10 @@ import pytest
 
 from haptic_wall.hw.capabilities import HasHealth
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser
-from haptic_wall.hw.dynamixel.servo import DynamixelServo
 from haptic_wall.hw.errors import ServoLostError, TorqueLostError
 from tests.hw.dynamixel.bench import TRUE, Bench
 from tests.hw.dynamixel.lines import Fate, TroubledLine, unharmed
+from tests.support.one_servo import OneServo
 
 STEP = 2.69e-3 * 4.1 / 2.3
 """[N·m] per current unit of an XM430-W350: unit times stall torque over stall current"""
@@ -104,11 +104,11 @@ def test_the_position_is_the_true_one_and_counts_on_over_turns() -> None:
     assert max(b - a for a, b in itertools.pairwise(seen)) < 0.02
 
 
-def troubled(fate: Fate) -> tuple[Bench, DynamixelServo, TroubledLine]:
+def troubled(fate: Fate) -> tuple[Bench, OneServo, TroubledLine]:
     """A started servo whose replies meet ``fate`` from then on."""
     bench = Bench(FREE)
     line = TroubledLine(bench.memory_line, unharmed)
-    servo = DynamixelServo(bench.settings, line)
+    servo = OneServo.driven(bench.settings, line)
     servo.start()
     line.fate, line.number = fate, 0
     return bench, servo, line
@@ -318,7 +318,7 @@ def test_a_goal_kept_through_the_watchdog_does_not_come_back_with_its_arming() -
     bench.cycle(1.0)
     assert bench.state.torque > 0.9
     kept = bench.truth.memory["goal_current"]
-    bench.servo._one.goal = 0  # what the driver sent last was lost on its way
+    bench.servo.one.goal = 0  # what the driver sent last was lost on its way
     bench.wait(0.06)
     bench.memory_line.wait(bench.clock.now_ns())
     assert bench.truth.table.tripped

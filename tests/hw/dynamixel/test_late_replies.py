@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from haptic_wall.hw.dynamixel.servo import DynamixelServo
 from haptic_wall.hw.emulated.injection import Faults
 from haptic_wall.hw.errors import ServoError
 from tests.hw.dynamixel.bench import Bench
 from tests.hw.dynamixel.lines import MS, TroubledLine
+from tests.support.one_servo import OneServo
 from tests.typed import not_none
 
 REGISTERS: Sequence[Mapping[str, int]] = (
@@ -71,7 +71,7 @@ class Started:
             return pieces
 
         if delays is not None:  # such a line knows no damaged replies
-            bench.servo = DynamixelServo(bench.settings, TroubledLine(bench.line, fate))
+            bench.servo = OneServo.driven(bench.settings, TroubledLine(bench.line, fate))
         servo = bench.servo
         self.outcome: Any = None
         try:
@@ -87,7 +87,7 @@ class Started:
         found = {each.name: each.found.split("set to ")[-1] for each in checks}
         values = {name: value for name, value in found.items() if name not in ignored}
         truth = [bench.truth.memory[name] for name in SET], bench.truth.table.tripped
-        self.outcome = values, servo._one.bounds, servo.facts.torque_limit, truth
+        self.outcome = values, servo.one.bounds, servo.facts.torque_limit, truth
 
     @property
     def names_the_line(self) -> bool:

@@ -167,7 +167,7 @@ def test_a_restart_at_any_phase_of_the_clock_ends_a_run_within_a_second(phase_ms
     bench.cycle(0.0)
     now_ms = (bench.clock.now_ns() - bench.truth._boot_ns) // MS
     bench.truth._tick = (phase_ms - now_ms - 1000) % TICK_MODULUS
-    bench.servo._one.station.forget()
+    bench.servo.one.station.forget()
     for _ in range(1000):
         bench.cycle(0.0)
     bench.truth.reboot(bench.clock.now_ns())

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 import pytest
 
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.dynamixel.servo import DynamixelServo
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.adapter import Adapter
 from haptic_wall.hw.emulated.bus import EmulatedBus
@@ -21,6 +20,7 @@ from haptic_wall.hw.errors import ServoLostError, TorqueLostError
 from haptic_wall.hw.servo import Check, Outcome, Reading
 from tests.cases import sampled
 from tests.hw.dynamixel.bench import BAUD, SETTINGS, TRUE
+from tests.support.one_servo import OneServo
 
 MS = 1_000_000
 TIMER_MS = 16
@@ -51,9 +51,8 @@ class Slow:
             period_s=self.period_ms * 1e-3,
             probe_torque=0.0,
             watchdog_s=self.watchdog_s,
-            max_speed=15.0,
         )
-        self.servo = DynamixelServo(settings, MemoryLine(self.bus, self.clock))
+        self.servo = OneServo.driven(settings, MemoryLine(self.bus, self.clock))
         self.checks = self.servo.start()
         self.next_ns = self.clock.now_ns()
         if self.pipelined:
@@ -93,8 +92,8 @@ def test_each_reply_is_waited_for_and_none_is_lost(
     slow = Slow(period_ms=period_ms, pipelined=pipelined, phase_ms=phase_ms)
     slow.run(round(1000 / period_ms))
     assert set(slow.outcomes) == {Outcome.OK, Outcome.WAITING}
-    counts = slow.servo.bus.counts
-    assert (counts.lost, counts.late, counts.corrupt, counts.refused) == (0, 0, 0, 0)
+    counts = slow.servo.counts
+    assert (counts.lost, counts.late, counts.corrupt) == (0, 0, 0)
     # One sample with each expiry of the timer; the schedule may lose one to the grid at each end.
     assert counts.cycles == slow.outcomes.count(Outcome.OK)
     assert counts.cycles == pytest.approx(1000 / TIMER_MS, abs=2)
@@ -107,7 +106,7 @@ def test_the_start_says_what_was_found_and_what_to_do() -> None:
     assert "one sample in 16 periods" in check.found
     assert "latency timer to 1 ms" in check.found
     assert check.wanted == "at most 1.8 ms"
-    assert slow.servo.bus.reply_s == pytest.approx(0.016, abs=0.0002)
+    assert slow.servo.traffic.reply_s == pytest.approx(0.016, abs=0.0002)
 
 
 def test_a_stalled_machine_at_the_start_makes_no_slow_adapter() -> None:
@@ -116,7 +115,7 @@ def test_a_stalled_machine_at_the_start_makes_no_slow_adapter() -> None:
     slow.servo.stop()
     slow.bus.inject("late:ms=12,way=reply,every=3", slow.clock.now_ns())
     slow.checks = slow.servo.start()
-    assert slow.servo.bus.reply_s == 0.0
+    assert slow.servo.traffic.reply_s == 0.0
     (check,) = (check for check in slow.checks if check.name == "adapter reply")
     assert float(check.found.split("longest ")[1].split()[0]) >= 12
 
@@ -129,7 +128,7 @@ def test_a_lost_reply_is_one_loss_and_the_next_one_is_used() -> None:
     assert after.count(Outcome.LOST) == 1
     lost = after.index(Outcome.LOST)
     assert Outcome.OK in after[lost + 1 : lost + 1 + TIMER_MS + 2]
-    assert slow.servo.bus.counts.lost == 1
+    assert slow.servo.counts.lost == 1
     # Given up well after it could have come, and long before two more would have.
     gap = lost - max(k for k in range(lost) if after[k] is Outcome.OK)
     assert TIMER_MS < gap < 2 * TIMER_MS
@@ -140,8 +139,8 @@ def test_a_reply_that_comes_after_it_was_given_up_is_never_used() -> None:
     slow.run(100)
     slow.bus.inject("late:ms=40,times=1,way=reply", slow.clock.now_ns())
     after = slow.run(150)
-    assert slow.servo.bus.counts.lost == 1
-    assert slow.servo.bus.counts.late == 1
+    assert slow.servo.counts.lost == 1
+    assert slow.servo.counts.late == 1
     good = [reading.sampled_ns for reading in after if reading.outcome is Outcome.OK]
     assert good == sorted(set(good))
 

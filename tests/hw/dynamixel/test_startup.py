@@ -29,6 +29,7 @@ from haptic_wall.hw.errors import (
 from haptic_wall.hw.plant.mechanism import OPERATOR_WAIT_S
 from tests.cases import sampled
 from tests.hw.dynamixel.bench import TRUE, Bench
+from tests.support.one_servo import OneServo
 
 COUNT = 2 * 3.141592653589793 / 4096
 
@@ -121,7 +122,7 @@ def torque_was_enabled(bench: Bench) -> bool:
 def test_a_model_that_senses_its_supply_is_sent_the_square_and_says_so() -> None:
     bench = Bench(replace(TRUE, inertia=0.002, coulomb=0.01), model="XL330-M288", probe_torque=0.06)
     bench.settings = replace(bench.settings, model="XL330-M288")
-    bench.servo = type(bench.servo)(bench.settings, bench.line)
+    bench.servo = OneServo.driven(bench.settings, bench.line)
     assert bench.found("torque per current") == (
         "0.354 N·m/A, stall torque over current; of the motor's current: the servo "
         "senses that of its supply, so goals go with the square of the torque, in steps of at most "
@@ -185,7 +186,7 @@ def test_a_model_without_current_mode_is_refused_and_those_with_it_are_advised()
     refused(Bench(model="XL430-W250"), match="XL430-W250 .*no current mode")
     bench = Bench()
     with pytest.raises(UnfitServoError, match="XL430-W250 has no current mode") as refusal:
-        type(bench.servo)(replace(bench.settings, model="XL430-W250"), bench.line)
+        OneServo.driven(replace(bench.settings, model="XL430-W250"), bench.line)
     advised = set(str(refusal.value).removesuffix(".").partition("use one of ")[2].split(", "))
     assert advised == {name.partition("-")[0] for name, m in MODELS.items() if m.current_mode}
     assert {"XL330", "XM430", "XD540", "XW540"} <= advised
@@ -194,8 +195,8 @@ def test_a_model_without_current_mode_is_refused_and_those_with_it_are_advised()
 def test_a_model_without_published_torque_needs_a_constant() -> None:
     bench = Bench()
     with pytest.raises(UnfitServoError, match=r"servo\.torque_constant"):
-        type(bench.servo)(replace(bench.settings, model="XD540-T270"), bench.line)
-    type(bench.servo)(replace(bench.settings, model="XD540-T270", torque_constant=2.0), bench.line)
+        OneServo.driven(replace(bench.settings, model="XD540-T270"), bench.line)
+    OneServo.driven(replace(bench.settings, model="XD540-T270", torque_constant=2.0), bench.line)
 
 
 def test_a_firmware_without_watchdog_is_refused() -> None:
@@ -289,7 +290,7 @@ def test_an_adapter_that_returns_what_is_sent_harms_nothing(
     monkeypatch.setattr(bench.line, "wait", lambda until: bool(sent) or wait(until))
     assert all(check.ok for check in bench.servo.start())
     bench.cycle(0.3)
-    assert bench.servo.bus.counts.lost == 0
+    assert bench.servo.counts.lost == 0
     assert bench.servo.stop() is True
 
 
@@ -506,7 +507,7 @@ def test_every_model_that_can_make_torque_starts(name: str) -> None:
     constant = 0.0 if MODELS[name].torque_constant else 2.0
     bench = Bench(replace(TRUE, torque_constant=constant), model=name)
     settings = replace(bench.settings, model=name, torque_constant=constant)
-    servo = type(bench.servo)(settings, bench.line)
+    servo = OneServo.driven(settings, bench.line)
     assert all(check.ok for check in servo.start())
     assert servo.stop()
 

@@ -19,6 +19,7 @@ from haptic_wall.hw.dynamixel.torque_law import TorqueLaw, torque_law
 from haptic_wall.hw.errors import UnfitServoError
 from haptic_wall.hw.truth import TrueServo
 from tests.hw.dynamixel.bench import Bench
+from tests.support.one_servo import OneServo
 
 SMALL = "XL330-M288"
 VOLTS, STALL, TORQUE, NO_LOAD = 5.0, 1.47, 0.52, 103 * 2 * math.pi / 60
@@ -34,7 +35,7 @@ Send = Callable[[float], float]
 def bench(true: TrueServo, **settings: object) -> Bench:
     made = Bench(true, model=SMALL)
     made.settings = replace(made.settings, model=SMALL, probe_torque=0.0, **settings)  # type: ignore[arg-type]
-    made.servo = type(made.servo)(made.settings, made.line)
+    made.servo = OneServo.driven(made.settings, made.line)
     made.servo.start()
     return made
 

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from haptic_wall.controller.theory.boundary import chain_ceiling
 from haptic_wall.controller.theory.chain import two_masses
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.simulated import SimulatedServo
+from haptic_wall.hw.simulated import SimulatedBus
 from haptic_wall.hw.truth import EncoderSide, TrueServo
 from tests.hw.oracles import closed_loop_poles
+from tests.support.one_servo import OneServo
 from tests.theory.test_flexible import Loop, radius
 
 PERIOD = 1e-3
@@ -28,7 +29,7 @@ def wall_motion(
 ) -> NDArray[np.float64]:
     """Sampled positions of a two-sided wall at 0 on the backward difference, with no delay."""
     clock = SimulatedClock()
-    servo = SimulatedServo(true, clock)
+    servo = OneServo(SimulatedBus([true], clock))
     servo.start()
     before = true.position
     positions = []

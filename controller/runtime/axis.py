@@ -1,22 +1,26 @@
-"""Executes one period from start to end: sample, render, delay, check, write, report."""
+"""One servo's law, and the parts that judge it; it knows no clock and no bus.
+
+``torque`` is what must come before the torque is sent, ``after`` the rest of the period.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
 from dataclasses import dataclass, field
 from math import isfinite
+from typing import Final
 
 from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.engagement import Engagement
 from haptic_wall.controller.laws.passivity_control import PassivityControl
+from haptic_wall.controller.laws.velocity import Biquad, VelocityEstimator
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.runtime.changeover import Changeover, Obstacle, adopt
 from haptic_wall.controller.runtime.checks import Safety
 from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.runtime.handover import Change, Inbox
 from haptic_wall.controller.runtime.safety import Trip
-from haptic_wall.controller.runtime.sampler import Sampler
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_CHANGED,
     FLAG_CONTACT,
@@ -27,27 +31,56 @@ from haptic_wall.controller.runtime.telemetry import (
     Telemetry,
     Word,
 )
-from haptic_wall.hw.clock import Clock
-from haptic_wall.hw.servo import Bus, Outcome, Servo
+from haptic_wall.hw.servo import Outcome, Reading
 
-_OK = Outcome.OK  # looking up an enum member is slow: a plain name is many times faster
-_WAITING = Outcome.WAITING
-_HEARTBEAT_NS, _CUT = int(Word.HEARTBEAT_NS), int(Word.CUT)
-_TICKS, _MISSED, _RAISE = int(Word.TICKS), int(Word.MISSED), int(Word.RAISE)
-_HELD_NS, _HEAD = int(Word.HELD_NS), int(Word.HEAD)
-_OFFSET_NS, _WAITED_NS = int(Word.OFFSET_NS), int(Word.WAITED_NS)
-_OFFERED, _WITHDRAWN = int(Word.OFFERED), int(Word.WITHDRAWN)
+JITTER: Final = 0.1
+"""Largest distance from whole periods at which an interval between samples counts as whole
+[periods]. A loop that serves a tick every 1.5 periods is far from it: with a division by 2, its
+velocity would omit a quarter of the damping."""
+SHORTEST: Final = 0.5
+"""The shortest interval for a velocity [periods]: over a very short one, after a late tick, one
+encoder count would give a high speed."""
+_OK: Final = Outcome.OK  # looking up an enum member is slow: a plain name is many times faster
+_REFUSED: Final = Outcome.REFUSED
+_WAITING: Final = Outcome.WAITING
+_HEAD, _OFFERED, _WITHDRAWN = int(Word.HEAD), int(Word.OFFERED), int(Word.WITHDRAWN)
 
 
 @dataclass(slots=True)
 class Tick:
-    """Executes the steps of a period in order; holds its parts, its trip and its counters."""
+    """The times of one period, the same for all axes."""
 
-    clock: Clock
-    servo: Servo
+    deadline_ns: int = 0
+    """The deadline served [ns]"""
+    woke_ns: int = 0
+    """When the loop woke for it [ns]"""
+    lateness_ns: int = 0
+    """Of the wake-up, in real time [ns]"""
+    missed: int = 0
+    """Whole periods skipped since the last tick"""
+    read_ns: int = 0
+    """When the readings had come [ns]"""
+    sent_ns: int = 0
+    """When the torques were sent [ns]"""
+    held: bool = True
+    """The dead man is held, or there is none"""
+    raises: int = 0
+    """Number of requests to return to the full wall"""
+    work_ns: int = 0
+    """Work of the tick before [ns]"""
+    bus_ns: int = 0
+    """Wait for the bus of the tick before [ns]"""
+
+
+@dataclass(slots=True)
+class Axis:
+    """The law of one servo with its state; what it returns is sent unless an axis has tripped."""
+
     law: Law
-    """Only the tick sets its ``injected``"""
-    sampler: Sampler
+    """Only the axis sets its ``injected``"""
+    velocities: VelocityEstimator
+    velocity_filter: Biquad | None
+    """Filters the velocity that damps; None: none"""
     gains: Gains
     ring: DelayRing
     safety: Safety
@@ -55,8 +88,11 @@ class Tick:
     passivity: PassivityControl | None
     """Injects damping where the wall generates energy; None: none"""
     telemetry: Telemetry
+    """Takes the rows, and hands over changes"""
     period_ns: int
     """Of the grid [ns]"""
+    torque_limit: float
+    """Of the servo [N·m]"""
     wall_from_start: bool
     """The wall's position counts from the first reading"""
     engagement: Engagement
@@ -66,44 +102,40 @@ class Tick:
     changeover: Changeover
     """Finds the tick for a change"""
     trip: Trip | None = None
-    """Why the run must end; None: no trip. Once set, no torque is sent"""
-    done: bool = False
-    """The program is over; the torque of the last period was zero"""
+    """Why the run must end; None: no trip"""
     came_on: bool = False
     """The wall has been on at least once"""
-    ticks: int = 0
-    """Periods executed"""
-    missed: int = 0
-    """Whole periods skipped"""
+    outcome: Outcome = _OK
+    """Of the last request"""
+    position: float = math.nan
+    """The last known position [rad]; NaN: none is known yet"""
+    velocity: float = 0.0
+    """Estimated velocity [rad/s]; 0 after a reading that failed"""
+    damped: float = 0.0
+    """Velocity that the law's damping acts on: filtered if the wall has a filter [rad/s]"""
+    sampled_ns: int | None = None
+    """When ``position`` was sampled [ns]; None: none is known yet"""
+    measured_torque: float = math.nan
+    """Torque in the last reply [N·m]; NaN: the servo measures none"""
     _on: bool = False
     """The wall acts"""
-    _work_ns: int = 0
-    _bus_ns: int = 0
-    _waited: int = 0
+    _flags: int = 0
+    _may_raise: bool = True
+    """K may go up after this tick"""
     _served_ns: int = 0
     """Wake-up of the last tick with a reading [ns]; 0: none"""
-    _offset: int = 0
-    """Of an elastic clock, as last seen [ns]"""
     _delay_s: float = 0.0
     _started_at: float = 0.0
     """Added to the positions of laws [rad]"""
     _raises: int = 0
-    _limit: float = 0.0
     _wall_torque: float = 0.0
     """Of the law in the last tick, before the delay [N·m]"""
-    _bus: Bus = field(default_factory=Bus)
     _words: memoryview[int] = field(init=False)
-    _now: Callable[[], int] = field(init=False)
 
     def __post_init__(self) -> None:
-        self._now = self.clock.now_ns
-        self._words = words = self.telemetry.words
-        self._limit = self.servo.facts.torque_limit
-        self._bus = self.servo.bus or self._bus
-        self._offset, self._raises = words[_OFFSET_NS], words[_RAISE]
+        self._words = self.telemetry.words
+        self._raises = self._words[Word.RAISE]
         self.law.derating = self.watch.backstop.derating
-        if self.sampler.pipelined:
-            self.servo.request()
 
     def wall_on(self) -> None:
         """End the warm-up: the guard's decision for the measured ages is in force at once."""
@@ -128,137 +160,131 @@ class Tick:
         scale, damping_scale = self.watch.backstop.reduced
         return gains.stiffness * scale, gains.damping * damping_scale
 
-    @property
-    def position(self) -> float:
-        """Return the last known position of the shaft [rad]; NaN: none is known yet."""
-        return self.sampler.position
-
-    def may_engage(self) -> bool:
-        """Whether the wall would come on with the next reading, if that equals the last one."""
-        return self.engagement.ready and self.held()
-
-    def held(self) -> bool:
-        """Whether the dead man is held, or there is none."""
-        return self._now() <= self._words[_HELD_NS]
-
-    def run(  # noqa: PLR0912, PLR0915 - in one piece for speed
-        self, deadline_ns: int, woke_ns: int, missed: int
-    ) -> None:
-        """Serve one deadline.
+    def torque(  # noqa: PLR0912 - in one piece for speed
+        self, reading: Reading, tick: Tick
+    ) -> float:
+        """Return the torque for a reading [N·m]; the run must end where ``trip`` is set then.
 
         Args:
-            deadline_ns: The deadline served [ns].
-            woke_ns: When the loop woke for it [ns].
-            missed: Whole periods skipped since the last tick.
+            reading: The servo's answer.
+            tick: Times of this period.
         """
-        words, sampler, watch, inbox = self._words, self.sampler, self.watch, self.inbox
-        offset, self._waited = words[_OFFSET_NS], words[_WAITED_NS]
-        # Reported is real time, whatever an elastic clock takes out.
-        lateness_ns = woke_ns - deadline_ns + offset - self._offset
-        self._offset = offset
-
-        reading = sampler.sample(woke_ns)
-        outcome, position, sampled_ns = sampler.outcome, sampler.position, sampler.sampled_ns
+        outcome, position, _, sampled_ns, self.measured_torque, alert = reading
         if outcome is _OK:
-            self.trip = self.safety.good(reading)
-            if sampler.first and self.wall_from_start and self.trip is None:
-                self._started_at = position
-                self.law.position += position
-        elif outcome is not _WAITING:
-            self.trip = self.safety.failed(self._now())
-        flags = 0 if inbox.change is None else self._change(inbox.change)
-
-        law, wall_torque = self.law, 0.0
+            verdict = self.safety.good(position, sampled_ns, alert)
+            if verdict is _REFUSED:
+                outcome, self.measured_torque = _REFUSED, math.nan
+            else:
+                self.trip = verdict
+                self._move(position, sampled_ns)
+        self.outcome = outcome
+        if outcome is not _OK and outcome is not _WAITING:
+            # The last position again, so dx = 0. Before the first good reading the torque is zero.
+            self.velocity = self.damped = 0.0
+            self.trip = self.safety.failed(tick.read_ns)
+        # While no reply is due the velocity is held until the next sample: a loop with a longer
+        # period, as in the theory. With dx = 0 in between the damping would act in one tick of
+        # many.
+        change, missed = self.inbox.change, tick.missed
+        flags = 0 if change is None else self._change(change)
+        law, watch, position, wall_torque = self.law, self.watch, self.position, 0.0
         contact = law.in_contact(position)
         if missed and self.gains.in_force and self.trip is None:
-            self.trip = self.safety.missed(deadline_ns, missed)
-        on = (self._on and woke_ns <= words[_HELD_NS]) or self._engage(woke_ns)
+            self.trip = self.safety.missed(tick.deadline_ns, missed)
+        on = (self._on and tick.held) or self._engage(tick.held)
         if not on:
             flags |= FLAG_OFF if self.gains.in_force else FLAG_WARM_UP
-        elif sampled_ns is not None:
-            watch.passed(1 + missed)
+        elif self.sampled_ns is not None:
             if outcome is _OK:
-                watch.sample(position, law, sampler.measured_torque)
+                watch.sample(position, law, self.measured_torque, 1 + missed)
                 if self.safety.driven(watch.commanded, contact, law):
                     self.trip = self.trip or Trip.OVERSPEED
                 elif watch.failed:
                     self.trip = self.trip or Trip.OSCILLATION
                 if self.passivity is not None:
                     law.injected = self._injected(self.passivity, position)
-            wall_torque = law.torque(position, sampler.damped)
-        if contact:
-            flags |= FLAG_CONTACT
+            else:
+                watch.passed(1 + missed)
+            wall_torque = law.torque(position, self.damped)
         torque = self.ring.push(wall_torque, 1 + missed)
         if self.trip is None and not isfinite(torque):
             self.trip = Trip.NOT_A_NUMBER
-        if self.trip is not None:
-            torque = 0.0
-        size = torque if torque >= 0.0 else -torque
-        if size > self._limit or size >= law.clip:
-            flags |= FLAG_SATURATED
-        if words[_CUT]:
-            return  # the supervisor has taken the bus: write nothing more
-        # From sending the request to sending the torque: both have the same travel time, which
-        # therefore is no part of the age.
-        sent_ns = self._now()
-        sent = self.servo.write(torque)
-        watch.sent(sent)
-        if sampler.pipelined:
-            self.servo.request()
+        self._flags = flags | FLAG_CONTACT if contact else flags
+        self._may_raise = not (contact and on)
+        self._wall_torque = wall_torque
+        return torque
 
+    def _move(self, position: float, sampled_ns: int) -> None:
+        """Take a good position [rad], sampled at an instant [ns]; estimate the velocity."""
+        last_ns, periods = self.sampled_ns, 1.0
+        if last_ns is None:
+            if self.wall_from_start and self.trip is None:
+                self._started_at = position
+                self.law.position += position
+        else:
+            # Not the count of ticks: readings may be lost, periods skipped, ticks late. Nearly
+            # whole numbers are rounded, so that jitter does not disturb the velocity.
+            passed = (sampled_ns - last_ns) / self.period_ns
+            if not -JITTER <= passed - 1.0 <= JITTER:
+                whole = round(passed)
+                near = abs(passed - whole) <= JITTER and whole
+                periods = whole if near else max(passed, SHORTEST)
+        self.position, self.sampled_ns = position, sampled_ns
+        self.velocity = self.damped = self.velocities.update(position, periods)
+        if self.velocity_filter is not None:
+            self.damped = self.velocity_filter.update(self.velocity)
+
+    def after(self, torque: float, sent: float, tick: Tick) -> None:
+        """Do what can wait until the torque is sent: gains, row, changes.
+
+        Args:
+            torque: As commanded [N·m].
+            sent: As sent [N·m].
+            tick: Times of this period.
+        """
+        law, watch, outcome, flags = self.law, self.watch, self.outcome, self._flags
+        watch.sent(sent)
+        size = torque if torque >= 0.0 else -torque
+        if size > self.torque_limit or size >= law.clip:
+            flags |= FLAG_SATURATED
         age_ns = 0
         interval_ns = 0  # to the next tick with a sample: a lost reading is part of the interval
         if outcome is _OK or outcome is _WAITING:
-            interval_ns = woke_ns - self._served_ns if self._served_ns else self.period_ns
-            self._served_ns = woke_ns
-        if sampled_ns is not None:
-            age_ns = sent_ns - sampled_ns
-            may_raise = not (contact and on) or self._may_rise()
-            if words[_RAISE] != self._raises:  # the return to the full wall is requested
-                self._raises = words[_RAISE]
+            interval_ns = tick.woke_ns - self._served_ns if self._served_ns else self.period_ns
+            self._served_ns = tick.woke_ns
+        if self.sampled_ns is not None:
+            age_ns = tick.sent_ns - self.sampled_ns
+            if tick.raises != self._raises:  # the return to the full wall is requested
+                self._raises = tick.raises
                 flags |= FLAG_RAISED
                 watch.raise_again()
-            if self.gains.follow(age_ns, interval_ns, may_raise):
+            if self.gains.follow(age_ns, interval_ns, self._may_raise or self._may_rise()):
                 self._follow_gains()
         derating = law.derating
         self.telemetry.write(
-            deadline_ns,
-            lateness_ns,
-            self._work_ns,
-            self._bus_ns,
-            sampled_ns or 0,
+            tick.deadline_ns,
+            tick.lateness_ns,
+            tick.work_ns,
+            tick.bus_ns,
+            self.sampled_ns or 0,
             age_ns,
             outcome,
-            missed,
+            tick.missed,
             flags,
             law.phase,
             watch.current,
-            position,
-            sampler.velocity,
-            wall_torque,
+            self.position,
+            self.velocity,
+            self._wall_torque,
             sent,
             law.stiffness * derating.scale,
             (law.damping + law.injected) * derating.damping_scale,
             self._delay_s,
-            sampler.measured_torque,
+            self.measured_torque,
             law.held,
         )
-        self._wall_torque = wall_torque
-        self.done = law.done
-        if words[_OFFERED] != inbox.taken:
-            inbox.take()
-
-        self.ticks = words[_TICKS] = self.ticks + 1
-        self.missed = words[_MISSED] = self.missed + missed
-        bus_ns = self._bus.waited_ns
-        words[_HEARTBEAT_NS] = ended_ns = self._now()
-        work_ns = ended_ns - woke_ns - bus_ns
-        if (offset := words[_OFFSET_NS]) != self._offset:  # elastic, in this tick
-            waited_ns = words[_WAITED_NS] - self._waited
-            bus_ns += waited_ns
-            work_ns += offset - self._offset - waited_ns
-            self._offset = offset
-        self._work_ns, self._bus_ns = work_ns, bus_ns
+        if self._words[_OFFERED] != self.inbox.taken:
+            self.inbox.take()
 
     def _injected(self, passivity: PassivityControl, position: float) -> float:
         """Return the damping that the energy of the motion asks for [N·m·s/rad]."""
@@ -295,10 +321,10 @@ class Tick:
 
     def _obstacle(self, change: Change) -> Obstacle:
         """Return the obstacle to making a change in this tick."""
-        sampler, gains, changeover = self.sampler, self.gains, self.changeover
+        gains, changeover = self.gains, self.changeover
         if not self.came_on:
             return Obstacle.NOT_ON
-        if sampler.outcome is not _OK:
+        if self.outcome is not _OK:
             return Obstacle.READING
         if not change.placed:
             change.placed = True
@@ -316,8 +342,8 @@ class Tick:
             change.law or law,
             allowed._replace(delay=max(allowed.delay, self._delay_s)),
             change.steps,
-            sampler.position,
-            sampler.damped,
+            self.position,
+            self.damped,
         )
         falls = allowed.stiffness < gains.stiffness
         if obstacle is not Obstacle.NONE and falls and not change.moved:
@@ -326,10 +352,10 @@ class Tick:
 
     def _make(self, change: Change) -> None:
         """Render, command and watch as the change asks for, from this tick on."""
-        law, ring, position = self.law, self.ring, self.sampler.position
+        law, ring, position = self.law, self.ring, self.position
         before = law.position
         if change.steps != ring.steps:
-            coming = law.torque(position, self.sampler.damped) if self._on else 0.0
+            coming = law.torque(position, self.damped) if self._on else 0.0
             ring = ring.resized(change.steps, self._wall_torque, coming)
         if change.law is not None:
             adopt(change.law, law)
@@ -345,27 +371,27 @@ class Tick:
         self.changeover.restart()
         self._follow_gains()
 
-    def _engage(self, woke_ns: int) -> bool:
+    def _engage(self, held: bool) -> bool:
         """Record that the wall is off; return whether it comes on in this tick."""
-        gate, law, sampler = self.engagement, self.law, self.sampler
+        gate, law, position = self.engagement, self.law, self.position
         if self._on:
             self._on = False
             gate.restart()
             self.ring.clear()
-            law.settle(sampler.position)  # what it has stored is lost with its torque
-        if sampler.outcome is _OK or sampler.outcome is _WAITING:  # a slow reply: the last position
-            gate.sample(self.gains.coming, law.elongation(sampler.position))
-        if not (self.gains.in_force and gate.ready) or woke_ns > self._words[_HELD_NS]:
+            law.settle(position)  # what it has stored is lost with its torque
+        if self.outcome is _OK or self.outcome is _WAITING:  # a slow reply: the last position
+            gate.sample(self.gains.coming, law.elongation(position))
+        if not (self.gains.in_force and gate.ready and held):
             return False
         if self.came_on:
             self.watch.resume()
             if self.passivity is not None:
                 self.passivity.restart()
-        law.settle(sampler.position)
+        law.settle(position)
         self._on = self.came_on = True
         return True
 
     def _may_rise(self) -> bool:
         """Whether K may rise by the largest possible amount although the shaft is in contact."""
-        elongation = self.law.elongation(self.sampler.position)
+        elongation = self.law.elongation(self.position)
         return self.engagement.may_rise(self.gains.largest_rise, elongation)

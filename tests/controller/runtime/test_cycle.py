@@ -1,10 +1,11 @@
-"""One period against a scripted servo on the simulated clock: every stage, and every failure."""
+"""One period against scripted servos on the simulated clock: every stage, and every failure."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any, cast
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,12 +20,13 @@ from haptic_wall.controller.laws.friction import Friction
 from haptic_wall.controller.laws.shaped import ShapedLaw
 from haptic_wall.controller.laws.velocity import BackwardDifference
 from haptic_wall.controller.laws.wall import Wall
+from haptic_wall.controller.runtime.axis import Axis, Tick
 from haptic_wall.controller.runtime.changeover import Changeover
 from haptic_wall.controller.runtime.checks import Safety, SafetyLimits
+from haptic_wall.controller.runtime.cycle import Cycle
 from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.runtime.handover import Inbox
 from haptic_wall.controller.runtime.safety import Trip
-from haptic_wall.controller.runtime.sampler import Sampler
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_CONTACT,
     FLAG_OFF,
@@ -33,9 +35,10 @@ from haptic_wall.controller.runtime.telemetry import (
     Telemetry,
     Word,
 )
-from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.servo import Bus, Facts, Outcome, Reading, Servo
+from haptic_wall.hw.servo import BusCounts, Check, Facts, Outcome, Reading, Traffic
+from haptic_wall.hw.simulated import SimulatedBus
+from tests.support.buses import TRUE, emulated_bus
 
 PERIOD_NS = 1_000_000
 LOST = object()
@@ -46,40 +49,59 @@ def bin_of(stiffness: float, damping: float, delay: float) -> Allowed:
     return Allowed(stiffness, damping, delay, ceiling=1.0)
 
 
-class ScriptedServo:
-    """Answers with the positions it is given; LOST is no reply, WAITING none yet."""
+class ScriptedBus:
+    """Answers with the positions it is given; LOST is no reply, WAITING none yet.
 
-    facts = Facts("scripted", 0, torque_limit=5.0, torque_step=0.0)
+    Each servo has a script of its own.
+    """
 
-    def __init__(self, clock: SimulatedClock, positions: Iterable[object], age_ns: int = 0) -> None:
-        self.clock, self.positions, self.age_ns = clock, list(positions), age_ns
-        self.bus = Bus()
-        self.sent: list[float] = []
+    def __init__(
+        self, clock: SimulatedClock, scripts: Sequence[Iterable[object]], age_ns: int = 0
+    ) -> None:
+        self.clock, self.scripts, self.age_ns = clock, [list(one) for one in scripts], age_ns
+        self.facts = [Facts("scripted", 0, torque_limit=5.0, torque_step=0.0)] * len(scripts)
+        self.traffic = Traffic([BusCounts() for _ in scripts])
+        self.frames: list[list[float]] = []
         self.calls: list[str] = []
         self.deadlines: list[int] = []
+
+    @property
+    def sent(self) -> list[float]:
+        """Torques of the first servo."""
+        return [frame[0] for frame in self.frames]
+
+    def start(self) -> list[list[Check]]:
+        return [[] for _ in self.scripts]
 
     def request(self) -> None:
         self.calls.append("request")
         self.asked_ns = self.clock.now_ns()
 
-    def collect(self, deadline_ns: int) -> Reading:
+    def collect(self, deadline_ns: int) -> list[Reading]:
         self.calls.append("collect")
         self.deadlines.append(deadline_ns - self.clock.now_ns())
-        position = self.positions.pop(0)
+        return [self._reading(script.pop(0)) for script in self.scripts]
+
+    def _reading(self, position: object) -> Reading:
         if position in (LOST, WAITING):
             outcome = Outcome.LOST if position is LOST else Outcome.WAITING
             return Reading(outcome, math.nan, 0, self.asked_ns, math.nan, False)
         began_ns = self.clock.now_ns()
         self.clock.wait_until(self.asked_ns + self.age_ns)
-        self.bus.waited_ns = self.clock.now_ns() - began_ns
+        self.traffic.waited_ns = self.clock.now_ns() - began_ns
         assert isinstance(position, float | int)
         return Reading(Outcome.OK, position, 0, self.asked_ns, math.nan, False)
 
-    def write(self, torque: float) -> float:
+    def write(self, torques: Sequence[float]) -> list[float]:
         self.calls.append("write")
-        limited = min(max(torque, -5.0), 5.0)
-        self.sent.append(limited)
-        return limited
+        self.frames.append([min(max(torque, -5.0), 5.0) for torque in torques])
+        return self.frames[-1]
+
+    def stop(self) -> bool:
+        return True
+
+    def close(self) -> None:
+        pass
 
 
 class CountingWatch(Watch):
@@ -93,98 +115,106 @@ class CountingWatch(Watch):
 
 
 class Rig:
+    """A cycle over servos with the same wall; one by default."""
+
     def __init__(
         self,
         positions: Iterable[object],
-        steps: int = 0,
-        rungs: Sequence[Allowed] | None = None,
-        ages: Sequence[int] = (0,),
+        *others: Iterable[object],
         age_ns: int = 0,
-        **wall: Any,
+        **given: Any,
     ) -> None:
         self.clock = SimulatedClock(10**9)
-        self.servo = ScriptedServo(self.clock, positions, age_ns)
-        self.telemetry = Telemetry.create()
-        rungs = rungs or [bin_of(wall.get("stiffness", 10.0), wall.get("damping", 0.0), 0.0)]
-        self.schedule = GainSchedule(GainTable(rungs), list(ages), [PERIOD_NS], 90.0, 100)
-        self.wall = wall.get("law") or Wall(
-            0.0, 0.0, 0.0, wall.get("side", "both"), wall.get("clip", math.inf)
-        )
-        gains = Gains(self.schedule, self.wall, 50)
-        pipelined = wall.get("pipelined", False)
-        self.watch = CountingWatch(WatchSettings(1e-3))
-        self.tick = Tick(
-            clock=self.clock,
-            servo=cast(Servo, self.servo),
-            law=self.wall,
-            sampler=Sampler(
-                cast(Servo, self.servo),
-                BackwardDifference(1e-3),
-                PERIOD_NS,
-                pipelined=pipelined,
-            ),
-            gains=gains,
-            ring=DelayRing(steps),
-            safety=Safety(
-                SafetyLimits(
-                    *(1000.0, 0.0, 0.5, 10, 3 * PERIOD_NS, PERIOD_NS),
-                    driven_speed=wall.get("driven", math.inf),
-                )
-            ),
-            watch=self.watch,
-            passivity=None,
-            telemetry=self.telemetry,
-            period_ns=PERIOD_NS,
-            wall_from_start=wall.get("from_start", False),
-            inbox=Inbox(self.telemetry),
-            changeover=Changeover(0.1, math.inf, 1e-3),
-            engagement=Engagement(
-                EngageLimits(0.1, 0.0, 3), start_room=wall.get("start_room", math.inf)
-            ),
-        )
+        scripts = (positions, *others)
+        self.bus = ScriptedBus(self.clock, scripts, age_ns)
+        self.axes = [made_axis(**given) for _ in scripts]
+        self.axis, self.telemetry = self.axes[0], self.axes[0].telemetry
+        self.watch, self.wall = self.axis.watch, self.axis.law
+        pipelined = given.get("pipelined", False)
+        words = self.telemetry.words
+        self.cycle = Cycle(self.clock, self.bus, self.axes, words, PERIOD_NS, pipelined=pipelined)
         self.deadline = self.clock.now_ns()
 
     def run(self, count: int, missed: int = 0) -> Rig:
         for _ in range(count):
             self.deadline += (1 + missed) * PERIOD_NS
             self.clock.wait_until(self.deadline)
-            self.tick.run(self.deadline, self.clock.now_ns(), missed)
+            self.cycle.run(self.deadline, self.clock.now_ns(), missed)
         return self
 
     @property
     def rows(self) -> NDArray[np.void]:
+        """Of the first servo."""
         return self.telemetry.read(0)[0]
 
 
+def made_axis(
+    steps: int = 0,
+    rungs: Sequence[Allowed] | None = None,
+    ages: Sequence[int] = (0,),
+    refusals: int = 0,
+    **wall: Any,
+) -> Axis:
+    telemetry = Telemetry.create()
+    rungs = rungs or [bin_of(wall.get("stiffness", 10.0), wall.get("damping", 0.0), 0.0)]
+    schedule = GainSchedule(GainTable(rungs), list(ages), [PERIOD_NS], 90.0, 100)
+    law = wall.get("law") or Wall(
+        0.0, 0.0, 0.0, wall.get("side", "both"), wall.get("clip", math.inf)
+    )
+    limits = SafetyLimits(
+        *(wall.get("max_speed", 1000.0), 0.0, 0.5, 10, 3 * PERIOD_NS, PERIOD_NS, refusals),
+        driven_speed=wall.get("driven", math.inf),
+    )
+    return Axis(
+        law=law,
+        velocities=BackwardDifference(1e-3),
+        velocity_filter=None,
+        gains=Gains(schedule, law, 50),
+        ring=DelayRing(steps),
+        safety=Safety(limits),
+        watch=CountingWatch(WatchSettings(1e-3)),
+        passivity=None,
+        telemetry=telemetry,
+        period_ns=PERIOD_NS,
+        torque_limit=5.0,
+        wall_from_start=wall.get("from_start", False),
+        inbox=Inbox(telemetry),
+        changeover=Changeover(0.1, math.inf, 1e-3),
+        engagement=Engagement(
+            EngageLimits(0.1, 0.0, 3), start_room=wall.get("start_room", math.inf)
+        ),
+    )
+
+
 def on(rig: Rig) -> Rig:
-    rig.tick.wall_on()
+    rig.cycle.wall_on()
     return rig
 
 
 def test_the_torque_is_the_walls() -> None:
     rig = on(Rig([0.1, 0.11, 0.11], stiffness=10.0, damping=0.02)).run(3)
-    assert rig.servo.sent == pytest.approx([-1.0, -1.1 - 0.02 * 10.0, -1.1])
+    assert rig.bus.sent == pytest.approx([-1.0, -1.1 - 0.02 * 10.0, -1.1])
 
 
 def test_order_of_a_cycle_in_both_schedules() -> None:
-    assert on(Rig([0.0])).run(1).servo.calls == ["request", "collect", "write"]
+    assert on(Rig([0.0])).run(1).bus.calls == ["request", "collect", "write"]
     piped = on(Rig([0.0, 0.0], pipelined=True)).run(2)
-    assert piped.servo.calls == ["request", *["collect", "write", "request"] * 2]
+    assert piped.bus.calls == ["request", *["collect", "write", "request"] * 2]
 
 
 def test_warm_up_sends_zero() -> None:
     rig = Rig([0.5, 0.5])
-    assert rig.run(2).servo.sent == [0.0, 0.0]
+    assert rig.run(2).bus.sent == [0.0, 0.0]
 
 
 def test_delay_counts_periods() -> None:
     rig = on(Rig([0.1, 0.2, 0.3, 0.4], steps=2, stiffness=10.0)).run(4)
-    assert rig.servo.sent == pytest.approx([0.0, 0.0, -1.0, -2.0])
+    assert rig.bus.sent == pytest.approx([0.0, 0.0, -1.0, -2.0])
 
 
 def test_skipped_periods_shift_the_delay() -> None:
     rig = on(Rig([0.1, 0.2, 0.3], steps=2, stiffness=10.0)).run(2).run(1, missed=1)
-    assert rig.servo.sent == pytest.approx([0.0, 0.0, -2.0]), "what was rendered two periods ago"
+    assert rig.bus.sent == pytest.approx([0.0, 0.0, -2.0]), "what was rendered two periods ago"
 
 
 def test_skipped_periods_divide_the_difference() -> None:
@@ -201,35 +231,35 @@ def test_a_lost_reading_is_no_position_and_costs_one_period() -> None:
     velocities = rig.rows["velocity"]
     assert positions == pytest.approx([0.1, 0.1, 0.104, 0.106])
     assert velocities == pytest.approx([0.0, 0.0, 2.0, 2.0])
-    assert rig.servo.sent[1] == pytest.approx(-1.0)
+    assert rig.bus.sent[1] == pytest.approx(-1.0)
 
 
 def test_before_the_first_reading_nothing_acts() -> None:
     rig = on(Rig([LOST, LOST, 0.1], stiffness=10.0))
     for _ in range(3):
-        assert rig.run(1).tick.trip is None
-    assert rig.servo.sent == pytest.approx([0.0, 0.0, -1.0])
+        assert rig.run(1).cycle.trip is None
+    assert rig.bus.sent == pytest.approx([0.0, 0.0, -1.0])
 
 
 def test_losses_trip_with_torque_off() -> None:
     rig = on(Rig([0.1] + [LOST] * 4, stiffness=10.0)).run(5)
-    assert rig.tick.trip is Trip.LOSSES_IN_ROW
-    assert rig.servo.sent[-1] == 0.0
+    assert rig.cycle.trip is Trip.LOSSES_IN_ROW
+    assert rig.bus.sent[-1] == 0.0
 
 
 def test_a_broken_torque_trips_with_torque_off() -> None:
     rig = on(Rig([0.1, 0.1], stiffness=10.0)).run(1)
     rig.wall.stiffness = math.nan
     rig.run(1)
-    assert rig.tick.trip is Trip.NOT_A_NUMBER
-    assert rig.servo.sent[-1] == 0.0
+    assert rig.cycle.trip is Trip.NOT_A_NUMBER
+    assert rig.bus.sent[-1] == 0.0
 
 
 def test_the_cut_flag_stops_every_write() -> None:
     rig = on(Rig([0.1, 0.1], stiffness=10.0)).run(1)
     rig.telemetry.words[Word.CUT] = 1
     rig.run(1)
-    assert len(rig.servo.sent) == 1
+    assert len(rig.bus.sent) == 1
 
 
 def test_saturation_and_contact_are_told() -> None:
@@ -262,9 +292,9 @@ def test_stiffer_again_only_where_that_loads_the_spring_with_no_more_than_a_smal
     """10 N·m/rad more, and 0.1 N·m is small."""
     rungs = [bin_of(20.0, 0.0, 0.0), bin_of(10.0, 0.0, 1e-3)]
     rig = on(Rig([position] * 900, rungs=rungs, ages=(0, 500_000), side=side))
-    rig.servo.age_ns = 400_000
+    rig.bus.age_ns = 400_000
     rig.run(100)
-    rig.servo.age_ns = 0
+    rig.bus.age_ns = 0
     rig.run(700)  # more than five windows of a hundred
     assert rig.rows["stiffness"][99] == 10.0
     assert rig.rows["stiffness"][-1] == (20.0 if raised else 10.0)
@@ -283,10 +313,10 @@ def reduced(rig: Rig, scale: float, damping_scale: float) -> Rig:
 def test_the_watch_scales_stiffness_and_damping_from_the_tick_in_which_it_says_so() -> None:
     rig = on(Rig([0.1, 0.11, 0.1, 0.11], stiffness=10.0, damping=0.02)).run(2)
     reduced(rig, 0.25, 0.5).run(2)
-    assert rig.servo.sent == pytest.approx([-1.0, -1.3, -0.25 + 0.1, -0.275 - 0.1])
+    assert rig.bus.sent == pytest.approx([-1.0, -1.3, -0.25 + 0.1, -0.275 - 0.1])
     assert rig.rows["stiffness"].tolist() == [10.0, 10.0, 2.5, 2.5]
     assert rig.rows["damping"].tolist() == [0.02, 0.02, 0.01, 0.01]
-    assert rig.tick.commanded == (2.5, 0.01)
+    assert rig.axis.commanded == (2.5, 0.01)
 
 
 def test_a_request_to_raise_is_handed_to_the_watch_and_raises_nothing_in_contact() -> None:
@@ -294,6 +324,7 @@ def test_a_request_to_raise_is_handed_to_the_watch_and_raises_nothing_in_contact
     reduced(rig, 0.25, 0.5).run(20)
     rig.telemetry.words[Word.RAISE] += 1
     rig.run(100)
+    assert isinstance(rig.watch, CountingWatch)
     assert rig.watch.asked == 1
     assert set(rig.rows["stiffness"]) == {5.0}
     assert set(rig.rows["damping"]) == {0.01}
@@ -303,8 +334,8 @@ def test_while_no_reply_is_due_the_torque_is_held_and_nothing_is_lost() -> None:
     """Held with its damping: else that would act in one tick of several."""
     rig = on(Rig([0.1, 0.12, *[WAITING] * 4, 0.12], stiffness=10.0, damping=0.02)).run(7)
     held = -1.2 - 0.02 * 20.0
-    assert rig.servo.sent == pytest.approx([-1.0, *[held] * 5, -1.2])
-    assert rig.tick.trip is None  # four losses in a row would have tripped
+    assert rig.bus.sent == pytest.approx([-1.0, *[held] * 5, -1.2])
+    assert rig.cycle.trip is None  # four losses in a row would have tripped
     assert list(rig.rows["outcome"][2:6]) == [Outcome.WAITING] * 4
     assert list(rig.rows["age_ns"][1:6]) == [k * PERIOD_NS for k in range(5)]
 
@@ -323,22 +354,22 @@ def holds(rig: Rig) -> Rig:
 def test_the_wall_comes_on_in_the_third_unloaded_tick_and_not_before() -> None:
     positions = [0.5, 0.5, 0.5, 0.005, 0.5, 0.005, 0.005, 0.005, 0.1]
     rig = on(Rig(positions, stiffness=10.0, start_room=0.0)).run(9)
-    assert rig.servo.sent == pytest.approx([0.0] * 7 + [-0.05, -1.0])
+    assert rig.bus.sent == pytest.approx([0.0] * 7 + [-0.05, -1.0])
     assert [bool(f & FLAG_OFF) for f in rig.rows["flags"]] == [True] * 7 + [False] * 2
-    assert rig.tick.came_on
+    assert rig.axis.came_on
 
 
 def test_torque_is_out_in_the_tick_after_the_dead_man_is_let_go() -> None:
     rig = on(Rig([0.1] * 10, stiffness=10.0)).run(2)
     lets_go(rig).run(3)
-    assert rig.servo.sent == pytest.approx([-1.0, -1.0, 0.0, 0.0, 0.0])
+    assert rig.bus.sent == pytest.approx([-1.0, -1.0, 0.0, 0.0, 0.0])
     assert [bool(f & FLAG_OFF) for f in rig.rows["flags"]] == [False] * 2 + [True] * 3
 
 
 def test_nothing_that_was_delayed_comes_out_after_the_dead_man_was_let_go() -> None:
     rig = on(Rig([0.1] * 5 + [0.0] * 10, stiffness=10.0, steps=6)).run(5)
     holds(lets_go(rig).run(1)).run(9)
-    assert not any(rig.servo.sent)
+    assert not any(rig.bus.sent)
 
 
 def test_a_dead_man_that_is_held_again_brings_the_wall_back_only_where_it_is_no_blow() -> None:
@@ -346,7 +377,7 @@ def test_a_dead_man_that_is_held_again_brings_the_wall_back_only_where_it_is_no_
     rig = on(Rig(positions, stiffness=10.0)).run(1)
     lets_go(rig).run(1)
     holds(rig).run(11)
-    assert rig.servo.sent == pytest.approx([-1.0] + [0.0] * 9 + [-0.09, -0.09, -1.0])
+    assert rig.bus.sent == pytest.approx([-1.0] + [0.0] * 9 + [-0.09, -0.09, -1.0])
 
 
 def test_friction_comes_on_again_after_a_pause() -> None:
@@ -354,7 +385,7 @@ def test_friction_comes_on_again_after_a_pause() -> None:
     rig = on(Rig([0.0] + [0.4] * 10, stiffness=10.0, law=friction)).run(2)
     lets_go(rig).run(1)
     holds(rig).run(5)
-    assert rig.servo.sent[1] == pytest.approx(-0.5)
+    assert rig.bus.sent[1] == pytest.approx(-0.5)
     assert [bool(f & FLAG_OFF) for f in rig.rows["flags"]] == [False] * 2 + [True] * 2 + [False] * 4
 
 
@@ -371,7 +402,7 @@ def test_a_wall_from_the_start_is_where_the_first_good_reading_says() -> None:
     rig = Rig([LOST, 18.8, 18.8, 18.9], stiffness=10.0, from_start=True)
     rig.wall.position = 0.05
     assert on(rig).run(4).wall.position == pytest.approx(18.85)
-    assert rig.servo.sent == pytest.approx([0.0, 0.5, 0.5, -0.5])
+    assert rig.bus.sent == pytest.approx([0.0, 0.5, 0.5, -0.5])
 
 
 def test_the_served_interval_goes_on_over_readings_that_failed(
@@ -386,3 +417,94 @@ def test_the_served_interval_goes_on_over_readings_that_failed(
     monkeypatch.setattr(Gains, "follow", follow)
     Rig([0.0, LOST, 0.0]).run(3)
     assert seen == [PERIOD_NS, 0, 2 * PERIOD_NS]
+
+
+@pytest.mark.parametrize(
+    ("passed", "counted"),
+    [(0.2, 0.5), (0.95, 1.0), (1.05, 1.0), (1.5, 1.5), (2.93, 3.0), (3.4, 3.4)],
+)
+def test_the_velocity_is_over_the_time_that_really_passed(passed: float, counted: float) -> None:
+    axis = made_axis()
+    for position, at_ns in ((0.0, 10), (0.01, 10 + round(passed * PERIOD_NS))):
+        axis.torque(Reading(Outcome.OK, position, 0, at_ns, 0.1, False), Tick())
+    assert axis.velocity == pytest.approx(0.01 / (counted * 1e-3))
+
+
+def test_a_jump_that_goes_away_is_refused_and_one_that_stays_trips_after_three_periods() -> None:
+    away = on(Rig([0.0, 0.1, 0.1, 0.0, 0.0], refusals=3, max_speed=15.0)).run(5)
+    assert list(away.rows["outcome"]) == [0, Outcome.REFUSED, Outcome.REFUSED, 0, 0]
+    assert not any(away.rows["position"])
+    assert away.axis.safety.refused == 2
+    assert away.cycle.trip is None
+    stays = on(Rig([0.0, *[0.1] * 4], refusals=3, max_speed=15.0)).run(5)
+    assert list(stays.rows["outcome"]) == [0, *[Outcome.REFUSED] * 3, 0]
+    assert stays.cycle.trip is Trip.OVERSPEED
+
+
+# Several axes
+
+
+@pytest.mark.parametrize("count", [2, 6])
+def test_each_axis_renders_its_own_wall_in_one_frame(count: int) -> None:
+    rig = on(Rig(*([0.01 * n, 0.02 * n] for n in range(1, 1 + count)), stiffness=10.0)).run(2)
+    assert rig.bus.calls == ["request", "collect", "write"] * 2
+    for k, frame in enumerate(rig.bus.frames):
+        assert frame == pytest.approx([-0.1 * (k + 1) * n for n in range(1, 1 + count)])
+    for n, axis in enumerate(rig.axes, start=1):
+        assert axis.telemetry.read(0)[0]["position"] == pytest.approx([0.01 * n, 0.02 * n])
+
+
+@pytest.mark.parametrize("count", [1, 2, 6])
+@pytest.mark.parametrize(
+    ("end", "trip"),
+    [([LOST] * 4, Trip.LOSSES_IN_ROW), ([math.nan], Trip.NOT_A_NUMBER), ([9.0], Trip.OVERSPEED)],
+)
+def test_an_axis_that_is_lost_or_trips_sends_zero_to_all_in_the_same_frame(
+    count: int, end: list[object], trip: Trip
+) -> None:
+    ticks = 2 + len(end)
+    others: list[list[object]] = [[0.1] * ticks] * (count - 1)
+    rig = on(Rig(*others, [0.1, 0.1, *end], stiffness=10.0))
+    rig.run(ticks - 1)
+    assert rig.cycle.trip is None
+    assert rig.bus.frames[-1] == pytest.approx([-1.0] * count), "one lost reading costs no torque"
+    rig.run(1)
+    assert rig.cycle.trip is trip
+    assert rig.bus.frames[-1] == [0.0] * count
+    assert [axis.trip for axis in rig.axes] == [None] * (count - 1) + [trip]
+    assert rig.rows["torque"][-1] == 0.0
+
+
+@pytest.mark.parametrize("count", [1, 2, 6])
+@pytest.mark.parametrize("emulated", [False, True])
+def test_walls_on_a_bus_of_servos_hold_every_shaft_and_end_together(
+    count: int, emulated: bool
+) -> None:
+    """Each shaft starts at its own place in a two-sided wall at 0."""
+    clock = SimulatedClock(7 * PERIOD_NS)
+    trues = [replace(TRUE, coulomb=0.0, position=0.02 * n) for n in range(1, 1 + count)]
+    bus = emulated_bus(trues, clock) if emulated else SimulatedBus(trues, clock)
+    bus.start()
+    gains = [bin_of(5.0, 0.05, 0.0)] * 2
+    axes = [made_axis(rungs=gains, ages=(PERIOD_NS,)) for _ in range(count)]
+    words = axes[0].telemetry.words
+    words[Word.HELD_NS] = NO_DEAD_MAN
+    cycle = Cycle(clock, bus, axes, words, PERIOD_NS, pipelined=False)
+    cycle.wall_on()
+    deadline = clock.now_ns()
+    for _ in range(700):
+        deadline += PERIOD_NS
+        clock.wait_until(deadline)
+        cycle.run(deadline, clock.now_ns(), 0)
+        assert cycle.trip is None
+    for n, axis in enumerate(axes, start=1):
+        positions = axis.telemetry.read(0)[0]["position"]
+        assert positions[0] == pytest.approx(0.02 * n, abs=2e-3)
+        assert abs(positions[-1]) < 4e-3
+    axes[-1].safety.found, axes[-1].trip = "", None
+    axes[-1].law.stiffness = math.nan
+    clock.wait_until(deadline + PERIOD_NS)
+    cycle.run(deadline + PERIOD_NS, clock.now_ns(), 0)
+    assert cycle.trip is Trip.NOT_A_NUMBER
+    assert [axis.telemetry.read(0)[0]["torque"][-1] for axis in axes] == [0.0] * count
+    assert bus.stop()

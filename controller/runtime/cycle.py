@@ -1,0 +1,160 @@
+"""One period of a run, over all of its axes: collect, decide, write, and then the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, Literal
+
+from haptic_wall.controller.runtime.axis import Axis, Tick
+from haptic_wall.controller.runtime.safety import Trip
+from haptic_wall.controller.runtime.telemetry import Word
+from haptic_wall.hw.clock import Clock
+from haptic_wall.hw.servo import Bus, Outcome, Reading, Traffic
+from haptic_wall.hw.settings import Schedule
+
+COLLECT_SHARE: Final = 0.8
+"""Fraction of a period after which a missing reply is given up [1]. A pipelined tick that waits
+sends its next request later, until a phase of the adapter's timer comes in which the replies are in
+time. A loop that does not wait misses every reply at some phases."""
+LONGER_SHARE: Final = 1.05
+"""The same fraction after a pipelined reply was lost, until another one is lost [1]. An adapter
+flushes its buffer periodically. A request sent after giving up can then miss each tick by the time
+that it takes itself, for ever. With the first fraction that happens at phases of 0.8 to about 0.95
+periods, with this one at 0.05 to 0.2, so that changing the fraction leaves either."""
+_LOST: Final = Outcome.LOST
+_HEARTBEAT_NS, _CUT = int(Word.HEARTBEAT_NS), int(Word.CUT)
+_TICKS, _MISSED, _RAISE = int(Word.TICKS), int(Word.MISSED), int(Word.RAISE)
+_HELD_NS, _OFFSET_NS, _WAITED_NS = int(Word.HELD_NS), int(Word.OFFSET_NS), int(Word.WAITED_NS)
+
+
+def is_pipelined(
+    schedule: Schedule | Literal["auto"], traffic: Traffic | None, period_s: float
+) -> bool:
+    """Whether requests are sent in the period before.
+
+    Args:
+        schedule: As configured.
+        traffic: Of the bus after its start; None: there is none.
+        period_s: The sampling period [s].
+    """
+    if schedule == "auto":  # where a reply takes several periods, neither is better
+        if traffic is None or traffic.reply_s:
+            return False
+        return traffic.longest_s > COLLECT_SHARE * period_s
+    return schedule == "pipelined"
+
+
+class Cycle:
+    """Executes the steps of a period in order; the trip of any axis sends zero to all.
+
+    Args:
+        clock: The loop's clock.
+        bus: The servos, started.
+        axes: One for each servo, in the same order.
+        words: The control words of the run.
+        period_ns: Of the grid [ns].
+        pipelined: Requests are sent at the end of the period before; else in the period of the
+            sample.
+
+    Attributes:
+        trip: Why the run must end; None: no trip. Once set, no torque is sent.
+        done: All programs are over; the torques of the last period were zero.
+        ticks: Periods executed.
+        missed: Whole periods skipped.
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        bus: Bus,
+        axes: Sequence[Axis],
+        words: memoryview[int],
+        period_ns: int,
+        *,
+        pipelined: bool,
+    ) -> None:
+        self.bus, self.axes = bus, axes
+        self.trip: Trip | None = None
+        self.done = False
+        self.ticks = self.missed = 0
+        self._now = clock.now_ns
+        self._words = words
+        self._pipelined = pipelined
+        self._collect_ns = int(COLLECT_SHARE * period_ns)
+        self._other_collect_ns = int(LONGER_SHARE * period_ns)
+        self._zeros = [0.0] * len(axes)
+        self._traffic = bus.traffic or Traffic([])
+        self._tick = Tick()
+        self._offset = words[_OFFSET_NS]
+        """Of an elastic clock, as last seen [ns]"""
+        if pipelined:
+            bus.request()
+
+    def wall_on(self) -> None:
+        """End the warm-up of all axes."""
+        for axis in self.axes:
+            axis.wall_on()
+
+    def may_engage(self) -> bool:
+        """Whether all walls would come on with the next readings, if those equal the last ones."""
+        return all(axis.engagement.ready for axis in self.axes) and self.held()
+
+    def held(self) -> bool:
+        """Whether the dead man is held, or there is none."""
+        return self._now() <= self._words[_HELD_NS]
+
+    def run(self, deadline_ns: int, woke_ns: int, missed: int) -> None:
+        """Serve one deadline.
+
+        Args:
+            deadline_ns: The deadline served [ns].
+            woke_ns: When the loop woke for it [ns].
+            missed: Whole periods skipped since the last tick.
+        """
+        words, bus, axes, now, tick = self._words, self.bus, self.axes, self._now, self._tick
+        offset, waited = words[_OFFSET_NS], words[_WAITED_NS]
+        # Reported is real time, whatever an elastic clock takes out.
+        tick.lateness_ns = woke_ns - deadline_ns + offset - self._offset
+        tick.deadline_ns, tick.woke_ns, tick.missed = deadline_ns, woke_ns, missed
+        tick.held, tick.raises = woke_ns <= words[_HELD_NS], words[_RAISE]
+
+        if not self._pipelined:
+            bus.request()
+        readings = bus.collect(woke_ns + self._collect_ns)
+        tick.read_ns = now()
+        torques, trip = [], None
+        for axis, reading in zip(axes, readings):  # noqa: B905 - quicker
+            torques.append(axis.torque(reading, tick))
+            trip = trip or axis.trip
+        if trip is not None:
+            self.trip, torques = trip, self._zeros
+        if words[_CUT]:
+            return  # the supervisor has taken the bus: write nothing more
+        # From sending the request to sending the torques: both have the same travel time, which
+        # therefore is no part of the age.
+        tick.sent_ns = now()
+        sent = bus.write(torques)
+        if self._pipelined:
+            self._take_turns(readings)
+            bus.request()
+
+        self.done = True
+        for axis, torque, one in zip(axes, torques, sent):  # noqa: B905 - quicker
+            axis.after(torque, one, tick)
+            self.done = self.done and axis.law.done
+        self.ticks = words[_TICKS] = self.ticks + 1
+        self.missed = words[_MISSED] = self.missed + missed
+        bus_ns = self._traffic.waited_ns
+        words[_HEARTBEAT_NS] = ended_ns = now()
+        work_ns = ended_ns - woke_ns - bus_ns
+        if (ended := words[_OFFSET_NS]) != offset:  # elastic, in this tick
+            waited_ns = words[_WAITED_NS] - waited
+            bus_ns += waited_ns
+            work_ns += ended - offset - waited_ns
+        self._offset = ended
+        tick.work_ns, tick.bus_ns = work_ns, bus_ns
+
+    def _take_turns(self, readings: Sequence[Reading]) -> None:
+        """After a lost reply wait for the next ones as long as the other fraction says."""
+        if any(reading.outcome is _LOST for reading in readings):
+            self._collect_ns, self._other_collect_ns = self._other_collect_ns, self._collect_ns
