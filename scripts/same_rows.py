@@ -4,7 +4,7 @@
 
 A restructuring changes no number: not one bit of any row. tests/same_rows.txt holds a line for each
 run: its rows, its stop reason, its exit status, and digests of its rows and of the report's
-figures. The script drives the installed command and reads its answers and the logged rows only,
+figures. The script calls the command, and reads its answers and the logged rows only,
 so it works whatever the modules are called.
 
 An exact digest holds on machines with the same processor and the same versions of Python, NumPy,
@@ -26,8 +26,6 @@ import io
 import json
 import os
 import platform
-import runpy
-import shutil
 import signal
 import sqlite3
 import subprocess
@@ -38,6 +36,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from haptic_wall.controller.cli.main import main as main_command
 from scripts.same_rows_cases import CASES, Case
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -96,22 +95,15 @@ class Line:
 
 
 def command(*arguments: str) -> tuple[int, str]:
-    """Run the installed ``haptic-wall`` in this process; its exit status and standard output."""
-    found = Path(sys.executable).with_name("haptic-wall")
-    launcher = str(found) if found.exists() else shutil.which("haptic-wall")
-    if launcher is None:
-        raise SystemExit("found no command haptic-wall: install the project first")
-    told, argv, path = io.StringIO(), sys.argv, sys.path[:]
-    interrupt = signal.getsignal(signal.SIGINT)
+    """Run ``haptic-wall`` in this process; its exit status and standard output."""
+    told, interrupt = io.StringIO(), signal.getsignal(signal.SIGINT)
     status: object = 0
     try:
-        sys.argv = [launcher, *arguments]
         with contextlib.redirect_stdout(told), contextlib.redirect_stderr(io.StringIO()):
-            runpy.run_path(launcher, run_name="__main__")
+            status = main_command(list(arguments))
     except SystemExit as ended:
         status = ended.code
     finally:
-        sys.argv, sys.path[:] = argv, path
         signal.signal(signal.SIGINT, interrupt)
     return (status if isinstance(status, int) else 0), told.getvalue()
 
