@@ -52,7 +52,7 @@ def asked(wall: RunningWall, *words: str) -> tuple[int, dict[str, object]]:
 
 def test_a_wall_is_changed_from_outside_and_its_clients_harm_nothing(tmp_path: Path) -> None:
     log = tmp_path / "run.hwlog"
-    sets = ("servo.hand=push", "wall.stiffness=8", "realtime.profile=off")
+    sets = ("servo.hand=push", "wall.stiffness=8", "loop.rate_hz=100", "realtime.profile=off")
     with run("simulated", sets, log=log) as wall:
         told = wall.set({"wall.stiffness": 4.0}, wait_s=60.0)
         assert told["applied"] and told["guard"]["requested"]["stiffness"] == 4.0
