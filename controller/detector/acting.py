@@ -25,6 +25,9 @@ class ActingTorque:
     Args:
         lag_periods: Delay from a sample until its torque acts, >= 0 [periods].
 
+    Attributes:
+        last: The last torque sent [N·m].
+
     Raises:
         ValueError: The lag is negative or not finite.
     """
@@ -32,7 +35,7 @@ class ActingTorque:
     def __init__(self, lag_periods: float) -> None:
         self._ring: list[float] = []
         self._at = 0  # index of the next torque
-        self._last = 0.0
+        self.last = 0.0
         self.lag = lag_periods
 
     @property
@@ -54,17 +57,6 @@ class ActingTorque:
             self._ring = [0.0] * (size - len(old)) + old[at:] + old[:at]
             self._at = 0
 
-    def push(self, sent: float, periods: int = 1) -> float:
-        """Return the mean torque since the last sample; then store the torque sent with this one.
-
-        Args:
-            sent: Torque sent with the present sample [N·m].
-            periods: Number of periods from the last sample to this one, >= 1.
-        """
-        acted = self.acted(periods)
-        self.send(sent)
-        return acted
-
     def acted(self, periods: int = 1) -> float:
         """Return the mean torque from the last sample to the present one [N·m], ``periods`` later.
 
@@ -81,7 +73,7 @@ class ActingTorque:
     def send(self, torque: float) -> None:
         """Store the torque sent with the present sample [N·m]."""
         ring, at = self._ring, self._at
-        ring[at] = self._last = torque
+        ring[at] = self.last = torque
         self._at = (at + 1) % len(ring)
 
     def _skipped(self, periods: int) -> float:
@@ -90,6 +82,6 @@ class ActingTorque:
         total = 0.0
         for turn in range(turns):
             if turn:
-                self.send(self._last)
+                self.send(self.last)
             total += self.acted()
-        return (total + (periods - turns) * self._last) / periods
+        return (total + (periods - turns) * self.last) / periods

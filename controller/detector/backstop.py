@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from enum import IntEnum
+from typing import Final
 
 from haptic_wall.controller.detector.contacts import Contacts
 from haptic_wall.controller.detector.half_cycles import HalfCycles
@@ -44,6 +45,9 @@ class Phase(IntEnum):
     """The gains return as soon as the wall's spring is at rest."""
 
 
+_WATCHING: Final = Phase.WATCHING  # looking up an enum member is slow
+
+
 class Cause(IntEnum):
     """Why the wall was reduced."""
 
@@ -64,6 +68,7 @@ class Backstop:
         phase: Its state.
         alarm: The wall feeds the motion.
         failed: Reducing does not help: the run must end.
+        news: Since its reader has set it to False, what it says of the motion may have changed.
         probes: Number of probes.
         hands: Number of probes that found a hand.
         alarms: Number of alarms.
@@ -89,7 +94,7 @@ class Backstop:
         self._stops = self._count = self._step = self._thrown = 0
         self._hand = self._stop = NEVER
         self.alarm = self.failed = self.backlash = False
-        self._settled = self._small_cycle = False
+        self._settled = self._small_cycle = self.news = False
         self.probes = self.hands = self.alarms = 0
 
     def update(
@@ -115,26 +120,32 @@ class Backstop:
                 elongation = 0.0
                 if self._inside:
                     self.swings.forget()
+                    self.news = True
                 self._inside = False
             whole = ended and self._inside
             if ended:
                 self._inside = depth > 0.0
                 if not whole:
                     self.swings.forget()
+                    self.news = True
             ended = whole
             bounced = self._contacts.update(depth, torque * settings.side, span)
         elif settings.elongation is not None:
             elongation = settings.elongation(away)
         last, self._elongation = self._elongation, elongation
-        if self.phase != Phase.WATCHING:
+        if self.phase is not _WATCHING:
+            self.news = True
             self._answer_time(elongation, last)
         if ended:
+            self.news = True
             self._ended(self.swings, damping)
         if bounced:
+            self.news = True
             self._ended(self._bounces, damping)
-        if self.phase == Phase.WATCHING and self._contacts.gaining != self._thrown:
+        if self._contacts.gaining != self._thrown and self.phase is _WATCHING:
             self._thrown = self._contacts.gaining
             if self._thrown >= self._tuning.throws:
+                self.news = True
                 self._probe_what_throws(damping)
         if self.derating.scale != 1.0:
             self._follow_load(away, torque, span, ended=ended)
@@ -224,6 +235,7 @@ class Backstop:
         """Restore the gains as soon as the spring is at rest, and restart the watch."""
         self.phase = Phase.RETURNING
         self.alarm = self._small_cycle = False
+        self.news = True
         self._hand = self._stop = NEVER
         self.swings.streak = self._bounces.streak = 0
 
@@ -235,6 +247,7 @@ class Backstop:
         self._bounces.forget()
         self._count = 0
         self.alarm = False
+        self.news = True
         self._hold.drop()
         if self.phase == Phase.PROBING:
             self.phase = Phase.RETURNING
@@ -248,6 +261,7 @@ class Backstop:
         """
         side = settings.side != self._settings.side
         self._settings = settings
+        self.news = True
         self._hold.change(settings)
         self.half_cycles.shift(moved_by)
         self._contacts.shift(moved_by * settings.side)

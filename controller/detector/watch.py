@@ -41,14 +41,16 @@ class Watch:
         acted: Mean torque that acted between the last two samples [N·m].
         commanded: The same in commanded torque, where ``acted`` was measured [N·m].
         spanned: Periods between them.
+        sent: Stores the torque that the tick has sent [N·m].
     """
 
     def __init__(self, settings: WatchSettings) -> None:
         self._settings = settings
         self._period = settings.period
         self._acting = ActingTorque(0.0)
+        self.sent = self._acting.send
         self.backstop = Backstop(settings)
-        self._mean = self._sent = 0.0
+        self._mean = 0.0
         self._periods = self._ticks = 0
         self.acted = self.commanded = 0.0
         self.spanned = 1
@@ -67,11 +69,6 @@ class Watch:
         self._periods += periods
         self._ticks += periods
 
-    def sent(self, torque: float) -> None:
-        """Store the torque that the tick has sent [N·m]."""
-        self._acting.send(torque)
-        self._sent = torque
-
     def sample(self, position: float, law: Law, measured: float, periods: int) -> None:
         """Take a new position, in a tick ``periods`` after the last one.
 
@@ -81,21 +78,25 @@ class Watch:
             measured: Torque from the servo's current [N·m]; NaN: it gives none.
             periods: Periods since the last tick.
         """
-        self.passed(periods)
-        self.spanned = periods = self._periods
-        self.commanded = commanded = self._mean / periods
+        acting = self._acting
+        self._ticks += periods
+        mean = self._mean + acting.acted(periods) * periods
+        self.spanned = periods = self._periods + periods
+        self.commanded = commanded = mean / periods
         self.acted = commanded if isnan(measured) else measured
         self._mean = 0.0
         self._periods = 0
         backstop = self.backstop
         backstop.update(
             position - law.position,
-            self._sent,
+            acting.last,
             periods * self._period,
             law.stiffness,
             law.damping + law.injected,
         )
-        self._judge()
+        if backstop.news:
+            backstop.news = False
+            self._judge()
 
     def _judge(self) -> None:
         """Set the state, and answer an alarm."""

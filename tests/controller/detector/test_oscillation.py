@@ -94,7 +94,10 @@ class TestActingTorque:
         sent = np.random.default_rng(3).normal(size=40)
         held = np.concatenate([np.zeros(round(lag * fine)), np.repeat(sent, fine)])
         acting = ActingTorque(lag)
-        found = [acting.push(u) for u in sent.tolist()]
+        found = []
+        for torque in sent.tolist():
+            found.append(acting.acted())
+            acting.send(torque)
         wanted = [0.0, *(held[fine * (k - 1) : fine * k].mean() for k in range(1, 40))]
         assert found == pytest.approx(wanted, abs=1e-12)
 
