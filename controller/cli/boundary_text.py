@@ -10,8 +10,6 @@ from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.guard.limits import BY_NAME
 
-_LOWER = 0.98
-"""Largest factor on the stiffness that is reported separately."""
 _PARTS = {
     "delay": "the delay from sample to torque",
     "hold": "half the period",
@@ -122,21 +120,6 @@ def _design(design: Mapping[str, Any], points: int) -> Iterator[str]:
             for each in better
         ]
         yield from _aligned(rows, left=(0, 3))
-    others = [each for each in design["improvements"] if not each["buys"]]
-    lower = [each for each in others if each["factor"] is not None and each["factor"] < _LOWER]
-    useless = [each for each in others if each not in lower]
-    for what, changes in (
-        ("no gain here (under 2 %)", useless),
-        ("lower with", lower),
-    ):
-        if changes:
-            listed = "; ".join(
-                f"{each['description']} ({_name(each['binding'])} {each['stiffness']:.4g})"
-                if changes is lower
-                else each["description"]
-                for each in changes
-            )
-            yield from wrapped(f"{what}: {listed}", "", "  ")
     if not design["encoder"]:
         yield "not examined, because not given: the encoder (--counts-per-rev, --torque-limit)"
 

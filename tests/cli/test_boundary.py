@@ -193,4 +193,3 @@ def test_a_configuration_gives_the_limits_of_the_load_that_it_believes(cli: Cli)
     status, out, _ = cli("boundary", *BELIEVED, "--virtual-damping=0.1")
     assert status == 0
     assert "a believed load of 0.003 kg·m² of it that vibrates at 45.96 Hz" in out
-    assert "an encoder on the motor's side" in out
