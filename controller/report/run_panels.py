@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.laws.wall import SIGNS, Side
 from haptic_wall.controller.logs.walls import Walls
-from haptic_wall.controller.report.dense_picture import line, outline
 from haptic_wall.controller.report.sketch import TIMES, Floats, Sketch
 from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_SATURATED, FLAG_WARM_UP
 from haptic_wall.controller.settings.config import Config
@@ -154,7 +153,7 @@ def stiffness_or_velocity(ax: Axes, run: DrawnRun) -> None:
     stiffness = run.rows["stiffness"][run.on]
     if len(stiffness) and np.ptp(stiffness) > 1e-3 * stiffness.max():
         steps = {"drawstyle": "steps-post", "color": _INK}
-        line(ax, run.time[run.on], stiffness, label="commanded K", **steps)
+        ax.plot(run.time[run.on], stiffness, label="commanded K", **steps)
         ax.set_ylim(0, 1.15 * float(stiffness.max()))
         times, requested = run.over_time(lambda config: config.wall.stiffness)
         requested[requested > 1.15 * float(stiffness.max())] = math.nan
@@ -256,11 +255,11 @@ def _shade(ax: Axes, time: Floats, where: NDArray[np.bool_], color: str, label: 
     """Shade the times at which ``where`` is true."""
     if not where.any():
         return
-    times, heights = outline(time, where)
     ax.fill_between(
-        times,
+        time,
         0.0,
-        heights,
+        1.0,
+        where=where | np.roll(where, 1),  # to the next moment
         transform=ax.get_xaxis_transform(),
         color=color,
         linewidth=0,
@@ -270,4 +269,4 @@ def _shade(ax: Axes, time: Floats, where: NDArray[np.bool_], color: str, label: 
 
 
 def _line(ax: Axes, time: Floats, values: Floats, color: str, label: str, width: float) -> None:
-    line(ax, time, values, color=color, linewidth=width, label=label)
+    ax.plot(time, values, color=color, linewidth=width, label=label)
