@@ -69,9 +69,7 @@ def plot_run(
     if run_panels.has_timing(run):
         panels.append((run_panels.timing, 2.0))
     heights = [height for _, height in panels]
-    with picture(
-        path, 11.0, 1.1 * sum(heights), {"figure.dpi": 120, "agg.path.chunksize": 5000}
-    ) as figure:
+    with picture(path, 11.0, 1.1 * sum(heights), {"figure.dpi": 120}) as figure:
         axes = figure.subplots(len(panels), 1, sharex=True, height_ratios=heights)
         name = metadata.get("name")
         title = _title(run, name if isinstance(name, str) else "run", stop_reason or "")
