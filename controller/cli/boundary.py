@@ -12,7 +12,7 @@ import click
 
 from haptic_wall.controller.cli.boundary_text import boundary_text
 from haptic_wall.controller.cli.drawing import drawn_or_noted
-from haptic_wall.controller.cli.numbers import Number, Numbers, Span
+from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import (
     answer,
     config_argument,
@@ -44,18 +44,18 @@ _POSITIVE: Final = Number(0, above=True)
 @set_option
 @click.option("--servo", type=click.Choice(list(SERVOS), case_sensitive=False),
               help="A servo with published parameters, for what is not given.")  # fmt: skip
-@click.option("--inertia", type=Span(_POSITIVE), metavar="M",
+@click.option("--inertia", type=Number(0, above=True, form="range"), metavar="M",
               help="Inertia [kg·m²], a number or LOW:HIGH.")  # fmt: skip
-@click.option("--damping", type=Span(Number(0)), metavar="b",
+@click.option("--damping", type=Number(0, form="range"), metavar="b",
               help="Viscous friction [N·m·s/rad].")  # fmt: skip
 @click.option("--period", type=Number(0, 0.5, above=True, unit="s"), metavar="T",
               help="Sampling period [s].")  # fmt: skip
-@click.option("--delay", type=Span(Number(0, 1, unit="s")), metavar="td",
+@click.option("--delay", type=Number(0, 1, unit="s", form="range"), metavar="td",
               help="Total delay from a sample to its torque [s]. Default with CONFIG: the sum of "
               "inserted delay, guard.sample_age and model.delay.")  # fmt: skip
-@click.option("--torque-gain", type=Span(_POSITIVE),
+@click.option("--torque-gain", type=Number(0, above=True, form="range"),
               help="Acting torque over commanded torque; default: 1.")  # fmt: skip
-@click.option("--virtual-damping", "dampings", type=Numbers(Number()), metavar="B[,B...]",
+@click.option("--virtual-damping", "dampings", type=Number(form="list"), metavar="B[,B...]",
               help="Virtual damping of each point [N·m·s/rad]; default: fractions of the "
               "ceiling.")  # fmt: skip
 @click.option("--side", type=click.Choice(["one", "both"]),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from haptic_wall.controller.cli.experiment import Asked, carry_out, experiment, folder_option
-from haptic_wall.controller.cli.numbers import Number, Numbers
+from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import say
 from haptic_wall.controller.guard.delay_parts import ms
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 @click.option(
     "--delay-steps",
     "steps",
-    type=Numbers(Number(0, 200, whole=True)),
+    type=Number(0, 200, whole=True, form="list"),
     metavar="n[,n...]",
     help="Inserted delays to measure, in whole periods, beside CONFIG's; default: 0, and 5 more"
     " than CONFIG's.",

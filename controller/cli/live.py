@@ -18,7 +18,7 @@ from haptic_wall.controller.cli.options import (
     stretch_options,
 )
 from haptic_wall.controller.cli.working import working
-from haptic_wall.controller.live.place import live_at, server_log_of
+from haptic_wall.controller.live.place import live_at
 from haptic_wall.controller.logs.reader import LogReader, TimeSpan
 from haptic_wall.controller.logs.walls import walls_of
 
@@ -42,10 +42,10 @@ def command(log: Path, place: str, start_s: float | None, end_s: float | None) -
         view = _view(log, stretch)
         put(live.address)
         from haptic_wall.controller.live.server import LiveServer
-        from haptic_wall.controller.live.web_server import logged_to
+        from haptic_wall.controller.live.web_server import silenced
 
-        quiet = logged_to(server_log_of(log))
-        with quiet, interrupt.until_signal() as came:
+        silenced()
+        with interrupt.until_signal() as came:
             asyncio.run(LiveServer(view, live.host).run(listener, lambda: bool(came)))
         return interrupt.status_after(came)
 

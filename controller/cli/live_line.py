@@ -27,10 +27,9 @@ from haptic_wall.hw.servo import Outcome
 
 EVERY_S: Final = 0.1
 ENDING_KEYS: Final = b" q"
-_RED, _YELLOW, _PLAIN = "\x1b[31m", "\x1b[33m", "\x1b[0m"
 
 
-def line_of(row: Any, lost: int, *, loses: bool, columns: int, colour: bool) -> str:  # noqa: ANN401 - a record
+def line_of(row: Any, lost: int, *, loses: bool, columns: int) -> str:  # noqa: ANN401 - a record
     """Format the line of a row; cut its end if it is wider than ``columns`` - 1.
 
     Args:
@@ -38,11 +37,9 @@ def line_of(row: Any, lost: int, *, loses: bool, columns: int, colour: bool) -> 
         lost: Number of failed readings so far.
         loses: Whether one of the last readings has failed.
         columns: Width of the terminal.
-        colour: Whether a limit or a fault is coloured.
     """
-    state, mark = _state(row, loses=loses)
     parts = [
-        f"{state:9} {row['torque']:+7.3f} N·m",
+        f"{_state(row, loses=loses):9} {row['torque']:+7.3f} N·m",
         f"  x {row['position']:+8.4f} rad",
         f"  K {row['stiffness']:.4g}",
         f"  lost {lost}",
@@ -50,24 +47,16 @@ def line_of(row: Any, lost: int, *, loses: bool, columns: int, colour: bool) -> 
     ]
     while len(parts) > 1 and sum(map(len, parts)) >= columns:
         parts.pop()
-    text = "".join(parts)[: max(0, columns - 1)]
-    return mark + text + _PLAIN if colour and mark else text
+    return "".join(parts)[: max(0, columns - 1)]
 
 
-def _state(row: Any, *, loses: bool) -> tuple[str, str]:  # noqa: ANN401 - a record
-    """Return the state and its colour."""
+def _state(row: Any, *, loses: bool) -> str:  # noqa: ANN401 - a record
     flags, oscillation = int(row["flags"]), State(int(row["oscillation"]))
     if oscillation >= State.SUSTAINED:
-        return oscillation.name.lower(), _RED
-    if loses:
-        return "losses", _RED
-    if flags & FLAG_WARM_UP:
-        return "warm-up", ""
-    if flags & FLAG_OFF:
-        return "wall off", _YELLOW
-    if flags & FLAG_SATURATED:
-        return "limited", _YELLOW
-    return ("contact" if flags & FLAG_CONTACT else "free"), ""
+        return oscillation.name.lower()
+    states = {"losses": loses, "warm-up": flags & FLAG_WARM_UP, "wall off": flags & FLAG_OFF}
+    states |= {"limited": flags & FLAG_SATURATED, "contact": flags & FLAG_CONTACT, "free": True}
+    return next(state for state, holds in states.items() if holds)
 
 
 @contextlib.contextmanager
@@ -77,7 +66,6 @@ def live_line(telemetry: Telemetry) -> Iterator[None]:
     The terminal is left as it was found, however the block ends.
     """
     tail = lost = 0
-    colour = not os.environ.get("NO_COLOR")
 
     def text(columns: int) -> str:
         nonlocal tail, lost
@@ -91,7 +79,7 @@ def live_line(telemetry: Telemetry) -> Iterator[None]:
         fine = np.isin(rows["outcome"], (Outcome.OK, Outcome.WAITING))
         failed = len(rows) - int(np.count_nonzero(fine))
         lost += failed
-        return line_of(rows[-1], lost, loses=failed > 0, columns=columns, colour=colour)
+        return line_of(rows[-1], lost, loses=failed > 0, columns=columns)
 
     with _keys() as keyboard, working("", text=text, every_s=EVERY_S):
         yield

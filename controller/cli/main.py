@@ -146,20 +146,17 @@ def _tell_of_system(error: OSError | MemoryError) -> int:
         OSError: The error is unexpected: a defect of the program.
     """
     number = error.errno if isinstance(error, OSError) else errno.ENOMEM
-    if isinstance(error, OSError) and error.filename is not None and number not in _LIMITS:
+    if number in _LIMITS:
+        if number in _FULL:
+            forget_output()
+        limit = PlatformError(
+            f"the system refuses a resource: {os.strerror(number or 0)}",
+            advice="make room, raise the limits of this shell (`ulimit -a`), or end other programs",
+        )
+        return tell(limit, limit.exit_status)
+    if isinstance(error, OSError) and error.filename is not None:
         return tell(UserError(f"{error.filename}: {error.strerror}"), USER)
-    if number not in _LIMITS:
-        raise error
-    if number in _FULL:
-        forget_output()
-    if number == errno.ENOSPC:
-        full = PlatformError("the disk is full", advice="make room, or name another place")
-        return tell(full, full.exit_status)
-    limit = PlatformError(
-        f"the system refuses a resource: {os.strerror(number)}",
-        advice="make room, raise the limits of this shell (`ulimit -a`), or end other programs",
-    )
-    return tell(limit, limit.exit_status)
+    raise error
 
 
 def _fill_missing_streams() -> None:

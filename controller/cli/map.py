@@ -19,7 +19,7 @@ from haptic_wall.controller.cli.experiment import (
 )
 from haptic_wall.controller.cli.failure import EndedEarlyError
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
-from haptic_wall.controller.cli.numbers import Number, Numbers
+from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import say
 from haptic_wall.controller.cli.places import is_forced
 from haptic_wall.controller.cli.working import working
@@ -47,7 +47,7 @@ _ROWS = "map.rows"
 @click.option(
     "--virtual-damping",
     "dampings",
-    type=Numbers(Number()),
+    type=Number(form="list"),
     metavar="B[,B...]",
     help="Virtual damping [N·m·s/rad]; default: 12 values from 0 to the ceiling at the longest"
     " delay.",
@@ -55,14 +55,14 @@ _ROWS = "map.rows"
 @click.option(
     "--delay-steps",
     "steps",
-    type=Numbers(Number(0, 1000, whole=True)),
+    type=Number(0, 1000, whole=True, form="list"),
     metavar="n[,n...]",
     help="Inserted delay in whole periods, beside servo.delay; default: 0 to 5.",
 )
 @click.option(
     "--kick",
     "kicks",
-    type=Numbers(Number(0, above=True, unit="rad")),
+    type=Number(0, above=True, unit="rad", form="list"),
     metavar="RAD[,RAD...]",
     help="Amplitude of the motion at the start [rad]; default: 0.003 to 0.3.",
 )

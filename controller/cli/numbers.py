@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
@@ -24,6 +24,8 @@ class Number(AnyType):
         above: Whether ``low`` itself is refused.
         whole: Whether only whole numbers are taken; they become int.
         unit: Unit that a refusal names.
+        form: ``list``: numbers with commas between, also negative ones, as a list; ``range``: a
+            number or LOW:HIGH, as ``Bounded`` with the middle as its value.
     """
 
     name = "number"
@@ -36,8 +38,10 @@ class Number(AnyType):
         above: bool = False,
         whole: bool = False,
         unit: str = "",
+        form: Literal["one", "list", "range"] = "one",
     ) -> None:
         self._low, self._high, self._above, self._is_whole = low, high, above, whole
+        self._form = form
         self._wanted = "a whole number" if whole else "a number"
         if low > -math.inf:
             self._wanted += f" {'above' if above else 'from'} {low:g}"
@@ -45,65 +49,24 @@ class Number(AnyType):
             self._wanted += f", up to {high:g}"
         self._wanted += f" {unit}" if unit else ""
 
-    def convert(
-        self,
-        value: Any,  # noqa: ANN401 - click's signature
-        param: click.Parameter | None,
-        ctx: click.Context | None,
-    ) -> float:
-        """Read the number; refuse one that is none, or outside of the bounds."""
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # noqa: ANN401 - click's signature
+        """Read one number or several; refuse all where one is none, or outside of the bounds."""
+        text = str(value)
+        if self._form == "one":
+            return self._read(text, param, ctx)
+        if self._form == "list":
+            return [self._read(part, param, ctx) for part in text.split(",")]
+        ends = [self._read(end, param, ctx) for end in text.split(":", 1)]
+        if ends[0] > ends[-1]:
+            self.fail(f"found {text}, wanted the lower end first", param, ctx)
+        return Bounded(sum(ends) / len(ends), ends[0], ends[-1])
+
+    def _read(self, text: str, param: click.Parameter | None, ctx: click.Context | None) -> float:
         try:
-            number = float(value)
+            number = float(text)
         except ValueError:
             number = math.nan
         fits = self._low <= number <= self._high and not (self._above and number == self._low)
         if not math.isfinite(number) or not fits or (self._is_whole and number % 1):
-            self.fail(f"found {value}, wanted {self._wanted}", param, ctx)
+            self.fail(f"found {text}, wanted {self._wanted}", param, ctx)
         return int(number) if self._is_whole else number
-
-
-class Numbers(AnyType):
-    """Numbers with commas between, also negative ones: ``-0.01,0.2``.
-
-    Args:
-        of: Reads each of them.
-    """
-
-    name = "numbers"
-
-    def __init__(self, of: Number) -> None:
-        self._of = of
-
-    def convert(
-        self,
-        value: Any,  # noqa: ANN401 - click's signature
-        param: click.Parameter | None,
-        ctx: click.Context | None,
-    ) -> list[float]:
-        """Read the numbers; refuse all where one is refused."""
-        return [self._of.convert(part, param, ctx) for part in str(value).split(",")]
-
-
-class Span(AnyType):
-    """A number, or a range ``LOW:HIGH`` whose middle is the estimate.
-
-    Args:
-        of: Reads each end.
-    """
-
-    name = "span"
-
-    def __init__(self, of: Number) -> None:
-        self._of = of
-
-    def convert(
-        self,
-        value: Any,  # noqa: ANN401 - click's signature
-        param: click.Parameter | None,
-        ctx: click.Context | None,
-    ) -> Bounded:
-        """Read the number or range; refuse one whose lower end is not first."""
-        ends = [self._of.convert(end, param, ctx) for end in str(value).split(":", 1)]
-        if ends[0] > ends[-1]:
-            self.fail(f"found {value}, wanted the lower end first", param, ctx)
-        return Bounded(sum(ends) / len(ends), ends[0], ends[-1])

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from haptic_wall.controller.cli.numbers import Number, Numbers
+from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import answer, json_option, say
 from haptic_wall.controller.doctor.adapter import kind_of_port, may_be_serial, only_adapter
 from haptic_wall.controller.doctor.search import IDS, LIKELY_FIRST, BaudSearch, scan
@@ -26,7 +26,7 @@ HARDWARE = 4
 @click.option(
     "--baud",
     "bauds",
-    type=Numbers(Number()),
+    type=Number(form="list"),
     metavar="RATE[,RATE...]",
     help="Baud rates to try; default: all that servos have.",
 )

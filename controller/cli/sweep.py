@@ -18,7 +18,7 @@ from haptic_wall.controller.cli.experiment import (
     say_swing,
 )
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
-from haptic_wall.controller.cli.numbers import Number, Numbers
+from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import say
 from haptic_wall.controller.cli.places import is_forced
 
@@ -37,7 +37,7 @@ _MOST_STEPS = 1000
 @click.option(
     "--virtual-damping",
     "dampings",
-    type=Numbers(Number()),
+    type=Number(form="list"),
     metavar="B[,B...]",
     required=True,
     help="Virtual damping, also negative [N·m·s/rad].",
@@ -45,7 +45,7 @@ _MOST_STEPS = 1000
 @click.option(
     "--delay-steps",
     "steps",
-    type=Numbers(Number(0, _MOST_STEPS, whole=True)),
+    type=Number(0, _MOST_STEPS, whole=True, form="list"),
     metavar="n[,n...]",
     required=True,
     help="Inserted delay in whole periods, beside the delay of loop and servo.",

@@ -17,7 +17,7 @@ from haptic_wall.controller.cli.experiment import (
     folder_option,
     say_swing,
 )
-from haptic_wall.controller.cli.numbers import Number, Numbers
+from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import say
 from haptic_wall.controller.cli.places import is_forced
 
@@ -31,7 +31,7 @@ _MOST_SAMPLES = 30
 @click.option(
     "--velocity-samples",
     "samples",
-    type=Numbers(Number(1, _MOST_SAMPLES, whole=True)),
+    type=Number(1, _MOST_SAMPLES, whole=True, form="list"),
     metavar="N[,N...]",
     help="Lengths of the velocity difference to compare, in samples; default: CONFIG's, 1, 2, 4.",
 )

@@ -17,7 +17,7 @@ from websockets.asyncio.server import ServerConnection
 
 from haptic_wall.controller.live.gate import judged
 from haptic_wall.controller.live.place import Live
-from haptic_wall.controller.live.web_server import closed, log_to, opened
+from haptic_wall.controller.live.web_server import closed, opened, silenced
 from haptic_wall.controller.runtime.realtime import stand_back
 from haptic_wall.controller.system.orders import say
 
@@ -32,7 +32,7 @@ def serve_page(orders: dict[str, Any], ends: Callable[[], bool]) -> None:
         orders: Of the run's supervisor.
         ends: Whether a signal asked for the end.
     """
-    log_to(Path(orders["log"]))
+    silenced()
     try:
         asyncio.run(serve(orders, ends))
     except Exception as error:  # noqa: BLE001 - whatever it is, changes and stream go on

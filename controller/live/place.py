@@ -7,17 +7,11 @@ import re
 import secrets
 import socket
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final
 
 from haptic_wall.controller.errors import PlatformError, UserError
 
 _PLACE: Final = re.compile(r"(?:\[(?P<six>[^\]]+)\]|(?P<host>[^:\[\]]+)):(?P<port>\d{1,5})")
-
-
-def server_log_of(log: Path) -> Path:
-    """Return the path of the page's server's own log, beside that of the run."""
-    return log.with_name(log.name + ".live.txt")
 
 
 @dataclass(frozen=True, slots=True)

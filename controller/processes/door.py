@@ -12,7 +12,6 @@ from contextlib import ExitStack
 from dataclasses import asdict
 from typing import Any, Final
 
-from haptic_wall.controller.live.place import server_log_of
 from haptic_wall.controller.live.run_socket import MODULE, remove_if_dead, socket_of
 from haptic_wall.controller.processes.children import Child
 from haptic_wall.controller.processes.hold import gone_texts
@@ -84,7 +83,6 @@ class Door:
                 "parent": os.getpid(),
                 "period_ns": plan.config.period_ns,
                 "live": live and asdict(live),
-                "log": str(server_log_of(log)),
             }
             descriptors = [*inherited.values(), *([] if live is None else [live.descriptor])]
             self._child = Child("door", [MODULE, str(self._path)], orders, descriptors, cores)

@@ -12,6 +12,8 @@ from typing import Any
 
 from haptic_wall.controller.emulated_bus.bus import PROGRAM
 from haptic_wall.controller.processes.children import Child, first_line
+from haptic_wall.controller.runtime.telemetry import Word
+from haptic_wall.hw.elastic import PLACE, SENT, TAKEN
 from haptic_wall.hw.errors import Problem, ServoError
 from haptic_wall.hw.settings import ServoSettings
 
@@ -86,3 +88,16 @@ def emulated_bus(
         yield bus, path
     finally:
         bus.dismiss(END_S)
+
+
+def failure_of(bus: Child | None, words: memoryview[int]) -> str:
+    """Say how a run's own bus ended, or that it hangs; empty: neither, or there is none."""
+    if bus is None:
+        return ""
+    if bus.ended():
+        return f"the emulated bus {bus.exit_text()}"
+    doing = bus.doing()
+    hangs = words[Word.COUPLED] and words[PLACE + TAKEN] != words[PLACE + SENT]
+    if hangs or "stopped" in doing:
+        return f"the emulated bus {doing or 'hung'}, and took no more bytes"
+    return ""

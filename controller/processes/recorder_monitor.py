@@ -5,12 +5,14 @@ Shared memory holds the rows of the last minute, so that no row is lost in betwe
 
 from __future__ import annotations
 
+import os
+import socket
 import time
 from collections import Counter
 from collections.abc import Callable
 
 from haptic_wall.controller.processes.children import Child
-from haptic_wall.controller.processes.plan import Tell
+from haptic_wall.controller.processes.plan import Plan, Tell
 from haptic_wall.controller.processes.recorder import rows_lacking
 from haptic_wall.controller.runtime.telemetry import CAPACITY, Word
 
@@ -20,6 +22,36 @@ dying must not load the machine."""
 LAST_S = 5.0
 """How long a recorder may write nothing after the run is over [s]."""
 LAST_ATTEMPTS = 3
+
+
+def recorder_starter(
+    plan: Plan, telemetry: int, events: socket.socket, cores: set[int]
+) -> Callable[[bool], Child]:
+    """Return what starts a recorder of a run.
+
+    Args:
+        plan: The run.
+        telemetry: Descriptor of the shared memory.
+        events: Source of the changes of the running wall.
+        cores: Cores on which it runs.
+
+    Returns:
+        A function; its argument: the recorder continues the log of a dead one.
+    """
+    orders = {
+        "telemetry": telemetry,
+        "parent": os.getpid(),
+        "log": str(plan.log),
+        "period_ns": plan.config.period_ns,
+        "metadata": plan.metadata,
+        "force": plan.force,
+        "events": events.fileno(),
+    }
+    module = "haptic_wall.controller.processes.recorder"
+    descriptors = (telemetry, events.fileno())
+    return lambda resume: Child(
+        "recorder", [module], {**orders, "resume": resume}, descriptors, cores
+    )
 
 
 class RecorderMonitor:

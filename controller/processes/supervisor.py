@@ -9,23 +9,22 @@ from __future__ import annotations
 
 import contextlib
 import os
-import signal
 import time
-from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
 from haptic_wall.controller.live.log_events import event_sockets
-from haptic_wall.controller.processes.children import Child
+from haptic_wall.controller.processes.children import Child, on_cores
 from haptic_wall.controller.processes.door import Door
-from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments
+from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments, failure_of
 from haptic_wall.controller.processes.hold import gone_texts
 from haptic_wall.controller.processes.loop_process import Orders
 from haptic_wall.controller.processes.loop_watch import END_S, START_S, LoopWatch
 from haptic_wall.controller.processes.outside import Outside
 from haptic_wall.controller.processes.plan import Ended, Plan, Tell
-from haptic_wall.controller.processes.recorder_monitor import RecorderMonitor
+from haptic_wall.controller.processes.recorder_monitor import RecorderMonitor, recorder_starter
 from haptic_wall.controller.processes.row_count import RowCount
+from haptic_wall.controller.processes.torque_cut import TorqueCut
 from haptic_wall.controller.runtime.idle_window import until_idle_window
 from haptic_wall.controller.runtime.realtime import pick_cores
 from haptic_wall.controller.runtime.safety import (
@@ -37,9 +36,9 @@ from haptic_wall.controller.runtime.safety import (
 )
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.hw.clock import MonotonicClock, ready
-from haptic_wall.hw.elastic import PATIENCE_S, PLACE, SENT, TAKEN
+from haptic_wall.hw.elastic import PATIENCE_S
 from haptic_wall.hw.errors import Problem, ServoError
-from haptic_wall.hw.open import backend, cut_torque, open_port, port_users
+from haptic_wall.hw.open import open_port, port_users
 
 POLL_S = 0.02
 """Period of the checks of the heartbeat [s]"""
@@ -62,15 +61,13 @@ class Supervisor:
         self._words = telemetry.words
         self._tell_person = tell
         self._cause = ""
-        self._torque_off: bool | None = None
         self._rows = RowCount(telemetry, plan, self._tell)
         self._warnings: list[str] = []
         self._realtime: list[dict[str, Any]] = []
         self._result: dict[str, Any] | None = None
         self._refused: Problem | None = None
-        self._period_ns = plan.config.period_ns
         self._settings = plan.config.servo_settings()
-        self._port: int | None = None
+        self._cut = TorqueCut(self._settings, self._words)
         self._key: int | None = None
         self._outside = Outside(MonotonicClock(), plan.config.servo.kind == "hardware")
         self._core, self._others = pick_cores(plan.config.realtime.core)
@@ -81,18 +78,24 @@ class Supervisor:
         Raises:
             ServoError: The servo could not be started; the message also has every note of the run.
         """
-        with self._away_from_the_loop(), contextlib.ExitStack() as children:
+        plan = self._plan
+        with on_cores(self._others), contextlib.ExitStack() as children:
             to_log, self._events = event_sockets()
             children.enter_context(to_log)
             children.enter_context(self._events)
             self._door = Door(
-                self._plan, self._telemetry, self._tell_person, self._others, to_log.fileno()
+                plan, self._telemetry, self._tell_person, self._others, to_log.fileno()
             )
             children.callback(self._door.close)
             emulator = self._start_emulator(children)
-            if emulator is not None and self._port is None:
-                return self._stopped_before_the_start()
-            log = RecorderMonitor(self._start_recorder, self._words, self._tell, time.monotonic())
+            if emulator is not None and self._cut.port is None:  # stopped before: without torque
+                return Ended(End.INTERRUPTED, self._rows.statistics, 0, 0, cut=True)
+            log = RecorderMonitor(
+                recorder_starter(plan, self._telemetry.descriptor, self._events, self._others),
+                self._words,
+                self._tell,
+                time.monotonic(),
+            )
             children.callback(log.close)
             self._open_key(children)
             loop = self._start_loop(children)
@@ -117,71 +120,33 @@ class Supervisor:
             self._realtime,
             self._warnings,
             self._cause,
-            self._torque_off,
+            self._cut.confirmed,
             lacking=log.lacking,
             changes=self._door.changes,
             unlogged=self._door.unlogged,
         )
 
-    def _stopped_before_the_start(self) -> Ended:
-        """Return the outcome of a run stopped before there was a bus, and so without torque."""
-        return Ended(End.INTERRUPTED, self._rows.statistics, 0, 0, cut=True)
-
-    @contextlib.contextmanager
-    def _away_from_the_loop(self) -> Iterator[None]:
-        """Keep this process off the loop's core, which a hung real-time loop occupies."""
-        before = os.sched_getaffinity(0)
-        os.sched_setaffinity(0, self._others)
-        try:
-            yield
-        finally:
-            os.sched_setaffinity(0, before)
-
     def _start_emulator(self, children: contextlib.ExitStack) -> Child | None:
-        """Start the emulated bus, if requested, and open the port; None: stopped before."""
-        settings, plan = self._settings, self._plan
-        emulator = None
+        """Start the emulated bus, if requested, and open the port; None: there is none."""
+        plan, emulator, settings = self._plan, None, self._settings
         if plan.config.servo.kind == "emulated":
             hand, shared = self._hand(), self._telemetry.descriptor if plan.elastic else None
             arguments = emulator_arguments(settings, plan.witness, hand=hand, elastic=shared)
-            stopped, inherited = (
-                lambda: bool(self._words[Word.STOP]),
-                [each for each in (hand, shared) if each is not None],
+            inherited = [each for each in (hand, shared) if each is not None]
+            bus = emulated_bus(
+                arguments, self._others, lambda: bool(self._words[Word.STOP]), START_S, inherited
             )
-            emulator, path = children.enter_context(
-                emulated_bus(arguments, self._others, stopped, START_S, inherited)
-            )
-            if path is None:
+            emulator, path = children.enter_context(bus)
+            if path is None:  # stopped before
                 return emulator
             settings = replace(settings, port=path)
-        self._port = open_port(settings)
-        if self._port is None:
-            return emulator
-        children.callback(os.close, self._port)
-        self._outside.users = users = port_users(self._port)
-        if users is not None:
-            children.callback(users.close)
+        self._cut.port = port = open_port(settings)
+        if port is not None:
+            children.callback(os.close, port)
+            self._outside.users = users = port_users(port)
+            if users is not None:
+                children.callback(users.close)
         return emulator
-
-    def _start_recorder(self, resume: bool) -> Child:
-        descriptor = self._telemetry.descriptor
-        orders = {
-            "telemetry": descriptor,
-            "parent": os.getpid(),
-            "log": str(self._plan.log),
-            "period_ns": self._period_ns,
-            "metadata": self._plan.metadata,
-            "resume": resume,
-            "force": self._plan.force,
-            "events": self._events.fileno(),
-        }
-        return Child(
-            "recorder",
-            ["haptic_wall.controller.processes.recorder"],
-            orders,
-            [descriptor, self._events.fileno()],
-            self._others,
-        )
 
     def _hand(self) -> int | None:
         """Return the descriptor of the memory of a person's hand; None: the servo has none."""
@@ -201,26 +166,25 @@ class Supervisor:
             children.callback(os.close, self._key)
 
     def _start_loop(self, children: contextlib.ExitStack) -> Child:
-        plan, hand = self._plan, self._hand()
-        key = None
+        plan, key = self._plan, None
         if self._key is not None and plan.hold is not None:
             key = self._key, plan.hold.key, plan.hold.path
         orders = Orders(
             config=plan.config.model_dump_json(),
             telemetry=self._telemetry.descriptor,
-            port=self._port,
+            port=self._cut.port,
             parent=os.getpid(),
             core=self._core,
             duration_s=plan.duration_s,
             program=[asdict(phase) for phase in plan.program],
-            hand=hand,
+            hand=self._hand(),
             key=key,
             elastic=plan.elastic,
         )
-        passed = (self._telemetry.descriptor, hand, self._port, self._key)
-        descriptors = [each for each in passed if each is not None]
+        passed = (orders.telemetry, orders.hand, self._cut.port, self._key)
         # On its core from the first: on two cores the other one is busy with the other starts.
         module = "haptic_wall.controller.processes.loop_process"
+        descriptors = [each for each in passed if each is not None]
         loop = Child("loop", [module], asdict(orders), descriptors, {self._core})
         children.callback(self._force_end, loop)
         return loop
@@ -233,7 +197,9 @@ class Supervisor:
             silence_s = max(silence_s, PATIENCE_S)
         watch = LoopWatch(self._words, silence_s, looked)
         while True:
-            news = self._wait_for((loop.pidfd, loop.output))
+            # Not poll(): its whole milliseconds would miss the idle window.
+            pause_s = until_idle_window(self._words, self._plan.config.period_ns, POLL_S)
+            news = bool(ready((loop.pidfd, loop.output), pause_s))
             now = time.monotonic()
             if self._outside.look():
                 self._words[Word.STOP] = 1
@@ -258,7 +224,7 @@ class Supervisor:
     def _reason(self, loop: Child, emulator: Child | None) -> StopReason:
         """Return the stop reason of a loop that has ended."""
         self._hear(loop)
-        failed = self._bus_failure(emulator)
+        failed = failure_of(emulator, self._words)
         if self._result is not None:
             if not self._result["torque_off"]:
                 self._cut_unconfirmed()
@@ -274,23 +240,18 @@ class Supervisor:
             if self._words[Word.STATE] not in (LoopState.STARTING, LoopState.TORQUE_OFF):
                 self._cut_unconfirmed()
             return End.REFUSED
-        return self._cut(loop, Trip.LOOP_DIED, "")
+        self._cause = self._cut.take_from(loop)
+        return Trip.LOOP_DIED
 
     def _tell(self, text: str) -> None:
         """Tell a person, at the terminal and on the page."""
         self._tell_person(text)
         self._door.pass_on(text)
 
-    def _wait_for(self, descriptors: Sequence[int]) -> bool:
-        """Wait for news on a descriptor or for the next check; return whether there is news."""
-        pause_s = until_idle_window(self._words, self._period_ns, POLL_S)
-        # Not poll(): its whole milliseconds would miss the idle window.
-        return bool(ready(descriptors, pause_s))
-
     def _cut_overdue(self, loop: Child, emulator: Child | None, overdue: str) -> StopReason:
         """End a loop that hangs or ends too late; return the stop reason."""
-        served, failed = bool(self._words[Word.HEAD]), self._bus_failure(emulator)
-        reason = self._cut(loop, Trip.LOOP_HUNG, overdue)
+        served, failed = bool(self._words[Word.HEAD]), failure_of(emulator, self._words)
+        self._cause = self._cut.take_from(loop, overdue)
         self._hear(loop)
         if self._result is not None:  # the session is over; only its process does not end
             reason = stop_reason(self._result["stop_reason"])
@@ -300,45 +261,15 @@ class Supervisor:
         elif self._words[Word.STOP] and not served:  # a slow start after the stop request
             reason = End.INTERRUPTED
         else:
-            return reason
+            return Trip.LOOP_HUNG
         self._warnings += filter(None, (self._cause, failed))
         self._cause = ""
         return reason
 
-    def _bus_failure(self, emulator: Child | None) -> str:
-        """Say how the run's own bus ended, or that it hangs; empty: neither, or there is none."""
-        if emulator is None:
-            return ""
-        if emulator.ended():
-            return f"the emulated bus {emulator.exit_text()}"
-        doing = emulator.doing()
-        words = self._words
-        hangs = words[Word.COUPLED] and words[PLACE + TAKEN] != words[PLACE + SENT]
-        if hangs or "stopped" in doing:
-            return f"the emulated bus {doing or 'hung'}, and took no more bytes"
-        return ""
-
-    def _cut(self, loop: Child, trip: Trip, overdue: str) -> StopReason:
-        """Take the bus from a dead or hung loop, which cannot write on it any more.
-
-        Args:
-            loop: The loop's process.
-            trip: The trip that ends the run.
-            overdue: The loop's failure, as words after "it"; empty: the loop is dead.
-        """
-        doing = loop.doing()
-        self._words[Word.CUT] = 1
-        loop.send(signal.SIGKILL)  # a loop that only seems hung must not write during the cut
-        text = self._cut_text()
-        loop.wait(END_S)
-        what = f"{overdue}{f' (it {doing})' if doing else ''} and was killed"
-        self._cause = f"the loop's process {what if overdue else loop.exit_text()}; {text}"
-        return trip
-
     def _cut_unconfirmed(self) -> None:
         """Repeat a torque-off that the ended loop could not read back; note the result."""
-        text = self._cut_text()
-        if self._torque_off:
+        text = self._cut.now()
+        if self._cut.confirmed:
             self._warnings.append(f"the loop could not read torque off back; {text}")
         elif self._refused is not None and "could not be read back" not in str(self._refused):
             self._warnings.append(text)  # else the report says so, or the refusal
@@ -348,20 +279,8 @@ class Supervisor:
         if not loop.ended():
             self._words[Word.STOP] = 1
             if not loop.wait(END_S):
-                self._cut(loop, Trip.LOOP_HUNG, "was left")
+                self._cause = self._cut.take_from(loop, "was left")
         loop.dismiss(END_S)
-
-    def _cut_text(self) -> str:
-        """Switch the torque off; return a sentence on the result."""
-        self._words[Word.COUPLED] = 0  # the bus waits for the loop no longer
-        make = backend(self._settings.backend)
-        self._torque_off = cut_torque(self._settings, self._port, MonotonicClock())
-        if make.simulated:
-            return "the simulated servo ended with it"
-        if self._torque_off:
-            return "the supervisor switched the torque off and read it back"
-        watchdog = "; its Bus Watchdog should have stopped it" if make.has_watchdog else ""
-        return f"torque off could not be read back: switch the servo's power off{watchdog}"
 
     def _hear(self, loop: Child) -> None:
         for event in loop.said():

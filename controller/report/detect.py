@@ -11,8 +11,7 @@ import numpy as np
 from haptic_wall.controller.detector.detection import DetectionRecord
 from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.logs.recording import Part
-from haptic_wall.controller.report.dense_picture import line, outline
-from haptic_wall.controller.report.style import BLUE, GREY, INK, ORANGE, PAGE, grid, picture
+from haptic_wall.controller.report.style import BLUE, GREY, INK, ORANGE, PAGE, grid, picture, shade
 
 _SHADES = {State.DECAYING: "#e3efe4", State.SUSTAINED: "#fbe3c8", State.GROWING: "#f6c6c0"}
 
@@ -38,25 +37,17 @@ def plot_detection(parts: Sequence[Part], found: Sequence[DetectionRecord], path
             part, record = _telling(whole, seen_in)
             first = number == 0
             label = "position" if first else None
-            line(motion, part.times, part.positions, color=INK, lw=0.7, label=label)
+            motion.plot(part.times, part.positions, color=INK, lw=0.7, label=label)
             seen = record.amplitude > 0.0
             size = np.where(seen, record.amplitude, np.nan)
             middle = float(np.nanmean(part.positions))
             for sign in (1.0, -1.0):
                 label = "amplitude" if first and sign > 0 else None
-                line(motion, part.times, middle + sign * size, color=ORANGE, lw=0.9, label=label)
-            for state, shade in _SHADES.items():
-                times, heights = outline(part.times, record.state == state)
-                motion.fill_between(
-                    times,
-                    0.0,
-                    heights,
-                    transform=motion.get_xaxis_transform(),
-                    color=shade,
-                    lw=0.0,
-                    label=state.name.lower() if first else None,
-                )
-            line(pace, part.times, record.frequency_hz, color=BLUE, lw=0.9)
+                motion.plot(part.times, middle + sign * size, color=ORANGE, lw=0.9, label=label)
+            for state, color in _SHADES.items():
+                label = state.name.lower() if first else None
+                shade(motion, part.times, record.state == state, color=color, label=label)
+            pace.plot(part.times, record.frequency_hz, color=BLUE, lw=0.9)
         alarms = [record.first_alarm_s for record in found if np.isfinite(record.first_alarm_s)]
         if alarms:
             motion.axvline(alarms[0], color=GREY, lw=0.9, ls="--", label="first alarm")

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.laws.wall import SIGNS, Side
 from haptic_wall.controller.logs.walls import Walls
-from haptic_wall.controller.report.dense_picture import line, outline
 from haptic_wall.controller.report.sketch import TIMES, Floats, Sketch
+from haptic_wall.controller.report.style import shade
 from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_SATURATED, FLAG_WARM_UP
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory.checks import FloatArray
@@ -153,8 +153,9 @@ def stiffness_or_velocity(ax: Axes, run: DrawnRun) -> None:
     """Draw the commanded stiffness if it changed during the run, else the velocity."""
     stiffness = run.rows["stiffness"][run.on]
     if len(stiffness) and np.ptp(stiffness) > 1e-3 * stiffness.max():
-        steps = {"drawstyle": "steps-post", "color": _INK}
-        line(ax, run.time[run.on], stiffness, label="commanded K", **steps)
+        ax.plot(
+            run.time[run.on], stiffness, label="commanded K", drawstyle="steps-post", color=_INK
+        )
         ax.set_ylim(0, 1.15 * float(stiffness.max()))
         times, requested = run.over_time(lambda config: config.wall.stiffness)
         requested[requested > 1.15 * float(stiffness.max())] = math.nan
@@ -256,18 +257,8 @@ def _shade(ax: Axes, time: Floats, where: NDArray[np.bool_], color: str, label: 
     """Shade the times at which ``where`` is true."""
     if not where.any():
         return
-    times, heights = outline(time, where)
-    ax.fill_between(
-        times,
-        0.0,
-        heights,
-        transform=ax.get_xaxis_transform(),
-        color=color,
-        linewidth=0,
-        zorder=0,
-        label=label or "_",
-    )
+    shade(ax, time, where, color=color, zorder=0, label=label or "_")
 
 
 def _line(ax: Axes, time: Floats, values: Floats, color: str, label: str, width: float) -> None:
-    line(ax, time, values, color=color, linewidth=width, label=label)
+    ax.plot(time, values, color=color, linewidth=width, label=label)

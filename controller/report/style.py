@@ -9,6 +9,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from haptic_wall.controller.system.printable import in_line
 
 if TYPE_CHECKING:
@@ -66,6 +69,7 @@ def drawing(style: dict[Any, Any]) -> Iterator[None]:
     with warnings.catch_warnings(), matplotlib.rc_context():
         warnings.filterwarnings("ignore", message="Glyph")
         matplotlib.rcdefaults()
+        matplotlib.rcParams["agg.path.chunksize"] = 5000  # a long line as one takes 100 MB
         matplotlib.rcParams.update(style)
         yield
 
@@ -105,6 +109,21 @@ def titled(name: str) -> str:
 def grid(ax: Axes) -> None:
     """Draw faint lines behind the curves."""
     ax.grid(True, color="#e9e9e9", linewidth=0.5)
+
+
+def shade(ax: Axes, time: NDArray[np.float64], where: NDArray[np.bool_], **style: Any) -> None:  # noqa: ANN401
+    """Shade the times from each moment to the next at which a condition holds.
+
+    Args:
+        ax: Where to.
+        time: Increasing, shape (n,).
+        where: Whether it holds from each moment on, shape (n,).
+        style: As ``ax.fill_between`` takes it.
+    """
+    until = where.copy()
+    until[1:] |= where[:-1]
+    across = ax.get_xaxis_transform()
+    ax.fill_between(time, 0.0, 1.0, where=until, transform=across, linewidth=0.0, **style)
 
 
 def legend_above(ax: Axes, columns: int = 1) -> None:

@@ -28,23 +28,17 @@ def row(**fields: float) -> Any:
     return made[0]
 
 
-def line(given: Any, columns: int, *, colour: bool = True) -> str:
-    return line_of(given, 3, loses=False, columns=columns, colour=colour)
+def line(given: Any, columns: int) -> str:
+    return line_of(given, 3, loses=False, columns=columns)
 
 
 def test_the_line_names_what_a_person_wants_to_know() -> None:
     told = line(row(), 200)
     for word in ("contact", "-0.500 N·m", "+0.1000 rad", "K 8", "lost 3", "0.42 ms"):
         assert word in told
-    assert "\x1b" not in told
     assert line(row(), 30) == "contact    -0.500 N·m"
     assert line(row(), 10) == "contact  "
-
-
-def test_what_is_wrong_is_coloured_unless_nobody_wants_that() -> None:
-    wrong = row(oscillation=State.GROWING)
-    assert line(wrong, 200).startswith("\x1b[31mgrowing")
-    assert "\x1b" not in line(wrong, 200, colour=False)
+    assert line(row(oscillation=State.GROWING), 200).startswith("growing")
 
 
 @pytest.mark.whole

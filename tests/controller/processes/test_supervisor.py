@@ -16,7 +16,7 @@ from typing import Any, NoReturn
 import pytest
 
 from haptic_wall.controller.cli.text import report_text
-from haptic_wall.controller.processes import emulator, supervisor
+from haptic_wall.controller.processes import emulator, recorder_monitor, supervisor, torque_cut
 from haptic_wall.controller.processes.plan import Ended, Plan
 from haptic_wall.controller.processes.run_report import exit_status, explanation, run_report
 from haptic_wall.controller.processes.supervisor import Supervisor
@@ -116,9 +116,9 @@ class Stage:
         self.confirmed = True
         self.loop_acts: Callable[[Child], object] = lambda loop: loop
         CHILDREN.clear()
-        for module in (supervisor, emulator):
+        for module in (supervisor, emulator, recorder_monitor):
             monkeypatch.setattr(module, "Child", self.child)
-        monkeypatch.setattr(supervisor, "cut_torque", self.cut)
+        monkeypatch.setattr(torque_cut, "cut_torque", self.cut)
         monkeypatch.setattr(
             supervisor, "open_port", lambda _settings: os.open("/dev/null", os.O_RDWR)
         )
