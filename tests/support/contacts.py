@@ -31,8 +31,10 @@ def restitution(
     """
     given = (inertia, damping, stiffness, virtual_damping, period, delay, velocity_samples)
     m, b, k, big_b, t, t_d, n = np.broadcast_arrays(*given)
-    numbers = (b * t / m, k * t * t / m, big_b * t / m, t_d / t, n.astype(np.int64))
-    spread = [np.repeat(each.ravel(), phases) for each in numbers]
+    numbers = (b * t / m, k * t * t / m, big_b * t / m, t_d / t)
+    delta, alpha, beta, late = (np.repeat(each.ravel(), phases) for each in numbers)
+    samples = np.repeat(n.ravel().astype(np.int64), phases)
     phase = np.tile(np.linspace(0.0, 1.0, phases), m.size)
-    found: FloatArray = exit_speed(Contacts(*spread, phase), 0.02).reshape(*m.shape, phases)
-    return found.max(axis=-1)
+    contacts = Contacts(delta, alpha, beta, late, samples, phase)
+    found: FloatArray = exit_speed(contacts, 0.02).reshape(*m.shape, phases).max(axis=-1)
+    return found
