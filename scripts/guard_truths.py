@@ -25,10 +25,10 @@ from haptic_wall.controller.guard.guard import decide
 from haptic_wall.controller.guard.types import Decision, GuardSettings, Request, Situation
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory.checks import FloatArray
-from haptic_wall.controller.theory.one_sided import restitution
 from haptic_wall.hw.truth import TrueServo
 from scripts.rates import upper_bound
 from scripts.study import Found, Given, Part, table
+from tests.support.contacts import restitution
 from tests.support.real_servos import DEAD_BAND, KINDS, STATIC, STRIBECK
 from tests.support.truth import COUNT
 

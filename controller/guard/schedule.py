@@ -50,8 +50,9 @@ FORGIVEN = 20.0
 cannot feed an oscillation"""
 INTERVAL_BINS = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0)
 """Upper ends of the bins of the served interval [periods]."""
-NARROW_BINS = (1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0)
-"""The same where a link is believed [periods]"""
+LINK_BINS = (1.0, 1.25, 1.5, 1.75, 2.0)
+"""The same where a link is believed: its limits are the least over a bin, so bins are narrower, and
+what longer intervals allow takes long to compute [periods]"""
 _INSIDE = 64
 """Steps inside a bin in which the ring's delay is evaluated"""
 IRREGULAR_CAP = 0.5
@@ -81,9 +82,9 @@ def interval_bins_ns(period_ns: int, flexible: bool = False) -> list[int]:
 
     Args:
         period_ns: The sampling period [ns].
-        flexible: A link is believed: its limits are the least over a bin, so bins are narrower.
+        flexible: A link is believed.
     """
-    return [round(each * period_ns) for each in (NARROW_BINS if flexible else INTERVAL_BINS)]
+    return [round(each * period_ns) for each in (LINK_BINS if flexible else INTERVAL_BINS)]
 
 
 def served_range(intervals_ns: Sequence[int], index: int) -> tuple[float, float]:

@@ -17,7 +17,8 @@ from haptic_wall.controller.paper.curves import (
     linear_at,
 )
 from haptic_wall.controller.report import style
-from haptic_wall.controller.theory import peak
+from haptic_wall.controller.theory.boundary import chain_peak
+from haptic_wall.controller.theory.chain import one_mass
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,7 +69,8 @@ def figure_6() -> FigureData:
 
 
 def _whole(delays: tuple[float, ...]) -> list[Curve]:
-    summits = peak(1.0, DELTA, 1.0, delays)
+    servos, _ = one_mass(1.0, np.full(len(delays), DELTA))
+    summits = chain_peak(servos, 1.0, delays)
     return [exact_boundary(DELTA, delay) for delay in delays] + [
         Curve("peak", {"delta": DELTA, "delay_periods": delay}, np.array([x]), np.array([y]))
         for delay, x, y in zip(delays, summits.virtual_damping, summits.stiffness, strict=True)

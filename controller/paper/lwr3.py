@@ -17,8 +17,9 @@ from haptic_wall.controller.theory import (
     critical_stiffness,
     linear_limit,
     max_virtual_damping,
-    peak,
 )
+from haptic_wall.controller.theory.boundary import chain_peak
+from haptic_wall.controller.theory.chain import one_mass
 
 INERTIA = 0.8
 """[kg·m²], printed with figure 9"""
@@ -50,10 +51,8 @@ def figure_9() -> FigureData:
         stiffness = critical_stiffness(INERTIA, DAMPING, virtual_damping, PERIOD, delay)
         curves.append(_curve("exact", delay, virtual_damping, np.asarray(stiffness)))
         curves.append(_line(delay, virtual_damping))
-        top = peak(INERTIA, DAMPING, PERIOD, delay)
-        curves.append(
-            _curve("peak", delay, np.atleast_1d(top.virtual_damping), np.atleast_1d(top.stiffness))
-        )
+        top = chain_peak(one_mass(INERTIA, DAMPING)[0], PERIOD, delay)
+        curves.append(_curve("peak", delay, top.virtual_damping, top.stiffness))
     return _plane(curves)
 
 

@@ -36,7 +36,9 @@ from haptic_wall.controller.runtime.handover import Inbox, KnownServo
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.runtime.watch_settings import watch_settings
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.theory import critical_stiffness, peak
+from haptic_wall.controller.theory import critical_stiffness
+from haptic_wall.controller.theory.boundary import chain_peak
+from haptic_wall.controller.theory.chain import one_mass
 from haptic_wall.hw.servo import Facts
 
 RAMP_S = 0.05
@@ -178,8 +180,8 @@ def most_injected(
     some = np.flatnonzero((more <= less) | ~np.isfinite(best))
     if some.size:
         m, b, g, t_d = (each[some] for each in (at.inertia, at.damping, at.gain, at.delay))
-        top = peak(m, b, periods[some], t_d, samples).virtual_damping / g
-        best[some] = np.minimum(best[some], top)
+        top = chain_peak(one_mass(m, b)[0], periods[some], t_d, samples)
+        best[some] = np.minimum(best[some], top.virtual_damping / g)
     asked = np.array([decision.damping for decision in decisions])
     most = dict(zip(shared, np.maximum(best - asked, 0.0).tolist(), strict=True))
     return [most[id(decision)] for decision in all_decisions]

@@ -1,19 +1,12 @@
-"""Computes the exact limits in SI units: critical stiffness, damping ceiling, peak."""
+"""Computes the exact limits of one mass in SI units: critical stiffness and damping ceiling."""
 
 from __future__ import annotations
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from haptic_wall.controller.theory.boundary import (
-    CriticalPoint,
-    chain_boundary,
-    chain_ceiling,
-    chain_peak,
-)
+from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.chain import one_mass
 from haptic_wall.controller.theory.checks import FloatArray
-from haptic_wall.controller.theory.dimensionless import settings
 
 
 def critical_stiffness(
@@ -45,34 +38,8 @@ def critical_stiffness(
 
     Source: Gil et al., ICRA 2007, eq. (11), solved on the unit circle for K and B.
     """
-    return critical_point(
-        inertia, damping, virtual_damping, period, delay, velocity_samples
-    ).stiffness
-
-
-def critical_point(
-    inertia: ArrayLike,
-    damping: ArrayLike,
-    virtual_damping: ArrayLike,
-    period: ArrayLike,
-    delay: ArrayLike,
-    velocity_samples: ArrayLike = 1,
-) -> CriticalPoint:
-    """Return the critical stiffness and the frequency of the oscillation at it.
-
-    Args:
-        inertia: m > 0 [kg·m²].
-        damping: Viscous damping b >= 0 [N·m·s/rad].
-        virtual_damping: B [N·m·s/rad].
-        period: T > 0 [s].
-        delay: t_d >= 0 [s].
-        velocity_samples: N of the velocity difference, >= 1.
-
-    Raises:
-        ValueError: An argument is outside of its domain; the message names it.
-    """
-    chain, shape = one_mass(inertia, damping)
-    return chain_boundary(chain, shape, virtual_damping, period, delay, velocity_samples)
+    loop = (virtual_damping, period, delay, velocity_samples)
+    return chain_boundary(*one_mass(inertia, damping), *loop).stiffness
 
 
 def max_virtual_damping(
@@ -106,31 +73,3 @@ def max_virtual_damping(
     Source: Gil et al., ICRA 2007, eq. (11) with K = 0, solved on the unit circle.
     """
     return chain_ceiling(*one_mass(inertia, damping), period, delay, velocity_samples)
-
-
-def peak(
-    inertia: ArrayLike,
-    damping: ArrayLike,
-    period: ArrayLike,
-    delay: ArrayLike,
-    velocity_samples: ArrayLike = 1,
-) -> CriticalPoint:
-    """Return the highest critical stiffness over all virtual dampings, and that damping.
-
-    Args:
-        inertia: m > 0 [kg·m²].
-        damping: Viscous damping b >= 0 [N·m·s/rad].
-        period: T > 0 [s].
-        delay: t_d >= 0 [s].
-        velocity_samples: N of the velocity difference, >= 1.
-
-    Raises:
-        ValueError: An argument is outside of its domain; the message names it.
-    """
-    s = settings(inertia, damping, 0.0, period, delay, velocity_samples)
-    top = chain_peak(one_mass(np.ones_like(s.delta), s.delta)[0], 1.0, s.delay, s.samples)
-    return CriticalPoint(
-        stiffness=s.shaped(top.stiffness * s.stiffness_unit),
-        virtual_damping=s.shaped(top.virtual_damping * s.damping_unit),
-        frequency=s.shaped(top.frequency / s.period),
-    )

@@ -30,7 +30,7 @@ from haptic_wall.controller.theory.checks import (
     samples,
     scalar,
 )
-from haptic_wall.controller.theory.loop import HeldLoop
+from haptic_wall.controller.theory.response import difference, inverse_plant
 
 _AMPLITUDES, _WIDTHS = 12, 10.0
 """Amplitudes of backlash that are looked at, up to so many widths: dense near the least, where the
@@ -139,9 +139,9 @@ def _least(
         w = _SLOWEST * (_FASTEST / _SLOWEST) ** part_w / late
         b = damping + 4.0 * coulomb / (np.pi * a * w / period)
         delta = b * period / inertia
-        loop = HeldLoop.of(delta, np.broadcast_to(delay / period, delta.shape), velocity_samples)
-        balance = loop.inverse_plant(w) * (inertia / period**2) / backlash_gain(a, width)
-        balance = balance - virtual_damping / period * loop.difference(w)
+        balance = inverse_plant(delta, delay / period, w) * (inertia / period**2)
+        balance = balance / backlash_gain(a, width)
+        balance = balance - virtual_damping / period * difference(velocity_samples, w)
         imaginary, stiffness = balance.imag, balance.real
         before, after = imaginary[..., :-1], imaginary[..., 1:]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -250,9 +250,7 @@ def _balance(
     gain: ComplexArray = ones.astype(np.complex128)
     if servo.backlash > 0.0:
         gain = backlash_gain(shaft * ones, servo.backlash * ones)
-    late = delay / period * ones
-    bare = HeldLoop.of(servo.damping * period / servo.inertia * ones, late, velocity_samples * ones)
-    spring_of_damper = virtual_damping / period * bare.difference(rates)
+    spring_of_damper = virtual_damping / period * difference(velocity_samples, rates)
     sine, cosine = np.sin(_TURN), np.cos(_TURN)
     speed = shaft * w[:, None] * cosine
     faded = np.exp(-np.abs(speed) / servo.fading)
@@ -277,7 +275,7 @@ def _balance(
         lossy = servo.damping + 2.0 * np.mean(against * cosine, axis=1) / (shaft * w)
         heavy = servo.inertia - 2.0 * np.mean(against * sine, axis=1) / (shaft * w**2)
         heavy = np.maximum(heavy, _LEAST * servo.inertia)
-        loop = HeldLoop.of(np.maximum(lossy, 0.0) * period / heavy, late, velocity_samples * ones)
-        answer = loop.inverse_plant(rates) * heavy / period**2 / (gain * passed) - spring_of_damper
+        plant = inverse_plant(np.maximum(lossy, 0.0) * period / heavy, delay / period, rates)
+        answer = plant * heavy / period**2 / (gain * passed) - spring_of_damper
         stiffness = 0.5 * (stiffness + np.maximum(answer.real, 0.0))
     return answer.real, answer.imag

@@ -17,14 +17,11 @@ from numpy.typing import ArrayLike
 from haptic_wall.controller.theory.checks import (
     FloatArray,
     IntArray,
-    broadcast,
-    number,
     positive,
-    samples,
     scalar,
 )
 from haptic_wall.controller.theory.contact import Contacts, exit_speed
-from haptic_wall.controller.theory.dimensionless import Settings, settings
+from haptic_wall.controller.theory.dimensionless import settings
 from haptic_wall.controller.theory.exact import critical_stiffness
 
 _FIRST = np.array([0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])
@@ -34,7 +31,7 @@ _PHASES = 17
 _ZOOMS, _ZOOM_POINTS = 4, 7
 # Contacts slower than this (rad per sample, times the delay) are scaled up: see _speed_up.
 _SLOW = 1e-2
-_LONGEST, _LATEST = 1e5, 1e4  # longest simulated contacts and delays, in periods
+_LATEST = 1e4  # longest simulated delay, in periods
 _LITTLE = 1e-2  # upper end of the scaled damping (per period, times the delay)
 
 _NO_COASTING = 20.0
@@ -75,7 +72,8 @@ def one_sided_limit(
         ValueError: An argument is outside of its domain; the message names it.
     """
     s = settings(inertia, damping, virtual_damping, period, delay, velocity_samples)
-    _simulable(s)
+    if np.any(s.delay > _LATEST):
+        raise ValueError(f"period is too small: t_d / T must be at most {_LATEST:g} for a contact")
     wanted = scalar(positive, "tolerance", tolerance)
     alpha = np.zeros_like(s.delta)
     exact = critical_stiffness(1.0, s.delta, s.beta, 1.0, s.delay, s.samples)
@@ -87,59 +85,6 @@ def one_sided_limit(
         share = _share_of_exact(faster, quick=wanted >= 0.01)
         alpha[some] = exact[some] * (1 - (1 - share) / scale)
     return s.shaped(alpha * s.stiffness_unit)
-
-
-def restitution(
-    inertia: ArrayLike,
-    damping: ArrayLike,
-    stiffness: ArrayLike,
-    virtual_damping: ArrayLike,
-    period: ArrayLike,
-    delay: ArrayLike,
-    phases: int = 33,
-    velocity_samples: ArrayLike = 1,
-) -> FloatArray:
-    """Return exit speed over entry speed of a contact with a one-sided wall, at the worst phase.
-
-    The device moves freely before. Its exit speed is taken when no commanded torque acts any more.
-
-    Args:
-        inertia: m > 0 [kg·m²].
-        damping: Viscous damping b >= 0 [N·m·s/rad].
-        stiffness: K > 0 [N·m/rad].
-        virtual_damping: B [N·m·s/rad].
-        period: T > 0 [s].
-        delay: t_d >= 0 [s].
-        phases: Number of phases of entry to try, >= 2, the ends of the period included.
-        velocity_samples: N of the velocity difference, >= 1.
-
-    Returns:
-        The ratio in the broadcast shape. Below 0.02 it is an upper bound (a wall with more than
-        critical damping lets the device creep out, without end).
-
-    Raises:
-        ValueError: An argument is outside of its domain; the message names it.
-    """
-    if scalar(samples, "phases", phases) < 2:
-        raise ValueError(f"phases must be >= 2, got {phases}")
-    names = ("inertia", "damping", "virtual_damping", "period", "delay", "velocity_samples")
-    values = (inertia, damping, virtual_damping, period, delay, velocity_samples)
-    arrays = {name: number(name, value) for name, value in zip(names, values, strict=True)}
-    k, *rest = broadcast(stiffness=positive("stiffness", stiffness), **arrays)
-    s = settings(*rest)
-    _simulable(s)
-    walls = _Walls(s.delta, s.beta, s.delay, s.samples, np.ravel(k) / s.stiffness_unit)
-    if np.any((np.sqrt(walls.alpha) < 1 / _LONGEST) & (walls.delta < 1 / _LONGEST)):
-        raise ValueError(
-            f"stiffness is too small: a contact of more than {_LONGEST:g} periods is not simulated"
-        )
-    returned: FloatArray = _returned(walls, np.ones((1, 1)), _even(phases), 0.02)[:, 0]
-    return s.shaped(np.max(returned, axis=1))
-
-
-def _simulable(s: Settings) -> None:
-    if np.any(s.delay > _LATEST):
-        raise ValueError(f"period is too small: t_d / T must be at most {_LATEST:g} for a contact")
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,9 @@ from click.testing import CliRunner
 from haptic_wall.controller.cli import demo
 from haptic_wall.controller.errors import HapticWallError
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, peak
+from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
+from haptic_wall.controller.theory.boundary import chain_peak
+from haptic_wall.controller.theory.chain import one_mass
 from tests.cases import whole_only
 
 COMMAND = [sys.executable, "-m", "haptic_wall.controller.cli.main", "demo"]
@@ -99,7 +101,7 @@ def test_the_lesson_says_what_theory_says() -> None:
     limit = float(critical_stiffness(*servo, 0.02, period, delay))
     late = float(critical_stiffness(*servo, 0.02, period, delay + 3 * period))
     ceiling = float(max_virtual_damping(*servo, period, delay))
-    best = peak(*servo, period, delay)
+    best = chain_peak(one_mass(*servo)[0], period, delay)
     for number in (limit, late, best.stiffness, best.virtual_damping, ceiling):
         assert f"{float(number):.3g}" in text
     found = re.findall(r"(\w+): wall\(([\d.]+), ([\d.]+)", text)

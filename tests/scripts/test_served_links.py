@@ -16,7 +16,7 @@ TRUTHS = 300
 @pytest.mark.whole
 @pytest.mark.parametrize(
     ("number", "steps", "shortest", "longest"),
-    [(87, 0, 4.2, 6.0), (16, 3, 2.1, 3.15)],
+    [(87, 0, 1.05, 2.1), (16, 0, 1.05, 2.1)],
 )
 def test_a_wall_decays_at_every_interval_of_its_bin(
     number: int, steps: int, shortest: float, longest: float

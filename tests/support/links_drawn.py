@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, peak
-from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
-from haptic_wall.controller.theory.chain import two_masses
+from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
+from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling, chain_peak
+from haptic_wall.controller.theory.chain import one_mass, two_masses
 from haptic_wall.controller.theory.servos import SERVOS
 from tests.support.cases_drawn import PRESETS
 from tests.support.real_servos import BANDWIDTH
@@ -118,7 +118,7 @@ def draw_controlled(random: np.random.Generator, plant: str) -> Case:
         kick = log_uniform((10 * COUNT, 0.3), random)
         wrong = random.uniform(0.8, 1.2, 4).tolist()
         least = float(critical_stiffness(m, b, damping, PERIOD, delay))
-        top = peak(m, b, PERIOD, delay)
+        top = chain_peak(one_mass(m, b)[0], PERIOD, delay)
         stable = min(float(top.virtual_damping), max(counted, damping))
         allowed = min(float(top.stiffness), float(critical_stiffness(m, b, stable, PERIOD, delay)))
         low, high = 1.2 * least, 0.9 * allowed

@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptic_wall.controller.theory import (
-    critical_point,
     critical_stiffness,
     max_virtual_damping,
-    peak,
 )
+from haptic_wall.controller.theory.boundary import chain_boundary, chain_peak
+from haptic_wall.controller.theory.chain import one_mass
 from tests.theory.extended import DIGITS, Wall, all_inside, characteristic, pole_near
 
 
@@ -36,7 +36,7 @@ def test_poles_in_extended_precision_leave_the_circle_within_a_billionth(
     thorough: bool, wholly: bool
 ) -> None:
     delta, beta, delay = light_settings(10_000 if thorough else 400 if wholly else 80, seed=1)
-    found = critical_point(1.0, delta, beta, 1.0, delay)
+    found = chain_boundary(*one_mass(1.0, delta), beta, 1.0, delay)
     part = mpmath.mpf(10) ** -9
     with mpmath.workdps(DIGITS):
         rows = zip(delta, beta, delay, found.stiffness, found.frequency, strict=True)
@@ -141,10 +141,12 @@ def test_extreme_settings_give_numbers_and_zero_outside_of_the_damping_range(
     ) -> None:
         damping, virtual = delta * inertia / period, beta * inertia / period
         device = (inertia, damping, period, delay * period, samples)
-        limit = critical_point(inertia, damping, virtual, period, delay * period, samples)
+        limit = chain_boundary(
+            *one_mass(inertia, damping), virtual, period, delay * period, samples
+        )
         top = max_virtual_damping(*device)
-        best = peak(*device)
-        for value in (limit.stiffness, limit.frequency, top, best.stiffness, best.frequency):
+        best = chain_peak(one_mass(inertia, damping)[0], *device[2:])
+        for value in (limit.stiffness, limit.frequency, top, best.stiffness[0], best.frequency[0]):
             assert np.isfinite(value)
             assert value >= 0
         if virtual <= -damping or virtual >= top:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from haptic_wall.controller.theory import max_virtual_damping, one_sided_limit, restitution
+from haptic_wall.controller.theory import max_virtual_damping, one_sided_limit
 from haptic_wall.controller.theory.chain import Chain, two_masses
 from haptic_wall.controller.theory.chain_contact import returned
+from tests.support.contacts import restitution
 
 PERIOD = 1e-3
 PHASES = np.linspace(1e-9, 1.0, 33)

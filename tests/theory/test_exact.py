@@ -7,11 +7,12 @@ import pytest
 from numpy.typing import ArrayLike
 
 from haptic_wall.controller.theory import (
-    critical_point,
     critical_stiffness,
     linear_limit,
     max_virtual_damping,
 )
+from haptic_wall.controller.theory.boundary import chain_boundary
+from haptic_wall.controller.theory.chain import one_mass
 from tests.theory.oracles import Loop, radius
 
 
@@ -77,7 +78,7 @@ def test_the_limit_moves_smoothly_over_whole_delays() -> None:
 def test_no_stiffness_is_stable_without_damping() -> None:
     assert critical_stiffness(1.0, 0.0, 0.0, 1.0, 0.0) == 0
     assert critical_stiffness(1.0, 0.1, -0.1, 1.0, 0.0) == 0
-    assert critical_point(1.0, 0.1, -0.2, 1.0, 1.0).frequency == 0
+    assert chain_boundary(*one_mass(1.0, 0.1), -0.2, 1.0, 1.0).frequency == 0
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,9 @@ from haptic_wall.controller.processes.plan import Ended, Plan
 from haptic_wall.controller.processes.run_report import exit_status
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.theory import critical_stiffness, peak
+from haptic_wall.controller.theory import critical_stiffness
+from haptic_wall.controller.theory.boundary import chain_peak
+from haptic_wall.controller.theory.chain import one_mass
 from haptic_wall.controller.theory.checks import FloatArray
 from tests.cases import sampled
 from tests.typed import not_none
@@ -161,7 +163,7 @@ def five_cycles(stiffness: float, rows: NDArray[np.void]) -> FloatArray:
 @pytest.mark.parametrize("share", sampled([0.2, 0.02, 0.7], 3))
 def test_passivity_control_holds_what_some_damping_could(tmp_path: Path, share: float) -> None:
     limit = float(critical_stiffness(0.011951, 0.011692, 0.0, 1e-3, 2e-3))
-    highest = float(peak(0.011951, 0.011692, 1e-3, 2e-3).stiffness)
+    highest = float(chain_peak(one_mass(0.011951, 0.011692)[0], 1e-3, 2e-3).stiffness[0])
     stiffness = share * highest
     assert stiffness > 2 * limit
     sets = ("servo.delay=0.002", f"wall.stiffness={stiffness}", "guard.mode=off")
@@ -173,7 +175,7 @@ def test_passivity_control_holds_what_some_damping_could(tmp_path: Path, share: 
 
 
 def test_beyond_the_peak_it_cannot_and_trips(tmp_path: Path) -> None:
-    highest = float(peak(0.011951, 0.011692, 1e-3, 2e-3).stiffness)
+    highest = float(chain_peak(one_mass(0.011951, 0.011692)[0], 1e-3, 2e-3).stiffness[0])
     ended, rows = play(
         tmp_path,
         "servo.delay=0.002",

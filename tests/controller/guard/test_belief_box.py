@@ -14,8 +14,8 @@ from haptic_wall.controller.theory import (
     max_virtual_damping,
     one_sided_limit,
     passive_limit,
-    restitution,
 )
+from tests.support.contacts import restitution
 
 T = 1e-3
 M = 0.01
