@@ -36,7 +36,7 @@ QUICK_NS: Final = (3_000_000, 3_000_000, 4_000_000, 6_000_000, 20_000_000)
 (0.5 ms) and the adapter's hold (1 ms); the last one outlasts an adapter's 16 ms timer"""
 PATIENCE_NS: Final = (*QUICK_NS, 250_000_000)
 """The same at the start; the last one outlasts a USB link that holds everything for 200 ms"""
-SIZES: Final = range(28, 147)
+SIZES: Final = range(49, 147)
 """Sizes of the blocks that read a register; samples are shorter"""
 _TABLE_END: Final = 147
 """After Present Temperature"""

@@ -169,8 +169,8 @@ def test_a_backlog_that_arrives_at_once_yields_only_the_newest(shape: tuple[int,
     bench.assert_counts(5, 5, 0)
 
 
-@pytest.mark.parametrize("periods", sampled(range(1, 10), 3))
-def test_a_reply_up_to_ten_periods_late_is_known_at_any_rate(
+@pytest.mark.parametrize("periods", sampled([1, 30, *range(2, 30)], 3))
+def test_a_reply_up_to_thirty_periods_late_is_known_at_any_rate(
     shape: tuple[int, Way], periods: int
 ) -> None:
     """At 4 kHz all of them lie within what the tick must tolerate."""
@@ -179,7 +179,7 @@ def test_a_reply_up_to_ten_periods_late_is_known_at_any_rate(
     fate = only(late, lambda _, reply: [(periods * period_ns + 50 * US, reply)])
     bench = Bench(fate, shape, period_ns=period_ns)
     bench.servo.reply_ns = 50 * US
-    assert bad(bench.run(150)) == sorted(late)
+    assert bad(bench.run(170)) == sorted(late)
     bench.assert_counts(len(late), len(late), 0)
 
 
