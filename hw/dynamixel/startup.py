@@ -145,18 +145,22 @@ class Startup:
     def _set_up(self) -> None:
         """Set mode, return delay, goal and watchdog where they differ, and read them back."""
         table = self._table
-        table.write("bus_watchdog", 0)  # a tripped watchdog refuses every goal, 0 included
+        # A tripped watchdog refuses every goal, 0 included.
+        watchdog = table.write("bus_watchdog", 0)
         self._settle("operating_mode", CURRENT_MODE)
         self._settle("return_delay_time", 0, "return delay")
-        table.write("goal_current", 0)  # the mode change has set it to Current Limit
-        self._settle("goal_current", 0)
+        # The mode change has set it to Current Limit.
+        self._settle("goal_current", 0, before=table.write("goal_current", 0))
         # It limits the current in this mode too, and keeps another program's value.
         self._settle("goal_pwm", table.read("pwm_limit"))
-        self._settle("bus_watchdog", watchdog_units(self._settings.watchdog_s))
+        units = watchdog_units(self._settings.watchdog_s)
+        self._settle("bus_watchdog", units, before=watchdog)
 
-    def _settle(self, register: str, wanted: int, name: str = "") -> None:
-        """Write a register where it differs, and read it back."""
-        before = after = self._table.read(register)
+    def _settle(
+        self, register: str, wanted: int, name: str = "", before: int | None = None
+    ) -> None:
+        """Write a register where it differs from what is read, or was ``before``; read it back."""
+        before = after = self._table.read(register) if before is None else before
         if before != wanted:
             after = self._table.write(register, wanted)
         why = f"Its {self._table.label(register)} stays {after} when {wanted} is written"

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from haptic_wall.hw.dynamixel.codec import Instruction, Parser
+from haptic_wall.hw.dynamixel.codec import ErrorCode, Instruction, Parser
 from haptic_wall.hw.dynamixel.probe import Push, _Prober
 from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.rules import judge, read_servo
@@ -80,6 +80,36 @@ def test_a_servo_fresh_from_the_factory_is_set_up_and_checked_in_order() -> None
     assert bench.truth.memory["torque_enable"] == 1
     assert bench.truth.memory["goal_current"] == 0
     assert bench.servo.facts.torque_limit == pytest.approx(1193 * 2.69e-3 * 4.1 / 2.3)
+
+
+@pytest.mark.parametrize("busy_ms", [2, 10, 40, 80])
+def test_a_servo_that_is_silent_while_it_stores_eeprom_is_waited_for(
+    busy_ms: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = Bench(probe_torque=0.0)
+    stored, store = [], bench.truth.write
+
+    def slow(address: int, data: bytes, now_ns: int) -> ErrorCode:
+        if address < 64:
+            stored.append(address)
+            bench.truth.answers_from_ns = now_ns + busy_ms * 1_000_000
+        return store(address, data, now_ns)
+
+    monkeypatch.setattr(bench.truth, "write", slow)
+    assert all(check.ok for check in bench.servo.start())
+    assert stored == [11, 9], "each once: mode, return delay"
+
+
+@pytest.mark.parametrize("timer_ms", [0, 8, 16])
+@pytest.mark.parametrize("share", [1.0, 0.5])
+def test_replies_under_another_id_are_never_used_and_named(timer_ms: int, share: float) -> None:
+    bench = Bench()
+    bench.bus._adapter = Adapter(timer_ms * 1_000_000, 62, 0)
+    bench.bus.inject(f"wrong-id:to=7,way=reply,p={share}", bench.clock.now_ns())
+    with pytest.raises(ServoError, match="a reply came from id 7, which was not asked"):
+        for _ in range(9):
+            bench.servo.start()
+    assert bench.truth.memory["torque_enable"] == 0 or share < 1.0
 
 
 def test_a_servo_that_is_set_up_is_not_written_to_again() -> None:
