@@ -3,15 +3,11 @@
 Frames marked as published are those of the e-manual's examples.
 """
 
-import pytest
-
 from haptic_wall.hw.dynamixel.codec import (
-    BROADCAST,
     ErrorCode,
     Instruction,
-    crc16,
 )
-from tests.hw.dynamixel.emulated_client import MS, Client
+from tests.hw.dynamixel.emulated_client import Client
 
 ID, BAUD_RATE, RETURN_DELAY, SECONDARY_ID, HOMING = 7, 8, 9, 12, 20
 TEMPERATURE_LIMIT, MAX_VOLTAGE, MIN_VOLTAGE, STARTUP = 31, 32, 34, 60
@@ -52,17 +48,6 @@ def test_bulk_write_reaches_each_with_its_own_registers_and_is_not_answered() ->
     assert client.read(2, TEMPERATURE_LIMIT, 1) == 80
 
 
-@pytest.mark.parametrize("level", [0, 1, 2])
-def test_lists_of_reads_are_answered_but_at_return_level_0(level: int) -> None:
-    client = Client()
-    client.send(1, Instruction.WRITE, words(RETURN_LEVEL) + bytes([level]))
-    client.replies()
-    client.send(BROADCAST, Instruction.SYNC_READ, words(LED, 1) + b"\x01")
-    client.send(BROADCAST, Instruction.BULK_READ, b"\x01" + words(LED, 1))
-    client.send(BROADCAST, Instruction.FAST_BULK_READ, b"\x01" + words(LED, 1))
-    assert len(client.replies()) == (3 if level else 0)
-
-
 # Two servos with one id
 
 
@@ -88,22 +73,3 @@ def test_a_registered_write_is_checked_again_when_it_is_carried_out() -> None:
     client.write(1, TORQUE_ENABLE, 1, 1)
     assert client.answer(1, Instruction.ACTION).error == ErrorCode.ACCESS
     assert client.read(1, HOMING, 4) == 0
-
-
-@pytest.mark.parametrize(("ids", "shares"), [((1, 2, 3), 3), ((1, 9, 2), 1), ((9, 1, 2), 0)])
-def test_fast_bulk_read_breaks_off_at_a_missing_servo(
-    ids: tuple[int, int, int], shares: int
-) -> None:
-    client = Client((X, 1), (X, 2), (X, 3))
-    sizes = (4, 2, 1)
-    asked = [
-        bytes([i]) + words(address, size)
-        for i, address, size in zip(ids, (POSITION, 144, LED), sizes, strict=True)
-    ]
-    client.send(BROADCAST, Instruction.FAST_BULK_READ, b"".join(asked))
-    client.line.wait(client.clock.now_ns() + 3 * MS)
-    wire = client.line.read()
-    assert len(wire) == (8 + sum(sizes[:shares]) + 4 * shares if shares else 0)
-    if shares:
-        assert int.from_bytes(wire[5:7], "little") == 1 + sum(sizes) + 4 * 3  # as if all would come
-        assert crc16(wire[:-2]) == int.from_bytes(wire[-2:], "little")
