@@ -21,13 +21,11 @@ from haptic_wall.hw.truth import TrueServo
 from tests.hw.dynamixel.bench import Bench
 
 SMALL = "XL330-M288"
-VOLTS, STALL, TORQUE, NO_LOAD = 5.0, 1.47, 0.52, 103 * 2 * math.pi / 60
-"""Published: [V], [A], [N·m], [rad/s]"""
-CONSTANT, RESISTANCE, BACK_EMF = TORQUE / STALL, VOLTS / STALL, VOLTS / NO_LOAD
+TORQUE = 0.52
+"""Published, at the stall [N·m]"""
 SMALLEST = TORQUE * math.sqrt(1 / 1470)
 """[N·m] for 1 mA"""
 INERTIA = 0.0018142
-STIFFNESS, REST = 0.3, 1.0
 Send = Callable[[float], float]
 
 
