@@ -66,7 +66,7 @@ def test_a_servo_fresh_from_the_factory_is_set_up_and_checked_in_order() -> None
         ("torque per current", "1.78 N·m/A, stall torque over current"),
         ("position", f"{-196 * COUNT:.3f} rad"),
         ("adapter reply", "0.1 ms, longest 0.1 ms"),
-        ("torque", "on"),
+        ("torque", "off, set to on"),
     ]
     assert checks[-2].name == "torque sign"
     watched = "torque enable, bus watchdog, supply, temperature every 0.2 s"
@@ -312,7 +312,7 @@ def test_an_adapter_that_returns_what_is_sent_harms_nothing(
 def test_torque_that_is_on_is_switched_off_first() -> None:
     bench = Bench()
     bench.truth.memory["torque_enable"] = 1  # position mode: EEPROM is locked
-    assert bench.found("torque at the start") == "on, switched off"
+    assert bench.found("torque at the start") == "on, set to off"
     assert bench.truth.memory["operating_mode"] == 0
 
 
