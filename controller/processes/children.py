@@ -17,6 +17,8 @@ from haptic_wall.controller.system.signals import held_back
 
 KILLED_S = 2.0
 """Time allowed for a killed process to disappear [s]"""
+HALTED_S = 0.8
+"""Time after which a process that a signal has stopped counts as halted [s]"""
 _DOING = {
     "R": "was busy",
     "S": "waited for something",
@@ -81,6 +83,7 @@ class Child:
         self.output = self._process.stdout.fileno()
         os.set_blocking(self.output, False)
         self._heard = b""
+        self._went_s = time.monotonic()
 
     def lines(self) -> list[str]:
         """Return the whole lines that it has written since the last call; never waits."""
@@ -110,6 +113,13 @@ class Child:
             return ""
         return _DOING.get(stat[stat.rindex(")") + 2], "")
 
+    def halted(self) -> bool:
+        """Whether it was stopped by a signal at each look of the last ``HALTED_S``."""
+        now_s = time.monotonic()
+        if self.doing() != _DOING["T"]:
+            self._went_s = now_s
+        return now_s - self._went_s > HALTED_S
+
     def exit_text(self) -> str:
         """Describe how it ended, for messages."""
         code = self._process.returncode
@@ -133,7 +143,7 @@ class Child:
     def dismiss(self, timeout_s: float) -> None:
         """End it: by request, and by force after ``timeout_s`` [s]; close its descriptors."""
         self.send(signal.SIGTERM)
-        if not self.wait(timeout_s):
+        if self.doing() == _DOING["T"] or not self.wait(timeout_s):  # it cannot heed a request
             self.send(signal.SIGKILL)
             self.wait(KILLED_S)  # a process that waits for a device in the kernel cannot be killed
         if self._process.stdout is not None and not self._process.stdout.closed:
@@ -144,7 +154,7 @@ class Child:
 def first_line(
     child: Child, timeout_s: float, given_up: Callable[[], bool] = lambda: False
 ) -> str | None:
-    """Return the first line that a child writes; None: it wrote nothing.
+    """Return the first line that a child writes; None: it wrote nothing, or is halted.
 
     Args:
         child: The child.
@@ -152,7 +162,7 @@ def first_line(
         given_up: Whether to stop waiting.
     """
     deadline = time.monotonic() + timeout_s
-    while time.monotonic() < deadline and not given_up():
+    while time.monotonic() < deadline and not given_up() and not child.halted():
         ended = child.ended()  # asked first: it may write a line and end between the two calls
         lines = child.lines()
         if lines:

@@ -216,6 +216,8 @@ class Supervisor:
                 self._rows.look()
                 self._door.look()
                 looked = now
+                if emulator is not None and emulator.halted():
+                    self._words[Word.COUPLED] = 0  # the loop waits for it no longer
             if emulator is not None and emulator.ended():
                 self._words[Word.COUPLED] = 0
                 watch.asked()

@@ -7,8 +7,8 @@ The protocol has no sequence number, so a reply must be recognised as the answer
 otherwise a loop that once misses a reply would from then on use the reply of the previous period.
 Three cheap checks do it:
 
-1. **Length.** Requests ask for the same block in different lengths (16 to 27 bytes). A length whose
-   request was not answered is not used again for the next ten requests, so a late reply is
+1. **Length.** Requests ask for the sample in blocks of different lengths (16 to 48 bytes). A length
+   whose request was not answered is not used again for the next 31 requests, so a late reply is
    recognised by its length, in any order of replies. Undisturbed, lengths alternate between 16 and
    17.
 2. **Time.** Bytes that arrived before the request was sent cannot be its answer.
@@ -35,10 +35,10 @@ from haptic_wall.hw.dynamixel.codec import Frame, Instruction, Parser, SyncWrite
 from haptic_wall.hw.dynamixel.samples import (
     LENGTHS,
     QUARANTINE,
-    SAMPLE_ADDRESS,
     Sample,
     SampleRequest,
     Way,
+    block_address,
 )
 from haptic_wall.hw.dynamixel.station import Station
 from haptic_wall.hw.dynamixel.wire import wire_ns
@@ -69,7 +69,7 @@ class Exchange:
     def __init__(self, line: Line, ids: Sequence[int], *, baud: int = 0) -> None:
         self.line = line
         self.parser = Parser()
-        self.blocks = dict.fromkeys(LENGTHS, SAMPLE_ADDRESS)
+        self.blocks = {length: block_address(length) for length in LENGTHS}
         """First register of a sample's block, by its length"""
         self.number = 0
         """Of the next request"""
@@ -106,7 +106,8 @@ class Exchange:
         ids = [station.id for station in stations]
         self.parser.joint = len(ids) if way is Way.FAST else 0
         self._usual = {
-            each: SampleRequest(way, ids, SAMPLE_ADDRESS, each, prepared=True) for each in LENGTHS
+            each: SampleRequest(way, ids, block_address(each), each, prepared=True)
+            for each in LENGTHS
         }
         self._goals = SyncWrite(GOAL_CURRENT, ids)
         self._known: dict[int, bytes] | None = {} if len(ids) == 1 else None

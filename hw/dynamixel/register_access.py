@@ -34,9 +34,10 @@ from haptic_wall.hw.serialport.line import Line
 QUICK_NS: Final = (3_000_000, 3_000_000, 4_000_000, 6_000_000, 20_000_000)
 """Time allowed for each attempt where a torque is on [ns]: at first the servo's return delay
 (0.5 ms) and the adapter's hold (1 ms); the last one outlasts an adapter's 16 ms timer"""
-PATIENCE_NS: Final = (*QUICK_NS, 250_000_000)
-"""The same at the start; the last one outlasts a USB link that holds everything for 200 ms"""
-SIZES: Final = range(28, 147)
+PATIENCE_NS: Final = (*QUICK_NS, 50_000_000, 250_000_000)
+"""The same at the start: all but the last bear a servo that stores EEPROM for 80 ms, and the last
+one a USB link that holds everything for 200 ms"""
+SIZES: Final = range(49, 147)
 """Sizes of the blocks that read a register; samples are shorter"""
 _TABLE_END: Final = 147
 """After Present Temperature"""
@@ -76,6 +77,8 @@ class Table:
         """When a register was last read in a block of this size [ns]"""
         self._eeprom: dict[int, bytes] = {}
         """What the answer in a block of this size began with, of the EEPROM"""
+        self._stranger: int | None = None
+        """An id that nobody asked, under which a reply has come"""
 
     @classmethod
     def on(cls, line: Line, baud: int, servo_id: int, where: str, model: Model) -> Table:
@@ -109,7 +112,7 @@ class Table:
             raise failure
         for_a_second = ", and for a second servo with this id" if self._damaged else ""
         raise ServoMissingError(
-            f"No servo answers as {self.name}{self._reason()}",
+            f"No servo answers as {self.name}{self._reason()}{self._strange()}",
             advice=f"check {wiring(self.name)}{for_a_second}; `haptic-wall scan` lists what answers"
             " at which id and baud rate, and `haptic-wall doctor CONFIG` examines the bus.",
         )
@@ -188,12 +191,13 @@ class Table:
         return f"; replies came up to {late_ms:.0f} ms late" if late_ms > _LATE_MS else ""
 
     def lost(self, what: str, more: str = "") -> ServoLostError:
-        """Return the error for a servo that stops answering; it names late replies, if any came.
+        """Return the error for a servo that stops answering; it names late and strange replies.
 
         Args:
             what: What it did not answer.
             more: Follows the advice.
         """
+        what += self._strange()
         advice = f"check {wiring(self.name)}{more}."
         if late := self.lateness():
             what += late
@@ -269,9 +273,11 @@ class Table:
             in_time = self.clock.now_ns() < deadline_ns
             for frame in parser.feed(line.read()):
                 data = frame.params
-                if frame.instruction != Instruction.STATUS or frame.id != station.id:
+                if frame.instruction != Instruction.STATUS:
                     continue  # such as an echo of what was sent
-                if code := frame.error & REFUSED:
+                if frame.id != station.id:
+                    self._stranger = frame.id
+                elif code := frame.error & REFUSED:
                     station.refusal = code if instruction else station.refusal
                 elif len(data) == size and found is None:
                     found = data
@@ -295,6 +301,12 @@ class Table:
         if code:
             return f" ({_REASONS.get(code, f'error {code}')})"
         return " (damaged replies came)" if self._damaged else ""
+
+    def _strange(self) -> str:
+        """Name an id that nobody asked, as the end of a sentence; empty: none has replied."""
+        if self._stranger is None:
+            return ""
+        return f"; a reply came from id {self._stranger}, which was not asked"
 
     def _failure(self, doing: str) -> ServoError:
         if self.station.refusal and self.station.refusal not in _GARBLED:
@@ -330,17 +342,21 @@ def write_all(
         What the others read back; None: no reply.
     """
     left: dict[Table, int | None] = dict.fromkeys(servos)
+    unwritten = list(servos)
     for each_ns in patience_ns:
         if not left:
             break
         first, *_ = left
-        register = first.registers[name]
-        data = register.encode(value)
-        head = struct.pack("<HH", register.address, register.size)
-        shares = b"".join(bytes([one.station.id]) + data for one in left)
-        frame = encode(BROADCAST, Instruction.SYNC_WRITE, head + shares)
-        first.exchange.line.write(frame)
-        allowed_ns = (each_ns + first.exchange.wire_ns(len(frame)),)
+        exchange, register = first.exchange, first.registers[name]
+        data, frame = register.encode(value), b""
+        if unwritten:
+            head = struct.pack("<HH", register.address, register.size)
+            shares = b"".join(bytes([one.station.id]) + data for one in unwritten)
+            frame = encode(BROADCAST, Instruction.SYNC_WRITE, head + shares)
+            exchange.line.write(frame)
+        allowed_ns = (each_ns + exchange.wire_ns(len(frame)),)
         found = {one: one.try_read(name, allowed_ns, sizes) for one in left}
         left = {one: now for one, now in found.items() if now != value}
+        # A servo may be silent while it stores EEPROM. One more write would only prolong that.
+        unwritten = [one for one in left if left[one] is not None or not register.eeprom]
     return left

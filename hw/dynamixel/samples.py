@@ -16,11 +16,14 @@ _FIELDS: Final = "H4xh4xi"
 """Of these only tick, current and position"""
 SAMPLE_ADDRESS: Final = 120
 SAMPLE_END: Final = SAMPLE_ADDRESS + SAMPLE.size
-LENGTHS: Final = range(16, 28)
-"""Sample to position, up to Present Temperature (146); the bytes after the position are unused"""
-QUARANTINE: Final = 10
-"""Requests before the length of an unanswered one is used again; fewer than there are lengths, so
-that one is always free"""
+LENGTHS: Final = range(16, 49)
+"""Of the blocks with a sample; the bytes beside it are unused"""
+_FROM_SAMPLE: Final = 27
+"""Longest block that begins with the sample and ends with Present Temperature (146) at most; a
+longer one ends with the sample"""
+QUARANTINE: Final = 31
+"""Requests before the length of an unanswered one is used again, 15 ms at 2 kHz; fewer than there
+are lengths, so that one is always free"""
 
 
 class Sample(NamedTuple):
@@ -35,6 +38,11 @@ class Sample(NamedTuple):
     """A hardware error is latched."""
     sampled_ns: int
     """When the request was sent [ns]"""
+
+
+def block_address(length: int) -> int:
+    """Return the first register of the block with a sample that has this length."""
+    return SAMPLE_ADDRESS if length <= _FROM_SAMPLE else SAMPLE_END - length
 
 
 class Way(Enum):
@@ -56,7 +64,7 @@ class SampleRequest:
         ids: The servos, in the order of their replies.
         address: First register of the block, at 120 at most.
         length: Number of bytes; no other block has as many.
-        prepared: Prepare the pattern of the replies; the block begins with the sample.
+        prepared: Prepare the pattern of the replies, if the block begins with the sample.
 
     Attributes:
         length: Number of bytes.
@@ -75,6 +83,6 @@ class SampleRequest:
         else:
             self.frame = encode(BROADCAST, way.value, block + bytes(ids))
         self.expected: ExpectedReplies | None = None
-        if prepared:
+        if prepared and address == SAMPLE_ADDRESS:
             self.expected = ExpectedReplies(ids, length, _FIELDS, joint=way is Way.FAST)
         self.unpack = struct.Struct(f"<{SAMPLE_ADDRESS - address}x{_FIELDS}").unpack_from

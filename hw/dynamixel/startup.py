@@ -88,7 +88,7 @@ class Startup:
         self._report_adapter()
         self._identify(number)
         be_alone(table)
-        self._switch("torque at the start", 0, "stays on", "switch its power off")
+        self._settle("torque_enable", 0, "torque at the start", advice="switch its power off")
         self._refuse_if_unfit()
         seen = read_servo(table, self._model, self._constant, settings.torque_limit, start=True)
         self._checks += (check for _, check in judge(seen, start=True))
@@ -98,8 +98,8 @@ class Startup:
         self._report("position", f"{self._sample().counts * POSITION_UNIT:.3f} rad", "known")
         longest_ns, reply_ns = self._measure_reply()
         self._refuse_if_unfit()
-        why = "check its supply voltage and Hardware Error Status (70)"
-        self._switch("torque", 1, "stays off", why)  # the goal is zero
+        advice = "check its supply voltage and Hardware Error Status (70)"
+        self._settle("torque_enable", 1, "torque", advice=advice)  # the goal is zero
         self._refuse_if_unfit()
         self._checks.append(
             prove_the_sign(settings, seen.law, seen["current_limit"], table, self._name)
@@ -123,51 +123,49 @@ class Startup:
         self._checks.append(judge_model(number, self._model.name))
         self._refuse_if_unfit()
         before = table.try_read("status_return_level")  # at 0 reads have no reply
-        level = table.write("status_return_level", STATUS_LEVEL)  # a silent second servo takes it
-        why = "" if level == STATUS_LEVEL else "It does not answer every instruction"
-        self._judge_written("status return level", before or 0, level, STATUS_LEVEL, why)
+        if before == STATUS_LEVEL:  # a silent second servo takes it
+            before = table.write("status_return_level", STATUS_LEVEL)
+        self._settle("status_return_level", STATUS_LEVEL, before=before or 0)
         firmware = table.read("firmware_version")
         self._checks.append(judge_firmware(self._model, firmware))
         self._refuse_if_unfit()
         table.registers = self._model.registers_at(firmware)
 
-    def _switch(self, name: str, wanted: int, stays: str, advice: str) -> None:
-        """Switch the torque on or off; it may be on from another run."""
-        before = self._table.read("torque_enable")
-        after = before if before == wanted else self._table.write("torque_enable", wanted)
-        states = ("off", "on")
-        found = states[after > 0]
-        if before > wanted == after:
-            found = "on, switched off"
-        why = "" if after == wanted else f"Its torque {stays}"
-        self._checks.append(Verdict(found, states[wanted], why, advice if why else "").check(name))
-
     def _set_up(self) -> None:
         """Set mode, return delay, goal and watchdog where they differ, and read them back."""
         table = self._table
-        table.write("bus_watchdog", 0)  # a tripped watchdog refuses every goal, 0 included
+        # A tripped watchdog refuses every goal, 0 included.
+        watchdog = table.write("bus_watchdog", 0)
         self._settle("operating_mode", CURRENT_MODE)
         self._settle("return_delay_time", 0, "return delay")
-        table.write("goal_current", 0)  # the mode change has set it to Current Limit
-        self._settle("goal_current", 0)
+        # The mode change has set it to Current Limit.
+        self._settle("goal_current", 0, before=table.write("goal_current", 0))
         # It limits the current in this mode too, and keeps another program's value.
         self._settle("goal_pwm", table.read("pwm_limit"))
-        self._settle("bus_watchdog", watchdog_units(self._settings.watchdog_s))
+        units = watchdog_units(self._settings.watchdog_s)
+        self._settle("bus_watchdog", units, before=watchdog)
 
-    def _settle(self, register: str, wanted: int, name: str = "") -> None:
-        """Write a register where it differs, and read it back."""
-        before = after = self._table.read(register)
+    def _settle(
+        self,
+        register: str,
+        wanted: int,
+        name: str = "",
+        *,
+        before: int | None = None,
+        advice: str = "reboot it, and look for another program on this bus",
+    ) -> None:
+        """Write a register where it differs from what is read, or was ``before``; read it back."""
+        table = self._table
+        before = after = table.read(register) if before is None else before
         if before != wanted:
-            after = self._table.write(register, wanted)
-        why = f"Its {self._table.label(register)} stays {after} when {wanted} is written"
-        self._judge_written(
-            name or register.replace("_", " "), before, after, wanted, why * (after != wanted)
-        )
-
-    def _judge_written(self, name: str, before: int, after: int, wanted: int, why: str) -> None:
-        found = str(after) if after == before else f"{before}, set to {after}"
-        advice = "reboot it, and look for another program on this bus" if why else ""
-        self._checks.append(Verdict(found, str(wanted), why, advice).check(name))
+            after = table.write(register, wanted)
+        words = ("off", "on") if register == "torque_enable" else range(1 << 16)
+        found, goal = str(words[after]), str(words[wanted])
+        told = (f"Its {table.label(register)} stays {found} when {goal} is written", advice)
+        if after != before:
+            found = f"{words[before]}, set to {found}"
+        verdict = Verdict(found, goal, *(told if after != wanted else ()))
+        self._checks.append(verdict.check(name or register.replace("_", " ")))
 
     def _judge_constant(self, law: TorqueLaw) -> None:
         """Check that the torque limit leaves a torque."""

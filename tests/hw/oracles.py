@@ -14,16 +14,6 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 
-class Body(NamedTuple):
-    """A servo and the hand on it, in SI units."""
-
-    inertia: float
-    damping: float
-    coulomb: float
-    hand_stiffness: float = 0.0
-    hand_damping: float = 0.0
-
-
 class Stretch(NamedTuple):
     """A time over which the torque is held and the hand's reference moves linearly."""
 
@@ -31,77 +21,6 @@ class Stretch(NamedTuple):
     torque: float
     reference: float = 0.0
     slope: float = 0.0
-
-
-def integrate(
-    body: Body, position: float, velocity: float, stretches: Sequence[Stretch]
-) -> list[tuple[float, float]]:
-    """Position and velocity at the end of every stretch, by Runge-Kutta 8(5,3) with events."""
-    states = []
-    for stretch in stretches:
-        position, velocity = _integrate_stretch(body, position, velocity, stretch)
-        states.append((position, velocity))
-    return states
-
-
-def _integrate_stretch(
-    body: Body, position: float, velocity: float, stretch: Stretch
-) -> tuple[float, float]:
-    inertia, damping, coulomb, stiffness, hand_damping = body
-
-    def applied(time: float, x: float, v: float) -> float:
-        """Everything but Coulomb friction."""
-        reference = stretch.reference + stretch.slope * time
-        return (
-            stretch.torque
-            - damping * v
-            + stiffness * (reference - x)
-            + hand_damping * (stretch.slope - v)
-        )
-
-    time = 0.0
-    while time < stretch.duration:
-        if velocity == 0.0:
-            force = applied(time, position, 0.0)
-            if abs(force) > coulomb:
-                sign = math.copysign(1.0, force)
-            else:
-                here = position
-                sign = math.copysign(1.0, stiffness * stretch.slope)
-
-                def excess(t: float, here: float = here, sign: float = sign) -> float:
-                    return sign * applied(t, here, 0.0) - coulomb
-
-                if excess(stretch.duration) <= 0.0:
-                    return position, 0.0
-                time = float(brentq(excess, time, stretch.duration, xtol=1e-18, rtol=8.9e-16))
-        else:
-            sign = math.copysign(1.0, velocity)
-
-        def slope(t: float, state: NDArray[np.float64], sign: float = sign) -> list[float]:
-            return [state[1], (applied(t, state[0], state[1]) - sign * coulomb) / inertia]
-
-        def rest(_: float, state: NDArray[np.float64], sign: float = sign) -> float:
-            return sign * float(state[1])
-
-        # Rounding at the instant of breaking away must not count as coming to rest.
-        begins = abs(slope(time, np.array([position, 0.0]))[1]) > 1e-9
-        rest.terminal = velocity != 0.0 or begins  # type: ignore[attr-defined]
-        rest.direction = -1.0  # type: ignore[attr-defined]
-        solution = solve_ivp(
-            slope,
-            (time, stretch.duration),
-            [position, velocity],
-            method="DOP853",
-            rtol=1e-12,
-            atol=1e-14,
-            events=rest,
-        )
-        assert solution.success, solution.message
-        time = float(solution.t[-1])
-        position = float(solution.y[0, -1])
-        velocity = 0.0 if solution.status == 1 else float(solution.y[1, -1])
-    return position, velocity
 
 
 def _left(speed: float, stribeck: float) -> float:

@@ -116,11 +116,3 @@ def test_it_moves_evenly_not_faster_than_an_arm_and_lets_go_at_once(hand: Shared
     assert again.origin == pytest.approx(0.1 + FASTEST * 0.025)
     hand.release()
     assert hand.look(2000) is None
-
-
-def test_a_half_written_grasp_is_not_used(hand: SharedHand) -> None:
-    reader = SharedHand(hand.descriptor)
-    hand.hold(0.3, 4.0, 0.0, 1000)
-    before = reader.look(1000)
-    hand._map[0] |= 1  # the writer is at it
-    assert reader.look(1000) == before

@@ -8,13 +8,12 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
 from haptic_wall.hw.clock import MonotonicClock, SimulatedClock
 from haptic_wall.hw.dynamixel.group import DynamixelGroup
-from haptic_wall.hw.errors import PortError, ServoLostError, ServoMissingError, UnfitServoError
+from haptic_wall.hw.errors import PortError, ServoMissingError, UnfitServoError
 from haptic_wall.hw.open import cut_torque, open_port, open_servo
 from haptic_wall.hw.servo import Outcome
 from haptic_wall.hw.settings import ServoSettings
@@ -110,48 +109,3 @@ def test_whoever_opens_a_port_can_cut_the_torque_without_loading_anything(silent
         [sys.executable, "-c", program], stderr=subprocess.PIPE, text=True, check=False
     )
     assert ended.stderr.strip() == ""
-
-
-@pytest.fixture
-def emulator() -> Iterator[str]:
-    """The port of an emulated bus in a process of its own."""
-    command = [
-        str(Path(sys.executable).with_name("haptic-wall")),
-        *("emulate", "--servo", "XM430-W350:1", "--baud", "4000000"),
-        *("--set", "servo.inertia=0.012", "--set", "servo.coulomb=0.09"),
-    ]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        yield process.stdout.readline().strip()
-        process.terminate()
-
-
-@pytest.mark.realtime
-def test_a_servo_on_a_real_terminal_is_driven_and_cut(emulator: str) -> None:
-    clock = MonotonicClock()
-    # Patient: this machine may stall for longer than a wall should.
-    wanted = replace(settings(emulator), watchdog_s=2.5)
-    descriptor = not_none(open_port(wanted))
-    for attempt in range(3):  # a start-up that a stalled machine spoiled may be tried again
-        servo = OneServo(open_servo(wanted, clock, os.dup(descriptor)))
-        try:
-            checks = servo.start()
-            break
-        except ServoLostError:
-            servo.close()
-            assert attempt < 2
-    assert all(check.ok for check in checks)
-    found = []
-    for _ in range(200):
-        begun = clock.now_ns()
-        servo.request()
-        found.append(servo.collect(begun + 500_000_000).outcome)
-        servo.write(0.05)
-        clock.wait_until(begun + 1_000_000)
-    # After a stall in the start-up the driver takes the adapter for a slow one, and waits.
-    assert Outcome.OK in found
-    assert sum(each not in (Outcome.OK, Outcome.WAITING) for each in found) < 10
-    assert cut_torque(wanted, descriptor, clock) is True
-    assert servo.stop() is True
-    servo.close()
-    os.close(descriptor)

@@ -83,6 +83,9 @@ class Child:
     def doing(self) -> str:
         return "was busy"
 
+    def halted(self) -> bool:
+        return False
+
     def exit_text(self) -> str:
         return f"ended with {self.code}"
 

@@ -2,27 +2,14 @@
 
 from collections.abc import Sequence
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode
+from haptic_wall.hw.dynamixel.codec import Instruction, encode
 from haptic_wall.hw.emulated.adapter import Adapter
-from tests.hw.dynamixel.emulated_client import BAUD, BYTE_NS, MS, US, Client
-from tests.typed import not_none
+from tests.hw.dynamixel.emulated_client import BAUD, BYTE_NS, MS, Client
 
-READ = encode(1, Instruction.READ, bytes([120, 0, 16, 0]))
-WIRE_NS = (len(READ) + 27) * BYTE_NS
 """Of the request and of its reply"""
-
-
-def reply_at(client: Client, deadline_ns: int) -> int | None:
-    """When the last byte of a reply was handed over [ns]; None: not by the deadline."""
-    parser = Parser()
-    while client.line.wait(deadline_ns):
-        if parser.feed(client.line.read()):
-            return client.clock.now_ns()
-    return None
 
 
 def account(
@@ -78,26 +65,6 @@ def test_every_byte_is_handed_over_when_the_rule_says(
     assert not adapter.holds
     # Where a byte is through at the very instant of an expiry it goes with it.
     assert handed == account(arrivals, timer_ns, block, phase_ns, free_ns + timer_ns)
-
-
-def test_taking_late_gives_the_same_bytes() -> None:
-    often, seldom = (Adapter(MS, 62, 0) for _ in range(2))
-    for adapter in (often, seldom):
-        adapter.put(bytes(range(200)), 100, BAUD)
-    given_ = b"".join(often.take(n * 10 * US) for n in range(300))
-    assert given_ == seldom.take(3 * MS) == bytes(range(200))
-
-
-@pytest.mark.parametrize("phase_us", range(0, 1000, 37))
-def test_a_reply_waits_for_the_timer_whenever_it_was_asked_for(phase_us: int) -> None:
-    """The expiries lie on a grid; where in it the request falls decides about the wait."""
-    client = Client(fast=False, adapter=Adapter(MS, 62, 5 * MS - phase_us * US))
-    client.servos[1].memory["return_delay_time"] = 0
-    client.line.write(READ)
-    through = 5 * MS + WIRE_NS
-    handed = not_none(reply_at(client, 20 * MS))
-    assert through <= handed <= through + MS
-    assert (handed - (5 * MS - phase_us * US)) % MS == 0
 
 
 def test_a_full_block_does_not_wait_and_restarts_the_timer() -> None:

@@ -150,18 +150,6 @@ def test_of_a_joint_reply_that_ends_early_or_is_damaged_the_parts_in_front_are_f
     assert parser.idle
 
 
-@given(st.binary(min_size=20, max_size=20), st.integers(0, 255))
-def test_the_expected_reply_is_known_without_a_search(data: bytes, error: int) -> None:
-    expected = ExpectedReplies([3], 20, "20s")
-    reply = encode_status(3, error, data)
-    (parsed,) = Parser().feed(reply)
-    found = expected.match(reply)
-    if found is None:
-        assert len(reply) > 31, "a stuffed one is left to search"
-    else:
-        assert list(found) == [(parsed.error, parsed.params)]
-
-
 def raw_instruction(id_: int, params: bytes) -> bytes:
     """A write as a host sends it that does not stuff."""
     body = bytes([Instruction.WRITE]) + params

@@ -39,15 +39,6 @@ def test_a_torque_acts_as_it_was_returned() -> None:
         assert bench.state.torque == pytest.approx(sent, abs=1e-12)
 
 
-@pytest.mark.parametrize("wanted", [10.0, 1e300, 1.7e308])
-def test_a_torque_beyond_the_limit_is_cut_to_it(wanted: float) -> None:
-    bench = started(torque_limit=1.0)
-    limit = math.floor(1.0 / STEP) * STEP
-    assert bench.servo.facts.torque_limit == pytest.approx(limit)
-    assert bench.servo.write(wanted) == pytest.approx(limit)
-    assert bench.servo.write(-wanted) == pytest.approx(-limit)
-
-
 def test_the_servos_own_current_limit_bounds_the_torque() -> None:
     """A goal beyond it would be refused without a word, and the old one stay in force."""
     bench = Bench()
@@ -72,16 +63,6 @@ def test_supply_and_temperature_are_known_once_polled() -> None:
     volts, celsius = bench.servo.health()
     assert volts == pytest.approx(bench.truth.table.supply, abs=0.1)
     assert celsius == 41
-
-
-@pytest.mark.parametrize("torque", [math.nan, math.inf, -math.inf])
-def test_a_torque_that_is_no_number_is_not_sent(torque: float) -> None:
-    bench = started()
-    bench.servo.write(0.5)
-    frames = len(bench.line.frames)
-    with pytest.raises(ValueError, match="finite"):
-        bench.servo.write(torque)
-    assert len(bench.line.frames) == frames
 
 
 def test_the_position_is_the_true_one_and_counts_on_over_turns() -> None:
@@ -157,23 +138,6 @@ def test_stopping_before_the_start_sends_no_goal() -> None:
     for frame in others:
         assert frame.instruction in (Instruction.SYNC_WRITE, Instruction.READ)
         assert frame.params[:2] == bytes([64, 0])
-
-
-def test_a_stopped_servo_can_be_started_again() -> None:
-    bench = started()
-    bench.servo.stop()
-    with pytest.raises(RuntimeError, match="call start first"):
-        bench.servo.write(0.1)
-    bench.servo.start()
-    assert bench.servo.write(0.1) != 0.0
-
-
-def test_closing_stops_and_lets_go_of_the_line() -> None:
-    bench = started()
-    bench.cycle(1.0)
-    bench.servo.close()
-    assert bench.truth.memory["torque_enable"] == 0
-    assert bench.line.closed == 1
 
 
 def test_a_vanished_port_is_a_lost_servo_and_stopping_says_so() -> None:

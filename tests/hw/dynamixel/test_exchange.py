@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import pytest
 
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.dynamixel.codec import Instruction, encode_status
+from haptic_wall.hw.dynamixel.codec import encode_status
 from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.register_access import Table, write_all
 from haptic_wall.hw.dynamixel.samples import Sample, Way
@@ -169,8 +169,8 @@ def test_a_backlog_that_arrives_at_once_yields_only_the_newest(shape: tuple[int,
     bench.assert_counts(5, 5, 0)
 
 
-@pytest.mark.parametrize("periods", sampled(range(1, 10), 3))
-def test_a_reply_up_to_ten_periods_late_is_known_at_any_rate(
+@pytest.mark.parametrize("periods", sampled([1, 30, *range(2, 30)], 3))
+def test_a_reply_up_to_thirty_periods_late_is_known_at_any_rate(
     shape: tuple[int, Way], periods: int
 ) -> None:
     """At 4 kHz all of them lie within what the tick must tolerate."""
@@ -179,7 +179,7 @@ def test_a_reply_up_to_ten_periods_late_is_known_at_any_rate(
     fate = only(late, lambda _, reply: [(periods * period_ns + 50 * US, reply)])
     bench = Bench(fate, shape, period_ns=period_ns)
     bench.servo.reply_ns = 50 * US
-    assert bad(bench.run(150)) == sorted(late)
+    assert bad(bench.run(170)) == sorted(late)
     bench.assert_counts(len(late), len(late), 0)
 
 
@@ -292,16 +292,6 @@ def test_no_mixture_of_troubles_yields_a_wrong_position(shape: tuple[int, Way], 
         counts = station.counts
         assert good > 150
         assert counts.cycles == 300 == good + counts.lost + counts.corrupt
-
-
-@pytest.mark.parametrize("goal", [0, 1, -1, 512, -1193, 1193])
-def test_a_goal_current_is_a_sync_write(goal: int) -> None:
-    bench = Bench()
-    bench.exchange.send((goal,))
-    bench.exchange.send([goal])
-    low, high = (goal & 0xFFFF).to_bytes(2, "little")
-    wanted = (Instruction.SYNC_WRITE, 254, bytes([102, 0, 2, 0, 1, low, high]))
-    assert bench.servo.written == [wanted, wanted]
 
 
 def test_registers_are_written_and_read_between_samples(shape: tuple[int, Way]) -> None:
@@ -427,18 +417,6 @@ def struck(shape: tuple[int, Way], fate: Fate) -> tuple[list[list[Outcome]], lis
 
 
 @pytest.mark.parametrize("shape", STRUCK)
-@pytest.mark.parametrize("late_us", [850, 1200, 2500])
-def test_a_late_reply_is_one_loss_and_one_late_of_each_whose_it_was(
-    shape: tuple[int, Way], late_us: int
-) -> None:
-    """Whether it comes before the next request, along with its answer, or later."""
-    outcomes, counted = struck(shape, lambda _, reply: [(late_us * US, reply)])
-    hit = 3 if shape[1] is Way.FAST else 1
-    assert [sum(map(bool, row)) for row in outcomes] == [0] * 5 + [hit] + [0] * 34
-    assert counted == [[1, 1, 0]] * hit + [[0, 0, 0]] * (3 - hit)
-
-
-@pytest.mark.parametrize("shape", STRUCK)
 @pytest.mark.parametrize("later_us", sampled([100, 0, 900, 1100, 2500], 4))
 def test_a_copy_of_a_reply_costs_nothing_and_is_counted_as_late(
     shape: tuple[int, Way], later_us: int
@@ -447,10 +425,3 @@ def test_a_copy_of_a_reply_costs_nothing_and_is_counted_as_late(
     hit = 3 if shape[1] is Way.FAST else 1
     assert not any(any(row) for row in outcomes)
     assert counted == [[0, 1, 0]] * hit + [[0, 0, 0]] * (3 - hit)
-
-
-@pytest.mark.parametrize("shape", STRUCK[1:])
-def test_a_refusal_is_a_broken_reply_of_its_servo(shape: tuple[int, Way]) -> None:
-    outcomes, counted = struck(shape, lambda _, reply: [(0, encode_status(reply[4], 3))])
-    assert outcomes[5] == [Outcome.CORRUPT, Outcome.OK, Outcome.OK]
-    assert counted == [[0, 0, 1], [0, 0, 0], [0, 0, 0]]

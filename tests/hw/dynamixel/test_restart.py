@@ -73,8 +73,9 @@ class HoldingLine:
             return
         tick = (int(arrives_ns * self.rate / MS) + self.tick) % TICK_MODULUS
         (frame,) = self.parser.feed(data)
-        size = frame.params[2]
-        body = struct.pack("<HHhhii", tick, 0, 0, 0, 0, arrives_ns // 1_000).ljust(size, b"\0")
+        address, size = struct.unpack("<HH", frame.params)
+        sample = struct.pack("<HHhhii", tick, 0, 0, 0, 0, arrives_ns // 1_000)
+        body = (bytes(120 - address) + sample).ljust(size, b"\0")
         before = self.replies[-1][0] if self.replies else 0
         comes_ns = max(before + 60_000, self._through(1, arrives_ns + 100_000))
         self.replies.append((comes_ns, encode_status(1, 0, body)))

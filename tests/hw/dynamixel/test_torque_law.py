@@ -22,13 +22,11 @@ from tests.hw.dynamixel.bench import Bench
 from tests.support.one_servo import OneServo
 
 SMALL = "XL330-M288"
-VOLTS, STALL, TORQUE, NO_LOAD = 5.0, 1.47, 0.52, 103 * 2 * math.pi / 60
-"""Published: [V], [A], [N·m], [rad/s]"""
-CONSTANT, RESISTANCE, BACK_EMF = TORQUE / STALL, VOLTS / STALL, VOLTS / NO_LOAD
+TORQUE = 0.52
+"""Published, at the stall [N·m]"""
 SMALLEST = TORQUE * math.sqrt(1 / 1470)
 """[N·m] for 1 mA"""
 INERTIA = 0.0018142
-STIFFNESS, REST = 0.3, 1.0
 Send = Callable[[float], float]
 
 
@@ -48,12 +46,6 @@ def test_torques_below_the_first_step_are_none() -> None:
     assert rig.servo.write(1.01 * SMALLEST) == pytest.approx(SMALLEST)
 
 
-@pytest.mark.parametrize("model", ["XM430-W350", SMALL])
-def test_a_limit_beyond_all_measure_is_no_limit(model: str) -> None:
-    law = torque_law(MODELS[model], 1.0, VOLTS)
-    assert law.within(1.7e308) > MODELS[model].current_limit
-
-
 def test_a_limit_below_the_smallest_torque_is_refused() -> None:
     with pytest.raises(UnfitServoError, match=r"smallest torque of the XL330-M288 is 0\.014 N·m"):
         bench(TrueServo(inertia=INERTIA), torque_limit=0.01)
@@ -66,12 +58,6 @@ def test_a_limit_that_only_the_supply_found_puts_out_of_reach_is_refused() -> No
     with pytest.raises(UnfitServoError, match=r"0\.015 N·m at this supply"):
         rig.servo.start()
     assert rig.truth.memory["torque_enable"] == 0
-
-
-# In motion
-
-
-# The law itself
 
 
 @given(
@@ -88,26 +74,6 @@ def test_no_more_is_sent_than_asked_and_the_next_goal_would_be_more(
     assert abs(torque) < law.torque(abs(goal) + 1)
     assert law.goal(-torque) == -goal
     assert law.goal(law.torque(goal)) == goal
-
-
-@given(goal=st.integers(1, 2352), volts=st.floats(3.7, 6.0))
-def test_the_step_is_the_largest_between_neighbours(goal: int, volts: float) -> None:
-    law = torque_law(MODELS[SMALL], CONSTANT, volts)
-    assert law.torque(goal) - law.torque(goal - 1) <= law.step * (1 + 1e-12)
-
-
-def test_a_weaker_supply_gives_less_torque_for_the_same_current() -> None:
-    """Power in is power lost: U i_s = R i²."""
-    full, weak = (torque_law(MODELS[SMALL], CONSTANT, volts) for volts in (5.0, 4.0))
-    assert weak.torque(500) / full.torque(500) == pytest.approx(math.sqrt(4 / 5))
-
-
-def test_if_it_senses_its_motor_after_all_no_more_acts_than_asked() -> None:
-    """Up to stall torque the law sends less than a law in proportion would."""
-    law = torque_law(MODELS[SMALL], CONSTANT, VOLTS)
-    for milli in range(1, 521):
-        torque = milli * 1e-3
-        assert law.goal(torque) * 1e-3 * CONSTANT <= torque
 
 
 def goals(law: TorqueLaw, torques: list[float]) -> list[int]:

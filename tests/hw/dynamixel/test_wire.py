@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import pytest
-
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.wire import (
     CYCLE_BYTES,
     EMPTY_REPLY_BYTES,
     READ_REQUEST_BYTES,
-    cycle_s,
-    wire_ns,
 )
 from tests.hw.dynamixel.lines import MS, ClockLine
 
@@ -40,9 +36,3 @@ def test_a_cycle_is_what_the_driver_sends_and_hears() -> None:
     assert (line.sent, line.heard) == (READ_REQUEST_BYTES, EMPTY_REPLY_BYTES + 16)
     exchange.send((-3,))
     assert line.sent + line.heard == CYCLE_BYTES
-
-
-@pytest.mark.parametrize("baud", [57_600, 1_000_000, 4_500_000])
-def test_a_byte_takes_ten_bit_times(baud: int) -> None:
-    assert wire_ns(1000, baud) == pytest.approx(1000 * 10 * 1e9 / baud, abs=1)
-    assert cycle_s(baud) == pytest.approx(wire_ns(CYCLE_BYTES, baud) * 1e-9, abs=1e-9)

@@ -1,6 +1,7 @@
 """The wire: when things happen, who answers, in what order, and what garbage does."""
 
 import math
+import random
 
 import pytest
 from hypothesis import given, settings
@@ -150,3 +151,41 @@ def test_any_writes_leave_every_register_in_its_range(writes: list[tuple[int, by
         value = servo.memory[register.name]
         tripped = register.name == "bus_watchdog" and value == 255
         assert tripped or register.minimum <= value <= register.maximum, register
+
+
+def shouted(chance: random.Random) -> bytes:
+    """A frame of any instruction to anybody, whole, damaged or unstuffed, or noise."""
+    id_ = chance.choice([1, 2, BROADCAST, chance.randrange(253)])
+    params = chance.choice([b"", bytes([64, 0, 1]), READ_POSITION, b"\xff\xff\xfd\x00"])
+    params += chance.randbytes(chance.choice([0, 0, 1, 4, 30]))
+    frame = bytearray(encode(id_, chance.choice(list(Instruction)), params))
+    match chance.randrange(6):
+        case 0:
+            frame[chance.randrange(len(frame))] ^= 1 << chance.randrange(8)
+        case 1:
+            del frame[chance.randrange(len(frame)) :]
+        case 2:
+            return chance.randbytes(chance.randrange(1, 200))
+        case 3:
+            body = bytes([id_, len(params) + 3, 0, chance.choice(list(Instruction))]) + params
+            raw = b"\xff\xff\xfd\x00" + body
+            return raw + crc16(raw).to_bytes(2, "little")
+    return bytes(frame)
+
+
+def test_whatever_is_shouted_every_servo_answers_after_a_silence(thorough: bool) -> None:
+    for seed in range(2000 if thorough else 60):
+        chance = random.Random(seed)
+        client = Client((X, 1), ("XL330-M288", 2), fast=False, recorded=False)
+        for _ in range(20):
+            client.bus.receive(shouted(chance), client.clock.now_ns())
+            client.pass_time(chance.choice([0, 20_000, 2 * MS, 40 * MS]))
+        client.pass_time(1_000 * MS)
+        servos = client.servos.values()
+        for servo in servos:
+            client.bus.host_baud = servo.baud
+            client.line.read()
+            client.send(servo.id, Instruction.PING)
+            alike = sum(each.id == servo.id for each in servos) > 1
+            assert alike or [each.id for each in client.replies(100 * MS)] == [servo.id], seed
+            assert all(map(math.isfinite, servo.state(client.clock.now_ns()))), seed

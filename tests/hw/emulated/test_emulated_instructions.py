@@ -3,111 +3,18 @@
 Frames marked as published are those of the e-manual's examples.
 """
 
-import math
-from dataclasses import replace
-
-import pytest
-
 from haptic_wall.hw.dynamixel.codec import (
-    BROADCAST,
     ErrorCode,
     Instruction,
-    crc16,
 )
-from haptic_wall.hw.emulated.instructions import CLEAR_KEY
-from haptic_wall.hw.truth import TrueServo
-from tests.hw.dynamixel.emulated_client import FREE, MS, Client
+from tests.hw.dynamixel.emulated_client import Client
 
-ID, BAUD_RATE, RETURN_DELAY, SECONDARY_ID, HOMING = 7, 8, 9, 12, 20
-TEMPERATURE_LIMIT, MAX_VOLTAGE, MIN_VOLTAGE, STARTUP = 31, 32, 34, 60
-TORQUE_ENABLE, LED, RETURN_LEVEL, REGISTERED, POSITION_P_GAIN = 64, 65, 68, 69, 84
-OPERATING_MODE, GOAL_CURRENT, GOAL_POSITION, POSITION = 11, 102, 116, 132
-INDIRECT_ADDRESS, INDIRECT_DATA = 168, 224
+ID, HOMING, TEMPERATURE_LIMIT, MAX_VOLTAGE, TORQUE_ENABLE, LED = 7, 20, 31, 32, 64, 65
 X = "XM430-W350"
 
 
 def words(*values: int) -> bytes:
     return b"".join(value.to_bytes(2, "little") for value in values)
-
-
-def at(turns: float) -> TrueServo:
-    """At rest so many turns from its zero."""
-    return replace(FREE, position=turns * 2 * math.pi)
-
-
-# Factory reset
-
-
-def spoiled(firmware: int = 48) -> Client:
-    client = Client((X, 9), firmware=firmware)
-    assert client.write(9, HOMING, 77, 4) == 0
-    assert client.write(9, POSITION_P_GAIN, 1, 2) == 0
-    assert client.write(9, BAUD_RATE, 3, 1) == 0  # 1 Mbit/s
-    client.bus.host_baud = 1_000_000
-    return client
-
-
-@pytest.mark.parametrize(
-    ("option", "id_", "baud"), [(0xFF, 1, 57_600), (0x01, 9, 57_600), (0x02, 9, 1_000_000)]
-)
-def test_factory_reset_keeps_what_its_option_says(option: int, id_: int, baud: int) -> None:
-    client = spoiled()
-    reply = client.answer(9, Instruction.FACTORY_RESET, bytes([option]))
-    assert (reply.id, reply.error) == (9, 0)  # answered before it takes effect
-    client.bus.host_baud = baud
-    client.send(id_, Instruction.PING)
-    assert client.replies(within_ns=10 * MS) == []  # it reboots
-    client.pass_time(500 * MS)
-    client.send(id_, Instruction.READ, words(0, 148))
-    (reply,) = client.replies(within_ns=50 * MS)
-    assert reply.params[ID] == id_
-    assert reply.params[RETURN_DELAY] == 250
-    assert reply.params[HOMING : HOMING + 4] == bytes(4)
-    assert reply.params[POSITION_P_GAIN : POSITION_P_GAIN + 2] == words(800)
-
-
-def test_factory_reset_of_everything_is_refused_when_broadcast_since_firmware_42() -> None:
-    for firmware, reset in ((41, True), (42, False)):
-        client = spoiled(firmware=firmware)
-        client.send(BROADCAST, Instruction.FACTORY_RESET, b"\xff")
-        client.pass_time(500 * MS)
-        assert client.replies() == []
-        assert (client.servos[9].id == 1) == reset
-        assert (client.servos[9].memory["homing_offset"] == 0) == reset
-
-
-@pytest.mark.parametrize(
-    ("instruction", "params", "error"),
-    [
-        (Instruction.FACTORY_RESET, b"", ErrorCode.DATA_LENGTH),
-        (Instruction.FACTORY_RESET, b"\x03", ErrorCode.DATA_RANGE),
-        (Instruction.CLEAR, b"\x01", ErrorCode.DATA_LENGTH),
-        (Instruction.CLEAR, b"\x02" + CLEAR_KEY, ErrorCode.DATA_RANGE),
-        (Instruction.CLEAR, b"\x01" + CLEAR_KEY[::-1], ErrorCode.DATA_RANGE),
-        (Instruction.CONTROL_TABLE_BACKUP, b"\x01CTRL", ErrorCode.INSTRUCTION),
-    ],
-)
-def test_without_its_option_and_its_key_nothing_is_done(
-    instruction: Instruction, params: bytes, error: ErrorCode
-) -> None:
-    client = Client(true=at(3.25))
-    assert client.answer(1, instruction, params).error == error
-    assert client.read(1, POSITION, 4) > 3 * 4096
-
-
-# Clear
-
-
-def test_clear_brings_the_position_back_into_one_turn() -> None:
-    for turns in (3.25, -2.75):
-        client = Client(true=at(turns))
-        assert client.read(1, POSITION, 4, signed=True) == turns * 4096
-        client.line.write(
-            bytes.fromhex("FF FF FD 00 01 08 00 10 01 44 58 4C 22 B1 DC")
-        )  # published
-        (reply,) = client.replies()
-        assert (reply.id, reply.error) == (1, 0)
-        assert client.read(1, POSITION, 4, signed=True) == 1024
 
 
 # Bulk
@@ -137,17 +44,6 @@ def test_bulk_write_reaches_each_with_its_own_registers_and_is_not_answered() ->
     assert client.read(2, TEMPERATURE_LIMIT, 1) == 80
 
 
-@pytest.mark.parametrize("level", [0, 1, 2])
-def test_lists_of_reads_are_answered_but_at_return_level_0(level: int) -> None:
-    client = Client()
-    client.send(1, Instruction.WRITE, words(RETURN_LEVEL) + bytes([level]))
-    client.replies()
-    client.send(BROADCAST, Instruction.SYNC_READ, words(LED, 1) + b"\x01")
-    client.send(BROADCAST, Instruction.BULK_READ, b"\x01" + words(LED, 1))
-    client.send(BROADCAST, Instruction.FAST_BULK_READ, b"\x01" + words(LED, 1))
-    assert len(client.replies()) == (3 if level else 0)
-
-
 # Two servos with one id
 
 
@@ -167,34 +63,9 @@ def test_different_answers_of_one_id_collide_and_both_obey() -> None:
     assert leds(client) == [0, 0]
 
 
-# What a host may send that is not as it should be
-
-
-# Others
-
-
 def test_a_registered_write_is_checked_again_when_it_is_carried_out() -> None:
     client = Client()
     assert client.answer(1, Instruction.REG_WRITE, words(HOMING) + bytes([1, 0, 0, 0])).error == 0
     client.write(1, TORQUE_ENABLE, 1, 1)
     assert client.answer(1, Instruction.ACTION).error == ErrorCode.ACCESS
     assert client.read(1, HOMING, 4) == 0
-
-
-@pytest.mark.parametrize(("ids", "shares"), [((1, 2, 3), 3), ((1, 9, 2), 1), ((9, 1, 2), 0)])
-def test_fast_bulk_read_breaks_off_at_a_missing_servo(
-    ids: tuple[int, int, int], shares: int
-) -> None:
-    client = Client((X, 1), (X, 2), (X, 3))
-    sizes = (4, 2, 1)
-    asked = [
-        bytes([i]) + words(address, size)
-        for i, address, size in zip(ids, (POSITION, 144, LED), sizes, strict=True)
-    ]
-    client.send(BROADCAST, Instruction.FAST_BULK_READ, b"".join(asked))
-    client.line.wait(client.clock.now_ns() + 3 * MS)
-    wire = client.line.read()
-    assert len(wire) == (8 + sum(sizes[:shares]) + 4 * shares if shares else 0)
-    if shares:
-        assert int.from_bytes(wire[5:7], "little") == 1 + sum(sizes) + 4 * 3  # as if all would come
-        assert crc16(wire[:-2]) == int.from_bytes(wire[-2:], "little")

@@ -12,7 +12,6 @@ import pytest
 
 from haptic_wall.hw.dynamixel.codec import ErrorCode
 from haptic_wall.hw.dynamixel.tables import MODELS
-from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.truth import TrueServo
 from tests.hw.dynamixel.emulated_client import BAUD, Client
 from tests.hw.emulated.sdk_port import LinePort
@@ -153,11 +152,3 @@ def test_the_bus_watchdog_stops_it(mode: int) -> None:
     servo.write(bus_watchdog=0)
     servo.pass_time(0.5)
     assert servo.client.position() == pytest.approx(stopped, abs=0.02)
-
-
-def test_two_masses_are_kept_up_on_an_idle_bus() -> None:
-    true = replace(MX64, load_inertia=1e-4, transmission_stiffness=200.0)
-    idle = EmulatedServo(MODELS[X], 1, 45, true, start_ns=0, baud=1_000_000)
-    for now_ns in range(0, 2_000_000_000, 10_000_000):
-        idle.keep_up(now_ns)
-        assert now_ns - idle.drive.mechanism.time_ns <= 60_000_000

@@ -146,27 +146,6 @@ def test_the_vendors_sdk_meets_faults_given_at_start_and_while_it_runs(tmp_path:
     assert faults == ["drop"] * 2 + ["corrupt"] * 5 + ["wrong-id", "hardware-error"]
 
 
-def test_the_adapters_timer_is_what_a_reply_waits_for(tmp_path: Path) -> None:
-    """Ten replies one after the other wait a whole timer each, as each asks when one has run out;
-    a reply longer than a block does not wait for its first part."""
-    record = tmp_path / "record.csv"
-    given = ("--latency-timer", "40", "--block", "62", "--record", str(record))
-    with emulate(*given) as (_, path):
-        terminal = os.open(path, os.O_RDWR | os.O_NOCTTY)
-        tty.setraw(terminal)
-        begun = time.monotonic()
-        for _ in range(10):
-            assert ask(terminal, PING, WAIT_S) is not None
-        assert time.monotonic() - begun > 9 * 0.04
-        os.write(terminal, encode(1, Instruction.READ, bytes([0, 0, 80, 0])))  # 91 bytes
-        parts: list[int] = []
-        while sum(parts) < 91:
-            assert select.select([terminal], [], [], WAIT_S)[0]
-            parts.append(len(os.read(terminal, 1000)))
-        assert parts == [62, 29]
-        os.close(terminal)
-
-
 def test_an_unplugged_adapter_hangs_up_and_the_link_leads_to_the_new_one(tmp_path: Path) -> None:
     link = tmp_path / "bus"
     with emulate("--link", str(link)) as (process, path):

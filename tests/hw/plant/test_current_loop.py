@@ -33,26 +33,6 @@ def played(true: TrueServo, goals: list[float], period_ns: int = MS) -> list[tup
     return states
 
 
-def test_the_torque_is_an_exponential() -> None:
-    mechanism = Mechanism(servo(inertia=1.0, current_bandwidth=100.0), 0)
-    mechanism.command(1.0, 0)
-    for time_ns in (30_000, 100_000, 1_234_567, 20 * MS):
-        mechanism.advance(time_ns)
-        expected = -math.expm1(-math.tau * 100.0 * time_ns * 1e-9)
-        assert mechanism.torque == pytest.approx(expected, rel=1e-12)
-
-
-def test_a_command_while_the_last_one_still_rises_starts_from_there() -> None:
-    mechanism = Mechanism(servo(inertia=1.0, current_bandwidth=100.0), 0)
-    mechanism.command(1.0, 0)
-    mechanism.command(-1.0, 777_777)
-    risen = -math.expm1(-math.tau * 100.0 * 777_777e-9)
-    assert mechanism.torque == pytest.approx(risen, rel=1e-12)
-    mechanism.advance(1_000_000)
-    kept = math.exp(-math.tau * 100.0 * 222_223e-9)
-    assert mechanism.torque == pytest.approx(-1.0 + (risen + 1.0) * kept, rel=1e-12)
-
-
 def exponential(
     inertia: float, rate: float, goals: list[float]
 ) -> list[tuple[float, float, float]]:
@@ -171,9 +151,6 @@ def test_a_held_voltage_does_not_pass_through_the_loop() -> None:
     mechanism.advance(100 * MS)
     expected = math.exp(-BRAKING / 0.012 * 0.1)
     assert mechanism.torque == pytest.approx(expected, rel=1e-9)
-
-
-"""Mechanism: Rhoban "bam". Motor: ROBOTIS e-Manual, 12 V."""
 
 
 @pytest.mark.parametrize("inertia", [1e-8, 1e-6, 1e-4, 1e-2])

@@ -10,11 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_wall.hw.plant.mechanism import Mechanism
-from haptic_wall.hw.plant.operator_model import DAMPING, STIFFNESS, operator_of
 from haptic_wall.hw.truth import TrueServo
-from tests.hw.oracles import Stretch, Uneven, integrate_uneven
 from tests.support.exact_servo import PlantParameters, State, step
-from tests.typed import not_none
 
 MS = 1_000_000
 FREE = TrueServo(inertia=0.01, damping=0.0, counts_per_rev=0)
@@ -133,48 +130,6 @@ def test_a_turn_between_two_looks_moves_the_encoder_through_the_play() -> None:
     # The velocity of -1 rad/s is stopped after 10 ms, 5 mrad lower; 20 ms later it is back there.
     mechanism.advance(50 * MS)
     assert mechanism.measured()[0] == pytest.approx(turn - 0.010 + 0.005 - 0.001, abs=1e-12)
-
-
-def test_a_hand_moves_it_and_friction_stops_it_again() -> None:
-    mechanism = Mechanism(servo(coulomb=0.1, damping=0.01, hand="lean"), 0)
-    mechanism.advance(4_000 * MS)
-    # It stays within c / k_h = 0.025 rad of the hand's reference.
-    assert mechanism.velocity == 0.0
-    assert mechanism.position == pytest.approx(0.5, abs=0.025)
-
-
-EVERYTHING = {
-    "damping": 0.01,
-    "coulomb": 0.05,
-    "static_friction": 0.08,
-    "stribeck_speed": 0.5,
-    "damping_back": 0.02,
-    "load_friction": 0.1,
-    "gravity": 0.1,
-    "gravity_angle": 0.4,
-    "cogging": 0.02,
-}
-
-
-def test_with_every_effect_it_moves_as_an_integrator_says_with_hand_and_braking() -> None:
-    true = servo(**EVERYTHING, hand="tap", position=0.05)
-    mechanism = Mechanism(true, 0)
-    operator = not_none(operator_of(true))
-    body = Uneven(
-        *(0.01, 0.01, 0.02, 0.05, 0.08, 0.5, 0.1, 0.1, 0.4, 0.02, 24.0, 0.0),
-        *(STIFFNESS, DAMPING, 0.03),
-    )
-    mechanism.command(0.0, 0, braking=0.03)
-    state = 0.05, 0.0
-    for k in range(150):
-        torque = 0.5 * math.sin(0.05 * k)
-        mechanism.command(torque, k * MS, braking=0.03)
-        mechanism.advance((k + 1) * MS)
-        reference, slope, *_ = operator.pull(k * MS)
-        [state] = integrate_uneven(body, *state, [Stretch(1e-3, torque, reference, slope)])
-    assert mechanism.position == pytest.approx(state[0], abs=1e-6)
-    assert mechanism.velocity == pytest.approx(state[1], abs=1e-4)
-    assert abs(mechanism.position - 0.05) > 0.01
 
 
 def test_an_eccentric_encoder_errs_once_a_turn_and_keeps_count_of_turns() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import fcntl
 import grp
 import os
@@ -11,7 +10,6 @@ import select
 import stat
 import subprocess
 import sys
-import termios
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,11 +17,10 @@ from pathlib import Path
 import pytest
 
 from haptic_wall.hw.clock import MonotonicClock
-from haptic_wall.hw.errors import BaudRefusedError, PortBusyError, PortError, ServoLostError
+from haptic_wall.hw.errors import PortError, ServoLostError
 from haptic_wall.hw.serialport import port
 from haptic_wall.hw.serialport.line import FdLine
 from haptic_wall.hw.serialport.port import open_port
-from haptic_wall.hw.serialport.users import holders
 
 EVERY_BYTE = bytes(range(256))
 
@@ -125,28 +122,6 @@ def test_an_adapter_that_makes_another_rate_is_refused(
         open_port(ends.path, 4_000_000)
 
 
-@pytest.mark.parametrize("step", ["tcgetattr", "tcsetattr", "tcflush"])
-@pytest.mark.parametrize("before", [0, 1, 2])
-def test_a_port_that_vanishes_while_it_is_opened_is_no_refused_rate(
-    step: str, before: int, ends: Ends, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """After so many calls that still went well; nothing is left open."""
-    real, calls = getattr(termios, step), iter([True] * before)
-
-    def gone(*arguments: object) -> object:
-        if next(calls, False):
-            return real(*arguments)
-        raise termios.error(errno.EIO, "Input/output error")
-
-    held = len(list(Path("/proc/self/fd").iterdir()))
-    monkeypatch.setattr(termios, step, gone)
-    try:
-        os.close(open_port(ends.path, 1_000_000))
-    except PortError as error:
-        assert not isinstance(error, BaudRefusedError)
-    assert len(list(Path("/proc/self/fd").iterdir())) == held
-
-
 def test_a_missing_port_says_what_there_is() -> None:
     with pytest.raises(PortError, match=r"/dev/ttyNOWHERE does not exist.*name another port"):
         open_port("/dev/ttyNOWHERE", 1_000_000)
@@ -194,44 +169,6 @@ def test_a_refused_permission_names_what_grants_it(
     advice = f"usermod -aG {group}" if mode & 0o060 == 0o060 and group != "root" else "chmod a\\+rw"
     with pytest.raises(PortError, match=f"may not be used by this user.*{advice}"):
         open_port(ends.path, 1_000_000)
-
-
-def test_a_terminal_program_that_holds_an_adapter_is_a_holder() -> None:
-    """`screen` holds pseudo-terminals of its own besides; only on those may it be an emulator."""
-    program = (
-        "import os, pty, sys\n"
-        "ends = pty.openpty()\n"
-        "held = os.open('/dev/null', os.O_RDWR)\n"
-        "print(os.fstat(ends[1]).st_rdev, flush=True)\n"
-        "sys.stdin.read()\n"
-    )
-    with subprocess.Popen(
-        [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    ) as holder:
-        assert holder.stdout is not None
-        near = int(holder.stdout.readline())
-        adapter = Path("/dev/null").stat().st_rdev
-        assert holder.pid in [pid for pid, _ in holders(adapter)]
-        assert holder.pid not in [pid for pid, _ in holders(near)]
-        holder.communicate()
-
-
-def test_a_program_that_uses_the_port_without_a_lock_is_named(ends: Ends) -> None:
-    program = (
-        "import os, sys\n"
-        "held = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)\n"
-        "print('held', flush=True)\n"
-        "sys.stdin.read()\n"
-    )
-    with subprocess.Popen(
-        [sys.executable, "-c", program, ends.path], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    ) as other:
-        assert other.stdout is not None
-        assert other.stdin is not None
-        assert other.stdout.readline() == b"held\n"
-        with pytest.raises(PortBusyError, match=rf"python.* \(pid {other.pid}\)"):
-            open_port(ends.path, 1_000_000)
-        other.stdin.close()
 
 
 def test_the_process_on_the_far_side_does_not_make_the_port_busy() -> None:

@@ -1,11 +1,9 @@
 """Who else opens a port in mid-run is refused, or found and named; whom the run started is not."""
 
-import fcntl
 import os
 import pty
 import subprocess
 import sys
-import termios
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,7 +12,6 @@ import pytest
 
 from haptic_wall.controller.doctor.adapter import examine_port
 from haptic_wall.hw.errors import PortBusyError
-from haptic_wall.hw.serialport import users as port_users
 from haptic_wall.hw.serialport.port import open_port
 from haptic_wall.hw.serialport.users import LOOKS, PortUsers, exclusive, holder
 from tests.typed import not_none
@@ -114,16 +111,3 @@ def test_exclusive_use_refuses_others_and_is_released(port: Port) -> None:
     assert not may_open(port.path)
     port.users.close()
     assert may_open(port.path)
-
-
-@pytest.mark.parametrize("pseudo", [True, False])
-def test_exclusive_use_is_taken_of_adapters_only(
-    pseudo: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked = []
-    monkeypatch.setattr(port_users, "is_pseudo", lambda _device: pseudo)
-    monkeypatch.setattr(fcntl, "ioctl", lambda _, request: asked.append(request))
-    made = Port()
-    assert asked == ([] if pseudo else [termios.TIOCEXCL])
-    made.close()
-    assert asked[-1] == termios.TIOCNXCL
