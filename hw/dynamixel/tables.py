@@ -3,9 +3,9 @@
 Source: ROBOTIS e-Manual, specification and control table page of each model. Where editions of a
 page differ (velocity limits, the XH540-V's current limit), the latest one is used. Unknown values
 are left out: stall and no-load figures of XD430, XD540, XW430 and XW540-H260 (their torque constant
-must be configured); Startup Configuration and Backup Ready of 2XL430 and 2XC430. All have the gains
-of an XM430, which current mode does not use. The XW430's page prints a Protocol Type of 1 from the
-factory, with which it could not be talked to as the page describes; 2 is taken.
+must be configured); Startup Configuration and Backup Ready of 2XL430 and 2XC430. The XW430's page
+prints a Protocol Type of 1 from the factory, with which it could not be talked to as the page
+describes; 2 is taken.
 """
 
 from __future__ import annotations
@@ -25,6 +25,29 @@ from haptic_wall.hw.dynamixel.registers import (
     fast_read_firmware,
 )
 
+_GAINS: Final = ("velocity_i", "velocity_p", "position_d", "position_i", "position_p")
+_GAINS_OF: Final[Mapping[str, tuple[int, ...]]] = MappingProxyType(
+    {
+        "XL330-M077": (400, 40, 0, 400, 400),
+        "XL330-M288": (1600, 180, 0, 0, 400),
+        "XC330-M181": (1400, 100, 500, 0, 1200),
+        "XC330-M288": (1600, 50, 500, 0, 1100),
+        "XC330-T181": (1200, 40, 0, 0, 900),
+        "XC330-T288": (1200, 40, 0, 0, 900),
+        "XL430-W250": (1000, 100, 4000, 0, 640),
+        "XC430-W150": (1920, 100, 0, 0, 460),
+        "XC430-W240": (1920, 100, 0, 0, 700),
+        "2XC430-W250": (1920, 100, 0, 0, 700),
+        "2XL430-W250": (1800, 100, 2000, 0, 640),
+        "XH430-W210": (1920, 100, 0, 0, 900),
+        "XH430-W350": (1920, 100, 0, 0, 900),
+        "XD430-T210": (1920, 100, 0, 0, 900),
+        "XD430-T350": (1920, 100, 0, 0, 900),
+        "XW430-T200": (1920, 100, 0, 0, 900),
+        "XW430-T333": (1920, 100, 0, 0, 900),
+    }
+)
+"""Gains from the factory where they are not the family's"""
 _OTHER: Final[Mapping[str, Mapping[str, int]]] = MappingProxyType(
     {
         "XL330-M077": {"shutdown": 53},
@@ -128,6 +151,8 @@ class Model:
 @cache
 def _control_table(model: Model, firmware: int) -> Mapping[str, Register]:
     factory = {"model_number": model.number, "velocity_limit": model.velocity_limit}
+    gains = _GAINS_OF.get(model.name, ())
+    factory |= {f"{name}_gain": gain for name, gain in zip(_GAINS, gains, strict=False)}
     factory |= _OTHER.get(model.name, {})
     return control_table(
         model.family,

@@ -145,6 +145,17 @@ class Drive:
         counts, sign = self.counts(), self.table.position_inverted
         self._lost = sign * (sign * counts // COUNTS_PER_REV * COUNTS_PER_REV)
 
+    def clear_turns(self) -> None:
+        """Reduce Present Position to one turn at a standstill, and shift Goal Position with it.
+
+        The manual is silent about the goal. An unchanged one would turn the servo by as many turns
+        as were cleared.
+        """
+        before = self.position()
+        self.forget_turns()
+        if self._active in POSITION_MODES:
+            self._memory["goal_position"] += self.position() - before
+
     def measured(self, tick: int) -> bytes:
         """Return the bytes of the measured registers at the present time, with this Realtime Tick.
 

@@ -9,8 +9,15 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-from haptic_wall.hw.dynamixel.codec import ErrorCode, Frame, Instruction
+from haptic_wall.hw.dynamixel.codec import BROADCAST, ErrorCode, Frame, Instruction
 from haptic_wall.hw.emulated.servo import EmulatedServo
+
+CLEAR_KEY = b"\x44\x58\x4c\x22"
+_CLEAR_POSITION = 1
+_RESET_ALL = 0xFF
+_CLEAR_FIRMWARE = 42
+"""First firmware with clear, and with protection of the ids in a broadcast reset; every X330 has
+both"""
 
 _Done = tuple[int, bytes]
 
@@ -54,9 +61,33 @@ def _action(_frame: Frame, servo: EmulatedServo, now_ns: int) -> _Done:
     return servo.act(now_ns), b""
 
 
+def _factory_reset(frame: Frame, servo: EmulatedServo, now_ns: int) -> _Done:
+    if len(frame.params) != 1:
+        return ErrorCode.DATA_LENGTH, b""
+    option = frame.params[0]
+    if frame.id == BROADCAST and option == _RESET_ALL and _knows_clear(servo):
+        return ErrorCode.RESULT_FAIL, b""  # all servos would have the same id afterwards
+    return servo.reset(option, now_ns), b""
+
+
 def _reboot(_frame: Frame, servo: EmulatedServo, now_ns: int) -> _Done:
     servo.reboot(now_ns)
     return ErrorCode.NONE, b""
+
+
+def _clear(frame: Frame, servo: EmulatedServo, now_ns: int) -> _Done:
+    if not _knows_clear(servo):
+        return ErrorCode.INSTRUCTION, b""
+    # Open in the manual: the reply to a wrong option or key is "data range".
+    if len(frame.params) != 1 + len(CLEAR_KEY):
+        return ErrorCode.DATA_LENGTH, b""
+    if frame.params != bytes([_CLEAR_POSITION]) + CLEAR_KEY:
+        return ErrorCode.DATA_RANGE, b""
+    return servo.clear_turns(now_ns), b""
+
+
+def _knows_clear(servo: EmulatedServo) -> bool:
+    return servo.firmware >= _CLEAR_FIRMWARE or servo.model.family == "X330"
 
 
 _INSTRUCTIONS: Mapping[int, Callable[[Frame, EmulatedServo, int], _Done]] = MappingProxyType(
@@ -66,7 +97,9 @@ _INSTRUCTIONS: Mapping[int, Callable[[Frame, EmulatedServo, int], _Done]] = Mapp
         Instruction.WRITE: _write,
         Instruction.REG_WRITE: _write,
         Instruction.ACTION: _action,
+        Instruction.FACTORY_RESET: _factory_reset,
         Instruction.REBOOT: _reboot,
+        Instruction.CLEAR: _clear,
     }
 )
 

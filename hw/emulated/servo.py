@@ -6,7 +6,7 @@ Every instruction acts at its instant, and a read returns the state of that inst
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from haptic_wall.hw.dynamixel.codec import ALERT, ErrorCode
 from haptic_wall.hw.dynamixel.registers import (
@@ -30,6 +30,8 @@ from haptic_wall.hw.truth import TrueServo
 BOOT_NS = 200_000_000
 """A rebooting servo does not reply for this long [ns]; real ones take some tenths of a second"""
 
+_KEPT: Final = {0xFF: (), 0x01: ("id",), 0x02: ("id", "baud_rate")}
+"""Registers that each option of a factory reset keeps"""
 _NEVER_NS = 1 << 62
 """Time of the replies of a disconnected servo [ns]"""
 
@@ -247,6 +249,25 @@ class EmulatedServo:
         (address, data), self.registered = self.registered, None
         self.memory["registered_instruction"] = 0
         return self.write(address, data, now_ns)
+
+    def clear_turns(self, now_ns: int) -> ErrorCode:
+        """Reduce Present Position to one turn; "result fail" while it moves."""
+        self._refresh(now_ns)
+        if self.memory["moving"]:
+            return ErrorCode.RESULT_FAIL
+        self.drive.clear_turns()
+        return ErrorCode.NONE
+
+    def reset(self, option: int, now_ns: int) -> ErrorCode:
+        """Restore the factory settings, except those that the option keeps, and reboot."""
+        if option not in _KEPT:
+            return ErrorCode.DATA_RANGE  # an assumption
+        memory = self.memory
+        for register in memory.registers.values():
+            if register.eeprom and register.writable and register.name not in _KEPT[option]:
+                memory[register.name] = register.default
+        self.reboot(now_ns)
+        return ErrorCode.NONE
 
     def reboot(self, now_ns: int) -> None:
         """Set RAM to its defaults, clear errors and turns; silent until it has booted."""

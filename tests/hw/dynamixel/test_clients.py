@@ -85,17 +85,20 @@ def test_the_vendors_bulk_and_fast_reads_and_writes_of_several_servos(
 
 
 @three
-def test_the_vendors_registered_writes_and_reboot(vendor: Sdk) -> None:
+def test_the_vendors_set_up_registered_writes_reboot_and_factory_reset(vendor: Sdk) -> None:
     port, handler = vendor.port, vendor.handler
     done = (sdk.COMM_SUCCESS, 0)
     for i in (1, 2):
         assert handler.regWriteTxRx(port, i, LED, 1, [1]) == done
     handler.action(port, ALL)
     assert [handler.read1ByteTxRx(port, i, LED)[0] for i in (1, 2)] == [1, 1]
+    assert handler.write4ByteTxRx(port, 2, 20, 1000) == done  # Homing Offset
+    assert handler.factoryReset(port, 2, 0x02) == done
     assert handler.reboot(port, 1) == done
     vendor.patience_s = SHORT_S
     wait_until(lambda: all(handler.ping(port, i)[1] == sdk.COMM_SUCCESS for i in (1, 2)))
     vendor.patience_s = PATIENCE_S
+    assert handler.read4ByteTxRx(port, 2, 20) == (0, *done)
     assert handler.read1ByteTxRx(port, 1, LED) == (0, *done)
 
 
