@@ -67,6 +67,19 @@ def test_stiffness_rises_at_once_but_only_where_it_may() -> None:
     assert wall.stiffness == 40.0
 
 
+def test_a_stiffness_lowered_for_a_change_returns_where_the_change_is_withdrawn() -> None:
+    made, wall = gains((40.0, 0.2))
+    made.begin()
+    made.lower(10.0)
+    follow(made, 2 * RAMP, may_raise=False)
+    assert wall.stiffness == 10.0
+    made.release()
+    follow(made, 2 * RAMP, may_raise=False)
+    assert wall.stiffness == 10.0, "not in contact"
+    follow(made, 2 * RAMP)
+    assert wall.stiffness == 40.0
+
+
 def test_a_longer_delay_that_allows_more_waits_for_a_moment_at_rest() -> None:
     made, wall = gains((20.0, 0.2), (40.0, 0.1))
     made.begin()
