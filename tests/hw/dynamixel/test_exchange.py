@@ -55,6 +55,7 @@ class Bench:
         begun = self.clock.now_ns()
         self.exchange.request()
         samples = self.exchange.collect(begun + self.period_ns * 3 // 5)
+        assert 0 <= self.exchange.waited_ns <= self.clock.now_ns() - begun
         self.clock.wait_until(begun + self.period_ns)
         self.are_their_own(samples)
         return samples
