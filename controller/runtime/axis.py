@@ -393,5 +393,5 @@ class Axis:
 
     def _may_rise(self) -> bool:
         """Whether K may rise by the largest possible amount although the shaft is in contact."""
-        elongation = self.law.elongation(self.position)
-        return self.engagement.may_rise(self.gains.largest_rise, elongation)
+        law, rise = self.law, self.gains.highest - self.law.stiffness
+        return rise <= 0.0 or self.engagement.may_rise(rise, law.elongation(self.position))

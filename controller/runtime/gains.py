@@ -27,6 +27,7 @@ class Gains:
     Attributes:
         stiffness: At the end of the ramp, without scale [N·m/rad].
         damping: At the end of the ramp, without scale [N·m·s/rad].
+        highest: Largest stiffness of the table [N·m/rad].
         in_force: The warm-up is over.
         schedule: The gain schedule.
     """
@@ -35,7 +36,6 @@ class Gains:
         "_damping_left",
         "_damping_step",
         "_damping_wait",
-        "_highest",
         "_law",
         "_most",
         "_pending",
@@ -43,6 +43,7 @@ class Gains:
         "_ramp_ticks",
         "_stiffness_step",
         "damping",
+        "highest",
         "in_force",
         "schedule",
         "stiffness",
@@ -52,18 +53,13 @@ class Gains:
         self.schedule = schedule
         self._law = law
         self._ramp_ticks = ramp_ticks
-        self._highest = schedule.table.highest
+        self.highest = schedule.table.highest
         self._most = math.inf  # while a change waits that lowers K
         self._ramp_left = self._damping_wait = self._damping_left = 0
         self._stiffness_step = self._damping_step = 0.0
         self._pending = False  # an increase that waits for a moment at rest
         self.stiffness = self.damping = 0.0
         self.in_force = False
-
-    @property
-    def largest_rise(self) -> float:
-        """Return the largest possible rise of K from now [N·m/rad]."""
-        return self._highest - self._law.stiffness
 
     @property
     def coming(self) -> float:
@@ -143,7 +139,7 @@ class Gains:
         """
         self._law = law
         self.schedule.take(table)
-        self._highest, self._most = table.highest, math.inf
+        self.highest, self._most = table.highest, math.inf
         self._ramp_left = self._damping_left = self._damping_wait = 0
         self._pending = False
         allowed = self.schedule.allowed

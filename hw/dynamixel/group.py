@@ -204,13 +204,14 @@ class DynamixelGroup:
         """
         if not self.running:
             raise RuntimeError("a torque was written while torque is off; call start first")
-        servos = self.servos
-        goals = [
-            one.law.goal(one.limited(torque)) for one, torque in zip(servos, torques, strict=True)
-        ]
+        goals = []
+        for one, torque in zip(self.servos, torques, strict=True):
+            most = one.facts.torque_limit
+            fine = torque if -most <= torque <= most else one.limited(torque)
+            goals.append(one.law.goal(fine))
         self.exchange.send(goals)
         sent = []
-        for one, goal in zip(servos, goals):  # noqa: B905 - checked
+        for one, goal in zip(self.servos, goals):  # noqa: B905 - checked
             one.goal = goal
             sent.append(one.law.torque(goal))
         return sent
