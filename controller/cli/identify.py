@@ -188,14 +188,15 @@ def _write(found: Identified, loaded: Loaded, path: Path) -> None:
 
 def _fit_record(record: Path, plot: Path | None, mass: float | None, length: float | None) -> None:
     """Fit a recorded motion, with a pendulum of mass [kg] and length [m], and print the result."""
-    from haptic_wall.controller.experiments.recorded import estimate
     from haptic_wall.controller.experiments.recorded.record import read_record
-    from haptic_wall.controller.experiments.recorded.text import report, text
 
-    pendulum = None if mass is None or length is None else estimate.Pendulum(mass, length)
     with working("fitting the motion", _FIT_S):
         with reading("--record", record, "a CSV"):
             motion = read_record(record)
+        from haptic_wall.controller.experiments.recorded import estimate
+        from haptic_wall.controller.experiments.recorded.text import report, text
+
+        pendulum = None if mass is None or length is None else estimate.Pendulum(mass, length)
         found = estimate.identify_record(motion, pendulum)
     result = {"name": record.name, **report(found), "plot": None}
     if plot is not None and found.shot is not None:
