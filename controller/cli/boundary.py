@@ -10,7 +10,6 @@ from typing import Any, Final
 
 import click
 
-from haptic_wall.controller.cli.boundary_text import boundary_text
 from haptic_wall.controller.cli.drawing import drawn_or_noted
 from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import (
@@ -26,6 +25,7 @@ from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.boundary_curve import Load, Question, WallSide, default_dampings
 from haptic_wall.controller.guard.boundary_report import report
 from haptic_wall.controller.guard.types import Situation
+from haptic_wall.controller.report.boundary_text import boundary_text
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory.servos import SERVOS
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from haptic_wall.controller.cli.text import filter_text
-from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.guard.limits import BY_NAME
+from haptic_wall.controller.report.run_text import filter_text
+from haptic_wall.controller.system.wrapping import wrapped
 
 _PARTS = {
     "delay": "the delay from sample to torque",
