@@ -6,6 +6,8 @@ import itertools
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
+from haptic_wall.controller.system.wrapping import wrapped
+
 
 def figure(value: float | None) -> str:
     """Format three digits, large numbers in groups of thousands, a dash for unknown values."""
@@ -69,3 +71,32 @@ def stolen(percent: float | None) -> str:
     if percent is None:
         return "the host's share of the processors' time is not known"
     return f"{percent:.2g} % of the processors' time taken by the host"
+
+
+def text(report: Mapping[str, Any]) -> str:
+    """Format the report of ``haptic-wall bench``."""
+    lines = [hardware(report)]
+    lines += _folded(installed(report), 0)
+    lines.append(meanwhile(report))
+    for name, section in report["sections"].items():
+        took = f"{section['seconds']:.0f} s, {stolen(section['steal_percent'])}"
+        lines += ["", f"{title(name)} ({took})"]
+        for shows_not, rows in grouped(section["rows"]):
+            lines += [_line(row) for row in rows]
+            lines += _folded(f"does not show {shows_not}", 4)
+        for note in section["notes"]:
+            lines += _folded(note, 2)
+    if report["interrupted"]:
+        lines += ["", "interrupted: only the sections above are complete"]
+    return "\n".join(lines)
+
+
+def _line(row: Mapping[str, Any]) -> str:
+    spread = quartiles(row)
+    value = " ".join(part for part in (figure(row["value"]), unit(row)) if part)
+    return f"  {value}{f' ({spread})' if spread else ''}  {row['name']}"
+
+
+def _folded(text: str, indent: int) -> list[str]:
+    space = " " * indent
+    return wrapped(text, space, space)

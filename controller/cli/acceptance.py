@@ -17,9 +17,9 @@ from haptic_wall.controller.cli.interrupt import INTERRUPTED
 from haptic_wall.controller.cli.options import answer, as_json, say, writing
 from haptic_wall.controller.cli.places import is_forced, take_folder
 from haptic_wall.controller.cli.working import DRAWING_S, working
-from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.system.files import whole
 from haptic_wall.controller.system.json_text import RESULT_MARK
+from haptic_wall.controller.system.wrapping import wrapped
 from haptic_wall.hw.errors import Problem
 
 if TYPE_CHECKING:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Mapping
-from typing import Any
 
 import click
 
@@ -13,7 +11,6 @@ from haptic_wall.controller.bench import words
 from haptic_wall.controller.cli import interrupt
 from haptic_wall.controller.cli.options import answer, json_option, say
 from haptic_wall.controller.cli.working import length
-from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.system.signals import on_signals
 
 SECTIONS = {
@@ -64,34 +61,6 @@ def command(names: tuple[str, ...]) -> None:
 
     report = measured(chosen, tell)
     with on_signals(signal.SIG_IGN):  # a held Ctrl-C must not cost the report
-        answer(report, lambda: _text(report))
+        answer(report, lambda: words.text(report))
     if report["interrupted"]:
         sys.exit(interrupt.INTERRUPTED)
-
-
-def _text(report: Mapping[str, Any]) -> str:
-    lines = [words.hardware(report)]
-    lines += _folded(words.installed(report), 0)
-    lines.append(words.meanwhile(report))
-    for name, section in report["sections"].items():
-        took = f"{section['seconds']:.0f} s, {words.stolen(section['steal_percent'])}"
-        lines += ["", f"{words.title(name)} ({took})"]
-        for shows_not, rows in words.grouped(section["rows"]):
-            lines += [_line(row) for row in rows]
-            lines += _folded(f"does not show {shows_not}", 4)
-        for note in section["notes"]:
-            lines += _folded(note, 2)
-    if report["interrupted"]:
-        lines += ["", "interrupted: only the sections above are complete"]
-    return "\n".join(lines)
-
-
-def _line(row: Mapping[str, Any]) -> str:
-    spread = words.quartiles(row)
-    value = " ".join(part for part in (words.figure(row["value"]), words.unit(row)) if part)
-    return f"  {value}{f' ({spread})' if spread else ''}  {row['name']}"
-
-
-def _folded(text: str, indent: int) -> list[str]:
-    space = " " * indent
-    return wrapped(text, space, space)

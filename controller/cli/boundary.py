@@ -10,7 +10,6 @@ from typing import Any, Final
 
 import click
 
-from haptic_wall.controller.cli.boundary_text import boundary_text
 from haptic_wall.controller.cli.drawing import drawn_or_noted
 from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import (
@@ -31,6 +30,7 @@ from haptic_wall.controller.guard.boundary import (
     report,
 )
 from haptic_wall.controller.guard.types import Situation
+from haptic_wall.controller.report.boundary_text import boundary_text
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory.servos import SERVOS
 

@@ -19,11 +19,11 @@ from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import answer, as_json, say, writing
 from haptic_wall.controller.cli.places import is_forced, take_folder
 from haptic_wall.controller.cli.working import DRAWING_S, working
-from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.settings.load import Loaded
 from haptic_wall.controller.system.files import whole
 from haptic_wall.controller.system.signals import on_signals
+from haptic_wall.controller.system.wrapping import wrapped
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.commission.plan import Announcement

@@ -12,9 +12,9 @@ from haptic_wall.controller.cli.options import (
     json_option,
     set_option,
 )
-from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.settings.fields import Field, fields
 from haptic_wall.controller.settings.load import Loaded, load_config
+from haptic_wall.controller.system.wrapping import wrapped
 
 _VALUE_WIDTH = 40
 """Width of a value with its unit; a belief with bounds is the longest."""

@@ -9,10 +9,9 @@ import click
 from haptic_wall.controller.cli.experiment import Asked, carry_out, experiment, folder_option
 from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import say
-from haptic_wall.controller.guard.delay_parts import ms
 
 if TYPE_CHECKING:
-    from haptic_wall.controller.experiments.delay import LoopDelay
+    pass
 
 
 @click.command()
@@ -38,6 +37,7 @@ def command(asked: Asked, steps: list[int] | None) -> None:
         RUN_S,
         START_S,
         delay_report,
+        delay_text,
         measure_delay,
     )
     from haptic_wall.controller.report.delay import plot_delay
@@ -51,22 +51,5 @@ def command(asked: Asked, steps: list[int] | None) -> None:
         measure=lambda folder: measure_delay(config, folder, chosen, tell=say),
         report=lambda found: delay_report(found, config.period_s, config.belief().delay.high),
         draw=plot_delay,
-        text=lambda found: _text(found, config.period_s),
+        text=lambda found: delay_text(found, config.period_s),
     )
-
-
-def _text(found: LoopDelay, period: float) -> list[str]:
-    """Format a table of the parts, one of the recovered delays, and the notes."""
-    lines = [
-        f"delay from sample to motion  {found.total.in_ms()}",
-        f"  inserted                   {ms(found.configured * period)}",
-        f"  age of the sample          {ms(found.age_median)} (median; the guard counts"
-        f" {ms(found.age_high)})",
-        f"  device, sending to motion  {found.device.in_ms()}",
-        "",
-        f"{'inserted':>10}  {'measured':>20}  {'recovered':>20}",
-    ]
-    for point in found.points:
-        recovered = point.recovered.in_ms() if point.recovered else "(reference)"
-        lines.append(f"{ms(point.inserted):>10}  {point.moved.total.in_ms():>20}  {recovered:>20}")
-    return [*lines, *found.notes]

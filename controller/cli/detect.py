@@ -70,7 +70,7 @@ def command(log: Path, plot: Path | None, **values: float | None) -> None:
     position_rad. With torque_nm, the torque commanded at each sample, the detector separates an
     oscillation that the wall feeds from the motion of a hand.
     """
-    from haptic_wall.controller.logs.detected import verdict_of
+    from haptic_wall.controller.logs.detected import text, verdict_of
     from haptic_wall.controller.logs.file import is_log
     from haptic_wall.controller.logs.reader import LogReader
 
@@ -86,7 +86,7 @@ def command(log: Path, plot: Path | None, **values: float | None) -> None:
         if verdict["state"] == "quiet":
             report["growth_per_s"] = None
         report["notes"] = [OWN]
-    answer(report, lambda: _text(report))
+    answer(report, lambda: text(report))
 
 
 def _judged(
@@ -142,28 +142,3 @@ def _judged(
 
 _OF_SERVO = ("inertia", "damping", "coulomb", "lag")
 _OF_WALL = ("stiffness", "virtual_damping", "surface")
-
-
-def _text(report: Mapping[str, Any]) -> str:
-    def known(name: str, unit: str) -> str:
-        value = report[name]
-        return f"{value:.4g} {unit}" if value is not None and math.isfinite(value) else "none"
-
-    from haptic_wall.controller.logs.recording import seconds
-
-    alarm, period = report["first_alarm_s"], report["period_s"]
-    lines = [
-        f"state       {report['state']}",
-        f"frequency   {known('frequency_hz', 'Hz')}",
-        f"amplitude   {known('amplitude_rad', 'rad')}",
-        f"alarm       {'none' if alarm is None else f'first after {seconds(alarm)} s'}",
-    ]
-    if period is not None:
-        lines += [
-            f"growth      {known('growth_per_s', '1/s')}",
-            f"record      {report['samples']} samples, one each {1e3 * period:.4g} ms",
-        ]
-    lines += [f"note        {note}" for note in report["notes"]]
-    if report["plot"] is not None:
-        lines.append(f"picture     {report['plot']}")
-    return "\n".join(lines)

@@ -236,11 +236,6 @@ def _write_table(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:
             )
 
 
-def cell(value: float | None, digits: int = 4) -> str:
-    """Format a number for a table; a dash: it is not known."""
-    return "-" if value is None else f"{value:.{digits}g}"
-
-
 def ask_to_move(servo: Servo, yes: bool) -> None:
     """Wait for a person's consent before a real servo moves by itself.
 

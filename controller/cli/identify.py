@@ -16,20 +16,16 @@ from haptic_wall.controller.cli.experiment import (
     experiment_options,
     moving,
 )
-from haptic_wall.controller.cli.identify_record import (
-    identify_record,
-    pendulum_of,
-    refuse_needless,
-    refuse_pendulum,
-)
 from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import (
     answer,
     config_argument,
+    reading,
     say,
     writing,
 )
 from haptic_wall.controller.cli.places import FileToWrite, new_stem, take_folder
+from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import SeveralError, UserError
 from haptic_wall.controller.settings.load import Loaded
 from haptic_wall.controller.system.files import whole
@@ -37,6 +33,9 @@ from haptic_wall.hw.errors import Problem
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.identify.identification import Identified
+
+_FIT_S = 10.0
+"""Usual duration of the fit of a record [s]"""
 
 
 @click.command()
@@ -98,13 +97,27 @@ def command(
     time_s and position_rad and, if known, torque_nm, current_a and torque_enabled (0: the motor is
     off).
     """
+    pendulum = {"--pendulum-mass": pendulum_mass, "--pendulum-length": pendulum_length}
+    given = [name for name, value in pendulum.items() if value is not None]
+    missing = [name for name in pendulum if name not in given]
     if record is not None:
         needless = {"CONFIG": config, "--set": sets, "--out": out, "--logs": logs, "--yes": yes}
         needless["--reach"] = reach != REACH
-        refuse_needless([name for name, given in needless.items() if given])
-        identify_record(record, plot, pendulum_of(pendulum_mass, pendulum_length))
+        if named := " and ".join(name for name, has in needless.items() if has):
+            raise UserError(
+                f"found with {named}, but a record moves nothing, and no configuration is read or"
+                " written",
+                field="--record",
+                advice=f"leave {named} out",
+            )
+        if given and missing:
+            what = f"missing beside {given[0]}"
+            raise UserError(what, field=missing[0], advice="give both, or neither")
+        _fit_record(record, plot, pendulum_mass, pendulum_length)
         return
-    refuse_pendulum(pendulum_mass, pendulum_length)
+    if given:
+        advice = "add --record FILE, or leave the option out"
+        raise UserError("found without --record", field=given[0], advice=advice)
     if config is None:
         raise UserError("missing", field="CONFIG", advice="give a configuration, or --record FILE")
     asked = asked_of(config, sets, out, yes)
@@ -171,3 +184,24 @@ def _write(found: Identified, loaded: Loaded, path: Path) -> None:
     from haptic_wall.controller.experiments.identify.identified_config import identified_config
 
     path.write_text(identified_config(loaded.config, found, loaded.name), encoding="utf-8")
+
+
+def _fit_record(record: Path, plot: Path | None, mass: float | None, length: float | None) -> None:
+    """Fit a recorded motion, with a pendulum of mass [kg] and length [m], and print the result."""
+    from haptic_wall.controller.experiments.recorded.record import read_record
+
+    with working("fitting the motion", _FIT_S):
+        with reading("--record", record, "a CSV"):
+            motion = read_record(record)
+        from haptic_wall.controller.experiments.recorded import estimate
+        from haptic_wall.controller.experiments.recorded.text import report, text
+
+        pendulum = None if mass is None or length is None else estimate.Pendulum(mass, length)
+        found = estimate.identify_record(motion, pendulum)
+    result = {"name": record.name, **report(found), "plot": None}
+    if plot is not None and found.shot is not None:
+        from haptic_wall.controller.report.recorded import plot_recorded
+
+        draw = partial(plot_recorded, found, record.name)
+        result["plot"] = drawn_or_noted("--plot", plot, draw)
+    answer(result, lambda: text(found, result["plot"]))

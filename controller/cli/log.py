@@ -18,11 +18,11 @@ from haptic_wall.controller.cli.options import (
     writing,
 )
 from haptic_wall.controller.cli.places import FileToWrite, plot_option
-from haptic_wall.controller.cli.text import entry, report_text
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.columns import values
 from haptic_wall.controller.logs.reader import LogReader, TimeSpan, refusal
+from haptic_wall.controller.report.run_text import entry, report_text
 from haptic_wall.controller.system.files import whole
 from haptic_wall.controller.system.printable import in_line
 

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
-from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -31,7 +28,6 @@ if TYPE_CHECKING:
         MapQuestion,
         Progress,
     )
-    from haptic_wall.controller.experiments.maps.servo import MapSettings
 
 _POINT_S = 0.05
 """Approximate duration of a point on one core [s]"""
@@ -39,7 +35,6 @@ _STEPS = (0, 1, 2, 3, 4, 5)
 _KICKS = (0.003, 0.01, 0.03, 0.1, 0.3)
 _KICK = 0.01
 """Of a servo without friction, encoder and backlash, to which the kick does not matter [rad]."""
-_DAMPINGS = 12
 _ROWS = "map.rows"
 
 
@@ -103,12 +98,18 @@ def command(
     """
     from haptic_wall.controller.experiments.maps.maps import MapQuestion
     from haptic_wall.controller.experiments.maps.servo import MapSettings
+    from haptic_wall.controller.experiments.maps.table import (
+        default_dampings,
+        points,
+        report,
+        text,
+    )
     from haptic_wall.controller.report.maps import plot_map
 
     setting = MapSettings.of(asked.config)
     chosen_steps = _STEPS if steps is None else steps
     chosen_kicks = kicks if kicks is not None else _KICKS if setting.kick_matters else (_KICK,)
-    chosen_dampings = _default_dampings(setting, chosen_steps) if dampings is None else dampings
+    chosen_dampings = default_dampings(setting, chosen_steps) if dampings is None else dampings
     wanted = MapQuestion(setting, chosen_dampings, chosen_steps, chosen_kicks)
     say(f"{asked.name}: {wanted.points} points")
     share = 0.0
@@ -127,10 +128,10 @@ def command(
         "map",
         seconds,
         measure,
-        _report,
+        report,
         plot_map,
-        _text,
-        rows=_points,
+        text,
+        rows=points,
         others=(_ROWS,),
         work=working("computing", seconds, lambda: share),
         ended=_ended,
@@ -163,79 +164,8 @@ def _computed(
     return found
 
 
-def _report(found: CriticalMap) -> dict[str, Any]:
-    setting = found.setting
-    return {
-        "side": "one" if setting.one_sided else "both",
-        "period_s": setting.period,
-        "velocity_samples": setting.velocity_samples,
-        "servo": asdict(setting.servo),
-        "complete": found.complete,
-        "points": list(_points(found)),
-    }
-
-
-def _points(found: CriticalMap) -> Iterator[dict[str, Any]]:
-    """Yield the points of the table and of the report."""
-    for i, steps in enumerate(found.delay_steps.tolist()):
-        for j, damping in enumerate(found.virtual_damping.tolist()):
-            for k, kick in enumerate(found.kick.tolist()):
-                value = float(found.stiffness[i, j, k])
-                yield {
-                    "virtual_damping": damping,
-                    "delay_steps": steps,
-                    "delay_s": float(found.delay[i]),
-                    "kick_rad": kick,
-                    "simulated": value if math.isfinite(value) else None,
-                    "outcome": _outcome(value),
-                    "exact": float(found.exact[i, j]),
-                    "linear": float(found.linear[i, j]),
-                    "one_sided": float(found.one_sided[i, j]),
-                }
-
-
-def _outcome(simulated: float) -> str:
-    """Describe the result of the search."""
-    if math.isnan(simulated):
-        return "not computed"
-    if math.isinf(simulated):
-        return "never grows"
-    return "grows above" if simulated > 0.0 else "always grows"
-
-
 def _ended(found: CriticalMap) -> tuple[str, int] | None:
     if found.complete:
         return None
     text = "interrupted: the computed points are kept, the others are empty; the same command with"
     return text, INTERRUPTED
-
-
-def _default_dampings(setting: MapSettings, steps: Sequence[int]) -> list[float]:
-    import numpy as np
-
-    most = setting.loop.ceiling(float(setting.delay(np.array(max(steps)))))
-    # Denser at small values, where walls are used and the limits rise steeply.
-    shares = np.linspace(0.0, 1.0, _DAMPINGS) ** 2
-    return [float(f"{value:.4g}") for value in shares * most]
-
-
-def _text(found: CriticalMap) -> list[str]:
-    """Format a table of the largest kick."""
-    import numpy as np
-
-    k = int(np.argmax(found.kick))
-    lines = [
-        f"critical stiffness [N·m/rad], simulated, kick {found.kick[k]:g} rad",
-        f"{'B [N·m·s/rad]':>14}  "
-        + "".join(f"{f'{1e3 * delay:.4g} ms':>10}" for delay in found.delay),
-    ]
-    for j, damping in enumerate(found.virtual_damping):
-        cells = "".join(f"{_cell(value):>10}" for value in found.stiffness[:, j, k].tolist())
-        lines.append(f"{damping:>14.4g}  {cells}")
-    return lines
-
-
-def _cell(value: float) -> str:
-    if math.isfinite(value):
-        return f"{value:.4g}"
-    return "-" if math.isnan(value) else "none"

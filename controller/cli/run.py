@@ -31,10 +31,10 @@ from haptic_wall.controller.cli.places import (
     refuse_other_pictures,
     take_file,
 )
-from haptic_wall.controller.cli.text import report_text
 from haptic_wall.controller.cli.working import is_shown, working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.file import SUFFIX, foreign_beside, is_held
+from haptic_wall.controller.report.run_text import report_text
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config

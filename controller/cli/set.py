@@ -10,7 +10,7 @@ import click
 
 from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import answer, json_option, say
-from haptic_wall.controller.cli.text import number
+from haptic_wall.controller.report.run_text import number
 
 WAIT_S = 10.0
 """Default of the longest wait for a suitable moment [s]"""

@@ -12,7 +12,6 @@ import click
 from haptic_wall.controller.cli.experiment import (
     Asked,
     carry_out,
-    cell,
     experiment,
     folder_option,
     say_swing,
@@ -102,6 +101,7 @@ def command(
     from haptic_wall.controller.experiments.sweep.device import Device
     from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint
     from haptic_wall.controller.experiments.sweep.sweep import ROWS, Sweep, expected_s, sweep
+    from haptic_wall.controller.experiments.sweep.text import sweep_text
     from haptic_wall.controller.experiments.testbed import ExperimentTrippedError
     from haptic_wall.controller.processes.run_report import exit_status
     from haptic_wall.controller.report.sweep import plot_sweep
@@ -143,7 +143,7 @@ def command(
         measure,
         lambda found: found[0],
         lambda found, name, path: plot_sweep(found[1], device, name, path),
-        lambda found: _text(found[1]),
+        lambda found: sweep_text(found[1]),
         rows=lambda found: map(asdict, found[1]),
         others=(ROWS,),
         ended=lambda _found: ended,
@@ -178,43 +178,14 @@ class _Progress:
         self._began = time.monotonic()
 
     def point(self, _setting: PlanePoint, result: PointResult) -> None:
+        from haptic_wall.controller.experiments.sweep.text import point_text
+
         self._done += 1
         left = self._total - self._done
         pace = (time.monotonic() - self._began) / (self._done - self._before)
         rest = f", {_span(pace * left)} left" if left else ""
-        say(f"{self._done}/{self._total}  {_line(result)}{rest}")
-
-
-def _line(point: PointResult) -> str:
-    where = f"B {point.virtual_damping:g}, {point.delay_steps} steps"
-    if point.measured is None:
-        return f"{where}: {point.reason}"
-    return (
-        f"{where}: {point.measured:.4g} ± {point.uncertainty:.2g} N·m/rad"
-        f" (exact {point.exact:.4g}) at {point.frequency_hz or float('nan'):.3g} Hz"
-    )
+        say(f"{self._done}/{self._total}  {point_text(result)}{rest}")
 
 
 def _span(seconds: float) -> str:
     return f"about {seconds:.0f} s" if seconds < 100 else f"about {seconds / 60:.0f} min"
-
-
-def _text(points: list[PointResult]) -> list[str]:
-    lines = [
-        f"{'B':>9} {'delay':>8} {'measured':>10} {'±':>8} {'exact':>9} {'linear':>9}"
-        f" {'friction':>9} {'f':>7} {'kick':>8}",
-        f"{'N·m·s/rad':>9} {'ms':>8} {'N·m/rad':>10} {'':>8} {'':>9} {'':>9} {'':>9} {'Hz':>7}"
-        f" {'rad':>8}",
-    ]
-    for point in points:
-        lines.append(
-            f"{point.virtual_damping:>9.4g} {1e3 * point.delay_s:>8.3f} {cell(point.measured):>10}"
-            f" {cell(point.uncertainty, 2):>8} {cell(point.exact):>9} {cell(point.linear):>9}"
-            f" {cell(point.predicted_with_friction):>9} {cell(point.frequency_hz, 3):>7}"
-            f" {cell(point.kick_rad, 3):>8}"
-        )
-        if point.reason is not None:
-            lines.append(f"{'':>9} {point.reason}")
-        elif point.trips:
-            lines.append(f"{'':>9} trips in between: {'; '.join(point.trips)}")
-    return lines

@@ -12,7 +12,6 @@ import click
 from haptic_wall.controller.cli.experiment import (
     Asked,
     carry_out,
-    cell,
     experiment,
     folder_option,
     say_swing,
@@ -55,7 +54,7 @@ def command(asked: Asked, samples: list[int] | None, measure: str | None) -> Non
     It compares velocities over several samples and with a filter: by exact theory, by the guard,
     and by measurements as in sweep. A real shaft moves by itself, unless --measure none is given.
     """
-    from haptic_wall.controller.experiments.zwidth import measure_points, velocities, width_of
+    from haptic_wall.controller.experiments.zwidth import measure_points, text, velocities, width_of
     from haptic_wall.controller.report.zwidth import plot_zwidth
 
     config = asked.config
@@ -84,7 +83,7 @@ def command(asked: Asked, samples: list[int] | None, measure: str | None) -> Non
             "widths": [width.report() for width in found],
         },
         lambda found, name, path: plot_zwidth(found, config.wall, name, path),
-        _text,
+        text,
         others=("measured",),
     )
 
@@ -103,37 +102,3 @@ def _announced(asked: Asked, chosen: Sequence[Width]) -> float:
             far = max((excursion(*each) for each in asked_for), default=0.0)
             say_swing(config.servo, far)
     return seconds
-
-
-def _text(found: Sequence[Width]) -> list[str]:
-    return [
-        "largest stiffness K [N·m/rad], and the virtual damping B [N·m·s/rad] there",
-        f"{'velocity':<26}{'ceiling B':>10}{'exact K':>10}{'at B':>9}{'guard K':>10}{'at B':>9}",
-        *(line for width in found for line in _width_lines(width)),
-    ]
-
-
-def _width_lines(width: Width) -> list[str]:
-    if width.config is None:
-        return [f"{width.velocity.label:<26}{width.reason}"]
-    exact, own = width.peak(width.exact), width.peak(width.guard)
-    guard = own or width.peak(width.guard_two_sided)
-    cells = f"{width.ceiling:>10.4g}"
-    for peak in (exact, guard):
-        cells += (
-            f"{'-':>10}{'-':>9}"
-            if peak is None
-            else f"{peak['stiffness']:>10.4g}{peak['virtual_damping']:>9.3g}"
-        )
-    lines = [f"{width.velocity.label:<26}{cells}" + ("" if own else "  two-sided")]
-    for point in width.points:
-        at = f"  measured at B {point.virtual_damping:<10.3g}"
-        if point.measured is None:
-            lines.append(f"{at}{point.reason}")
-            continue
-        lines.append(
-            f"{at}{point.measured:.4g} ± {point.uncertainty:.2g}, exact {point.exact:.4g}, with"
-            f" friction {cell(point.predicted_with_friction, 3)}, kick {cell(point.kick_rad, 3)}"
-            " rad"
-        )
-    return lines

@@ -77,6 +77,8 @@ class Plan:
     """Inherited descriptor of the memory of a person's hand"""
     elastic: int | None = None
     """Inherited descriptor of the memory of a time shared with a loop"""
+    starter: int | None = None
+    """Process id of the run that starts this bus, which may end before it is there"""
     owner: int | None = None
     """Process id of the only reader of the record, without which nothing is left behind"""
 
@@ -217,7 +219,7 @@ def _orphaned(owner: int | None) -> Callable[[], bool]:
 def main() -> int:
     """Run the bus of this process's argument; return its exit status."""
     plan = Plan(**json.loads(sys.argv[1]))
-    orphaned = _orphaned(plan.owner)
+    orphaned = _orphaned(plan.owner or plan.starter)
     signals: list[int] = []
 
     realtime.apply("best-effort", PRIORITY, os.sched_getaffinity(0))

@@ -30,6 +30,7 @@ from haptic_wall.controller.experiments.identify.identification import (
     bounds_of,
 )
 from haptic_wall.controller.experiments.testbed import Played
+from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 
@@ -263,3 +264,20 @@ def _together(found: Sequence[Estimated]) -> Estimated:
     weights = np.array([max(each.stderr, 1e-9) ** -2 for each in found])
     values = np.array([each.value for each in found])
     return Estimated(float(weights @ values / weights.sum()), float(weights.sum() ** -0.5))
+
+
+def delay_text(found: LoopDelay, period: float) -> list[str]:
+    """Format a table of the parts, one of the recovered delays, and the notes."""
+    lines = [
+        f"delay from sample to motion  {found.total.in_ms()}",
+        f"  inserted                   {ms(found.configured * period)}",
+        f"  age of the sample          {ms(found.age_median)} (median; the guard counts"
+        f" {ms(found.age_high)})",
+        f"  device, sending to motion  {found.device.in_ms()}",
+        "",
+        f"{'inserted':>10}  {'measured':>20}  {'recovered':>20}",
+    ]
+    for point in found.points:
+        recovered = point.recovered.in_ms() if point.recovered else "(reference)"
+        lines.append(f"{ms(point.inserted):>10}  {point.moved.total.in_ms():>20}  {recovered:>20}")
+    return [*lines, *found.notes]

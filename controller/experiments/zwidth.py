@@ -22,6 +22,7 @@ from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
 from haptic_wall.controller.experiments.sweep.result import PointResult
 from haptic_wall.controller.experiments.sweep.sweep import Sweep, sweep
+from haptic_wall.controller.experiments.sweep.text import cell
 from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import loaded
@@ -241,3 +242,38 @@ def measure_points(
             raise ExperimentInterruptedError(
                 "interrupted", advice=f"the same command with --out {folder.parent} continues"
             )
+
+
+def text(found: Sequence[Width]) -> list[str]:
+    """Return a table of the peaks, with the measured points."""
+    return [
+        "largest stiffness K [N·m/rad], and the virtual damping B [N·m·s/rad] there",
+        f"{'velocity':<26}{'ceiling B':>10}{'exact K':>10}{'at B':>9}{'guard K':>10}{'at B':>9}",
+        *(line for width in found for line in _width_lines(width)),
+    ]
+
+
+def _width_lines(width: Width) -> list[str]:
+    if width.config is None:
+        return [f"{width.velocity.label:<26}{width.reason}"]
+    exact, own = width.peak(width.exact), width.peak(width.guard)
+    guard = own or width.peak(width.guard_two_sided)
+    cells = f"{width.ceiling:>10.4g}"
+    for peak in (exact, guard):
+        cells += (
+            f"{'-':>10}{'-':>9}"
+            if peak is None
+            else f"{peak['stiffness']:>10.4g}{peak['virtual_damping']:>9.3g}"
+        )
+    lines = [f"{width.velocity.label:<26}{cells}" + ("" if own else "  two-sided")]
+    for point in width.points:
+        at = f"  measured at B {point.virtual_damping:<10.3g}"
+        if point.measured is None:
+            lines.append(f"{at}{point.reason}")
+            continue
+        lines.append(
+            f"{at}{point.measured:.4g} ± {point.uncertainty:.2g}, exact {point.exact:.4g}, with"
+            f" friction {cell(point.predicted_with_friction, 3)}, kick {cell(point.kick_rad, 3)}"
+            " rad"
+        )
+    return lines

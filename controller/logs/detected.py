@@ -21,7 +21,7 @@ from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.logs.csv_recording import recording_of_csv
 from haptic_wall.controller.logs.file import is_log
 from haptic_wall.controller.logs.reader import LogReader
-from haptic_wall.controller.logs.recording import Part, Recording, recording_of_log
+from haptic_wall.controller.logs.recording import Part, Recording, recording_of_log, seconds
 
 WINDOW = 120_000
 """Samples that are analysed at once, without the overlap: it bounds the memory"""
@@ -123,3 +123,28 @@ def verdict_of(log: LogReader) -> Mapping[str, Any] | None:
     if told.get("state") not in {each.name.lower() for each in State}:
         return None
     return {name: told.get(name) for name in _VERDICT}
+
+
+def text(report: Mapping[str, Any]) -> str:
+    """Format the result of ``haptic-wall detect``."""
+
+    def known(name: str, unit: str) -> str:
+        value = report[name]
+        return f"{value:.4g} {unit}" if value is not None and math.isfinite(value) else "none"
+
+    alarm, period = report["first_alarm_s"], report["period_s"]
+    lines = [
+        f"state       {report['state']}",
+        f"frequency   {known('frequency_hz', 'Hz')}",
+        f"amplitude   {known('amplitude_rad', 'rad')}",
+        f"alarm       {'none' if alarm is None else f'first after {seconds(alarm)} s'}",
+    ]
+    if period is not None:
+        lines += [
+            f"growth      {known('growth_per_s', '1/s')}",
+            f"record      {report['samples']} samples, one each {1e3 * period:.4g} ms",
+        ]
+    lines += [f"note        {note}" for note in report["notes"]]
+    if report["plot"] is not None:
+        lines.append(f"picture     {report['plot']}")
+    return "\n".join(lines)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -46,6 +47,7 @@ def emulator_arguments(
         "faults": list(settings.faults),
         "seed": settings.fault_seed,
         "record": None if witness is None else str(witness),
+        "starter": os.getpid(),
         "hand": hand,
         "elastic": elastic,
     }

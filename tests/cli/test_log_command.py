@@ -11,9 +11,9 @@ import pytest
 from click.testing import CliRunner
 
 from haptic_wall.controller.cli.log import command
-from haptic_wall.controller.cli.text import report_text
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.writer import LogWriter, append_end
+from haptic_wall.controller.report.run_text import report_text
 from haptic_wall.controller.report.sketch import Sketch
 from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_WARM_UP, ROW
 from haptic_wall.controller.settings.load import load_config

@@ -13,12 +13,12 @@ import pytest
 from click.core import Context
 
 from haptic_wall.controller.cli import run as run_command
-from haptic_wall.controller.cli.text import report_text
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.writer import LogWriter
 from haptic_wall.controller.processes.plan import LogState
 from haptic_wall.controller.processes.recorder import Recorder
 from haptic_wall.controller.processes.run_report import exit_status
+from haptic_wall.controller.report.run_text import report_text
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip
 from haptic_wall.controller.runtime.telemetry import ROW
 from tests.cli.caller import Cli

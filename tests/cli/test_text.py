@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from haptic_wall.controller.cli.options import as_json
-from haptic_wall.controller.cli.text import report_text
+from haptic_wall.controller.report.run_text import report_text
 
 TIMES = {"p50": 0.123456, "p99": 15.1, "p99_9": 31.9, "max": 310.0}
 REPORT = {

@@ -1,5 +1,6 @@
 """Child processes are this program's, wherever the user stands; who waits for one may give up."""
 
+import json
 import os
 import signal
 import subprocess
@@ -68,3 +69,10 @@ def test_a_bus_that_is_stopped_in_its_start_is_named_at_once(
         emulator.emulated_bus([PROGRAM, '{"servos": []}'], os.sched_getaffinity(0)),
     ):
         pass
+
+
+def test_the_bus_of_a_run_that_was_killed_in_its_start_ends_by_itself() -> None:
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    plan = {"servos": ["XM430-W350:1"], "truth": {}, "baud": 4_000_000, "starter": dead.pid}
+    subprocess.run([sys.executable, "-P", "-m", PROGRAM, json.dumps(plan)], timeout=60, check=True)

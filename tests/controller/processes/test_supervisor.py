@@ -15,11 +15,11 @@ from typing import Any, NoReturn
 
 import pytest
 
-from haptic_wall.controller.cli.text import report_text
 from haptic_wall.controller.processes import emulator, recorder_monitor, supervisor, torque_cut
 from haptic_wall.controller.processes.plan import Ended, Plan
 from haptic_wall.controller.processes.run_report import exit_status, explanation, run_report
 from haptic_wall.controller.processes.supervisor import Supervisor
+from haptic_wall.controller.report.run_text import report_text
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from haptic_wall.controller.cli.text import filter_text
-from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.guard.limits import BY_NAME
+from haptic_wall.controller.report.run_text import filter_text
+from haptic_wall.controller.system.wrapping import wrapped
 
 
 def boundary_text(found: Mapping[str, Any]) -> str:

@@ -6,8 +6,8 @@ import shlex
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.runtime.safety import Trip
+from haptic_wall.controller.system.wrapping import wrapped
 
 _UNCONFIRMED = (
     "the servo did not confirm that its torque is off: without a supply it has none, otherwise its "
