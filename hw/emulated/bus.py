@@ -291,7 +291,7 @@ class EmulatedBus:
         code: int | None = None,
         fault: str = "",
     ) -> None:
-        """Record a frame, or a fault of a servo or an instruction code; ``of`` None: of no servo."""
+        """Record a frame, or a fault of a servo or an instruction; ``of`` None: of no servo."""
         if self._witness is None:
             return
         if not isinstance(of, EmulatedServo):

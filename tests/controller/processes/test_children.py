@@ -75,12 +75,10 @@ def test_a_child_whose_parent_was_interrupted_before_it_gave_orders_ends(
 def test_a_bus_that_is_stopped_in_its_start_is_named_at_once(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    start = emulator.first_line
-
     def stop(child: Child, *more: Any) -> str | None:
         child.send(signal.SIGSTOP)
         os.waitid(os.P_PID, child.pid, os.WSTOPPED)
-        return start(child, *more)
+        return first_line(child, *more)
 
     monkeypatch.setattr(emulator, "first_line", stop)
     with (
