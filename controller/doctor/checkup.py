@@ -31,7 +31,6 @@ from haptic_wall.hw.dynamixel.registers import RETURN_DELAY_UNIT_NS
 from haptic_wall.hw.dynamixel.rules import (
     STATUS_LEVEL,
     Rule,
-    be_alone,
     judge,
     judge_firmware,
     judge_model,
@@ -181,7 +180,7 @@ class _Checkup:
             table = Table.on(line, found.baud, found.id, settings.port, model)
             if report.consent is not None:  # as a start: a silent second servo takes it too
                 table.write("status_return_level", STATUS_LEVEL)
-            be_alone(table)
+            table.be_alone()
             table.registers = model.registers_at(found.firmware)
             checks, repairs = self._judge(table, settings, model)
             if self._mend(table, checks, repairs):

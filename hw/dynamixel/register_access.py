@@ -43,6 +43,10 @@ _TABLE_END: Final = 147
 """After Present Temperature"""
 _LATEST_NS: Final = 500_000_000
 """Time after a request without its reply or a copy of it [ns]: either may be 200 ms late"""
+_LISTENINGS: Final = 3
+_LISTEN_NS: Final = 20_000_000
+"""Wait for a second reply [ns]: longer than the largest return delay (0.5 ms) and an adapter's
+16 ms timer"""
 _PING_BYTES: Final = 3
 """Data of a reply to a ping, model number and firmware; no other reply has as many"""
 _GARBLED: Final = (ErrorCode.INSTRUCTION, ErrorCode.CRC, ErrorCode.DATA_LENGTH)
@@ -156,8 +160,8 @@ class Table:
         register = self.registers[name]
         return self._until_answered(lambda each: self._read(register, each, sizes), patience_ns)
 
-    def be_alone(self, wait_ns: int) -> None:
-        """Refuse a second servo with this id, whose reply comes within ``wait_ns`` [ns].
+    def be_alone(self) -> None:
+        """Refuse a second servo with this id; a silent one only replies with Status Return Level 2.
 
         Replies that come apart are of different return delays. Others collide, and are lost, unless
         both servos send the same: then nothing distinguishes them.
@@ -166,9 +170,10 @@ class Table:
             ServoLostError: Replies collide.
             UnfitServoError: Two have replied.
         """
-        self.read("return_delay_time")
-        self._await(0, -1, self.clock.now_ns() + wait_ns)
-        self._be_one()
+        for _ in range(_LISTENINGS):
+            self.read("return_delay_time")
+            self._await(0, -1, self.clock.now_ns() + _LISTEN_NS)
+            self._be_one()
 
     def reboot(self) -> None:
         """Restart the servo; it replies again after about a second.

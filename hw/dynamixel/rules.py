@@ -21,10 +21,6 @@ WATCHDOG_FIRMWARE: Final = 38
 """First firmware with a Bus Watchdog"""
 STATUS_LEVEL: Final = 2
 """Status Return Level at which the servo replies to everything"""
-_LISTENINGS: Final = 3
-_LISTEN_NS: Final = 20_000_000
-"""Wait for a second reply [ns]: longer than the largest return delay (0.5 ms) and an adapter's
-16 ms timer"""
 _FIX: Final = "`haptic-wall doctor CONFIG --fix`"
 _LEAST_PWM: Final = 0.1
 """Least fraction of the full PWM that leaves a usable torque"""
@@ -153,17 +149,6 @@ def judge_firmware(model: Model, firmware: int) -> Check:
         advice = f"{model.fast_sync_read_firmware} or later reads several servos in one reply"
     found, wanted = str(firmware), f"at least {WATCHDOG_FIRMWARE}"
     return Verdict(found, wanted, why, advice).check("firmware")
-
-
-def be_alone(table: Table) -> None:
-    """Refuse a second servo with this id; a silent one only replies with Status Return Level 2.
-
-    Raises:
-        ServoLostError: Their replies collide.
-        UnfitServoError: Two have replied.
-    """
-    for _ in range(_LISTENINGS):
-        table.be_alone(_LISTEN_NS)
 
 
 # The registers

@@ -17,7 +17,6 @@ from haptic_wall.hw.dynamixel.rules import (
     STATUS_LEVEL,
     Seen,
     Verdict,
-    be_alone,
     judge,
     judge_firmware,
     judge_model,
@@ -87,7 +86,7 @@ class Startup:
         settings, table = self._settings, self._table
         self._report_adapter()
         self._identify(number)
-        be_alone(table)
+        table.be_alone()
         self._settle("torque_enable", 0, "torque at the start", advice="switch its power off")
         self._refuse_if_unfit()
         seen = read_servo(table, self._model, self._constant, settings.torque_limit, start=True)

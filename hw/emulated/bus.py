@@ -210,7 +210,9 @@ class EmulatedBus:
             self._put(piece, now_ns, len(piece))
             return
         for name in passage.names:
-            self._note_fault(now_ns, name, id_of(piece), instruction_of(piece))
+            id_ = id_of(piece)
+            shown, code = BROADCAST if id_ is None else id_, instruction_of(piece)
+            self._note(now_ns, "fault", shown, id_, code=code, fault=name)
         arrival_ns = now_ns + passage.late_ns
         heard = [chunk for chunk in passage.chunks if chunk]
         for chunk in heard:
@@ -230,7 +232,7 @@ class EmulatedBus:
             answers = answer(frame, listening, now_ns)
             if self._witness is not None:
                 first = addressed(frame)
-                self._note_frame(now_ns, "rx", frame, first[0] if first else None)
+                self._note(now_ns, "rx", frame.id, first[0] if first else None, frame)
             for reply in answers:
                 self._schedule_reply(reply, piece.baud)
 
@@ -257,8 +259,8 @@ class EmulatedBus:
         self._begun = False
         frame = reply.frame
         for name in reply.faults:
-            self._note_fault(now_ns, name, frame.id, frame.instruction)
-        self._note_frame(now_ns, "tx", frame, frame.id)
+            self._note(now_ns, "fault", frame.id, frame.id, code=frame.instruction, fault=name)
+        self._note(now_ns, "tx", frame.id, frame.id, frame)
 
     def _add(self, fault: Fault, now_ns: int) -> None:
         fault.check_servo([servo.id for servo in self.servos])
@@ -270,22 +272,14 @@ class EmulatedBus:
         name = fault.name if event.begins else f"{fault.name} over"
         if fault.name == "unplug-adapter":
             self._connect(not event.begins)
-            self._note_fault(now_ns, name, None)
+            self._note(now_ns, "fault", BROADCAST, None, fault=name)
             return
         struck = [s for s in self.servos if s.id == fault.values.get("id", s.id)]
         if event.begins and fault.name in SILENCING:
             self._silence({servo.id for servo in struck}, now_ns)
         for servo in struck:
             apply_fault(event, servo, now_ns)
-            self._note_fault(now_ns, name, servo.id)
-
-    def _note_frame(self, now_ns: int, event: str, frame: Frame, of: int | None) -> None:
-        """Record a frame, with the state of the servo that it concerns first; None: any."""
-        self._note(now_ns, event, frame.id, of, frame.instruction, frame.error, frame.params)
-
-    def _note_fault(self, now_ns: int, name: str, id_: int | None, code: int | None = None) -> None:
-        """Record a fault, of an instruction code too; ``id_`` None: it concerns no servo."""
-        self._note(now_ns, "fault", BROADCAST if id_ is None else id_, id_, code, fault=name)
+            self._note(now_ns, "fault", servo.id, servo, fault=name)
 
     def _note(
         self,
@@ -293,16 +287,20 @@ class EmulatedBus:
         event: str,
         shown: int,
         of: EmulatedServo | int | None,
-        instruction: int | None = None,
-        error: int | None = None,
-        params: bytes = b"",
+        frame: Frame | None = None,
+        code: int | None = None,
         fault: str = "",
     ) -> None:
-        if self._witness is not None:
-            if not isinstance(of, EmulatedServo):
-                of = next((servo for servo in self.servos if servo.id == of), self.servos[0])
-            state = of.state(now_ns)
-            self._witness.add(Event(now_ns, event, shown, instruction, state, error, params, fault))
+        """Record a frame, or a fault of a servo or an instruction; ``of`` None: of no servo."""
+        if self._witness is None:
+            return
+        if not isinstance(of, EmulatedServo):
+            of = next((servo for servo in self.servos if servo.id == of), self.servos[0])
+        error, params = None, b""
+        if frame is not None:
+            code, error, params = frame.instruction, frame.error, frame.params
+        state = of.state(now_ns)
+        self._witness.add(Event(now_ns, event, shown, code, state, error, params, fault))
 
     def _connect(self, connected: bool) -> None:
         self.connected = connected

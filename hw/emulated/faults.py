@@ -17,29 +17,16 @@ from haptic_wall.hw.errors import SpecError
 from haptic_wall.hw.names import did_you_mean
 
 
-def number(low: float, high: float) -> Callable[[str], float]:
+def _number(low: float, high: float, kind: type = float) -> Callable[[str], Any]:
     """Return a reader of numbers in a range; its docstring names the range."""
 
-    def parse(text: str) -> float:
+    def parse(text: str) -> Any:  # noqa: ANN401 - of ``kind``
         value = float(text)
-        if not low <= value <= high:
+        if not low <= value <= high or kind(value) != value:
             raise ValueError
-        return value
+        return kind(value)
 
-    parse.__doc__ = f"a number from {low:g} up to {high:g}"
-    return parse
-
-
-def whole(low: int, high: int) -> Callable[[str], int]:
-    """Return a reader of whole numbers in a range; its docstring names the range."""
-
-    def parse(text: str) -> int:
-        value = float(text)
-        if not value.is_integer() or not low <= value <= high:
-            raise ValueError
-        return int(value)
-
-    parse.__doc__ = f"a whole number from {low} to {high}"
+    parse.__doc__ = f"a {'whole ' * (kind is int)}number from {low:.10g} up to {high:.10g}"
     return parse
 
 
@@ -86,23 +73,23 @@ class _Kind(NamedTuple):
 
 KEYS: Final[Mapping[str, _Key]] = MappingProxyType(
     {
-        "p": _Key(number(0, 1), "probability for each frame"),
-        "every": _Key(whole(1, 10**9), "every n-th frame"),
-        "times": _Key(whole(1, 10**9), "largest number of times"),
-        "at": _Key(number(0, 1e6), "start [s]"),
-        "for": _Key(number(1e-6, 1e6), "duration [s]"),
-        "repeat": _Key(number(0.001, 1e6), "time until the next one [s]"),
+        "p": _Key(_number(0, 1), "probability for each frame"),
+        "every": _Key(_number(1, 10**9, int), "every n-th frame"),
+        "times": _Key(_number(1, 10**9, int), "largest number of times"),
+        "at": _Key(_number(0, 1e6), "start [s]"),
+        "for": _Key(_number(1e-6, 1e6), "duration [s]"),
+        "repeat": _Key(_number(0.001, 1e6), "time until the next one [s]"),
         "way": _Key(_way, "frames to the servos, from them, or both"),
-        "id": _Key(whole(0, BROADCAST), "frames with this id, or the servo"),
-        "flips": _Key(whole(1, 64), "bits that are flipped"),
-        "keep": _Key(whole(0, 2055), "bytes that arrive"),
-        "ms": _Key(number(0.001, 10_000), "delay [ms]"),
-        "to": _Key(whole(0, MAX_ID), "the wrong id"),
-        "bytes": _Key(whole(1, 255), "bytes of garbage"),
-        "counts": _Key(whole(-(2**24), 2**24), "encoder counts, signed"),
+        "id": _Key(_number(0, BROADCAST, int), "frames with this id, or the servo"),
+        "flips": _Key(_number(1, 64, int), "bits that are flipped"),
+        "keep": _Key(_number(0, 2055, int), "bytes that arrive"),
+        "ms": _Key(_number(0.001, 10_000), "delay [ms]"),
+        "to": _Key(_number(0, MAX_ID, int), "the wrong id"),
+        "bytes": _Key(_number(1, 255, int), "bytes of garbage"),
+        "counts": _Key(_number(-(2**24), 2**24, int), "encoder counts, signed"),
         "bits": _Key(_error_bits, "hardware errors"),
-        "volts": _Key(number(0.1, 60), "voltage of the supply [V]"),
-        "celsius": _Key(number(-40, 200), "temperature around the servo [°C]"),
+        "volts": _Key(_number(0.1, 60), "voltage of the supply [V]"),
+        "celsius": _Key(_number(-40, 200), "temperature around the servo [°C]"),
     }
 )
 KINDS: Final[Mapping[str, _Kind]] = MappingProxyType(

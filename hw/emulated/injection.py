@@ -5,7 +5,6 @@ Every fault has a random stream of its own, so that one more fault does not chan
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Iterable
 from dataclasses import dataclass
 from random import Random
@@ -95,13 +94,6 @@ class FaultEvent(NamedTuple):
     """It begins; else it ends"""
 
 
-class _Due(NamedTuple):
-    time_ns: int
-    order: int
-    acting: _Acting
-    begins: bool
-
-
 class _Acting:
     """An injected fault and its state."""
 
@@ -115,7 +107,8 @@ class _Acting:
         """How often it has occurred"""
         self.begun = False
         """It acts on a servo or the adapter now"""
-        self.lifted = False
+        self.due: list[tuple[int, bool]] = []
+        """Its next events on a servo or the adapter: time [ns], and whether it begins"""
         self._seen = 0
 
     def strikes(self, id_: int | None, way: str, now_ns: int) -> bool:
@@ -154,10 +147,8 @@ class Faults:
     def __init__(self, specs: Iterable[str] = (), seed: int = 0) -> None:
         self._seed = seed
         self._number = 0
-        self._order = 0
         self._frames: list[_Acting] = []
         self._servos: list[_Acting] = []
-        self._due: list[_Due] = []
         self.at_start = [parse_fault(spec) for spec in specs]
         """Faults that the bus adds when it starts"""
 
@@ -170,18 +161,14 @@ class Faults:
             self._frames.append(acting)
         else:
             self._servos.append(acting)
-            self._plan(acting.begin_ns, acting, begins=True)
+            acting.due.append((acting.begin_ns, True))
 
     def lift(self, name: str) -> list[FaultEvent] | None:
         """End all faults of this name; return the resulting events. None: there was none."""
         found = [acting for acting in self._all() if acting.fault.name == name]
-        for acting in found:
-            acting.lifted = True
         over = [FaultEvent(acting.fault, False) for acting in found if acting.begun]
-        self._frames = [acting for acting in self._frames if not acting.lifted]
-        self._servos = [acting for acting in self._servos if not acting.lifted]
-        self._due = [due for due in self._due if not due.acting.lifted]
-        heapq.heapify(self._due)
+        self._frames = [acting for acting in self._frames if acting not in found]
+        self._servos = [acting for acting in self._servos if acting not in found]
         return over if found else None
 
     @property
@@ -214,29 +201,25 @@ class Faults:
 
     def next_ns(self) -> int | None:
         """Return the time of the next event of a servo or the adapter [ns]; None: none."""
-        return self._due[0].time_ns if self._due else None
+        return min((acting.due[0][0] for acting in self._servos if acting.due), default=None)
 
     def take_event(self, now_ns: int) -> FaultEvent:
         """Return the next event due at ``now_ns`` [ns], and plan the one after it."""
-        _, _, acting, begins = heapq.heappop(self._due)
-        fault = acting.fault
+        acting = min((each for each in self._servos if each.due), key=lambda each: each.due[0][0])
+        (_, begins), fault = acting.due.pop(0), acting.fault
         lasts_ns, repeat_ns = fault.time_ns("for"), fault.time_ns("repeat")
         held = fault.name in _HELD or (fault.name == "jump" and lasts_ns is not None)
         acting.begun = begins and held
         if begins:
             acting.done += 1
             if lasts_ns is not None:
-                self._plan(now_ns + lasts_ns, acting, begins=False)
-            if repeat_ns is not None and not acting.spent:
-                self._plan(now_ns + repeat_ns, acting, begins=True)
+                acting.due.append((now_ns + lasts_ns, False))
+            if repeat_ns is not None and not acting.spent:  # after its end
+                acting.due.append((now_ns + repeat_ns, True))
         return FaultEvent(fault, begins)
 
     def _all(self) -> list[_Acting]:
         return self._frames + self._servos
-
-    def _plan(self, time_ns: int, acting: _Acting, *, begins: bool) -> None:
-        heapq.heappush(self._due, _Due(time_ns, self._order, acting, begins))
-        self._order += 1
 
 
 SILENCING = ("brown-out", "unplug")

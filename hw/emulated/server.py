@@ -7,9 +7,7 @@ between.
 
 from __future__ import annotations
 
-import fcntl
 import os
-import struct
 import time
 import tty
 from collections.abc import Callable
@@ -22,6 +20,7 @@ from haptic_wall.hw.elastic import BusClock
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.console import Console
 from haptic_wall.hw.emulated.witness import Witness
+from haptic_wall.hw.serialport.port import baud_of
 
 _SPIN_NS = 60_000
 """Sleeping ends this long before a reply is due [ns]: waking up takes about as long"""
@@ -38,8 +37,6 @@ _MAX_WAITING = 200_000
 _FLUSH_NS = 500_000_000
 """Period of flushing the record to the operating system [ns]"""
 _READ_SIZE = 4096
-_TCGETS2 = 0x802C542A
-_TERMIOS2 = struct.Struct("=4I20s2I")
 
 
 class PseudoTerminal(AbstractContextManager["PseudoTerminal"]):
@@ -74,7 +71,7 @@ class PseudoTerminal(AbstractContextManager["PseudoTerminal"]):
     @property
     def baud(self) -> int | None:
         """Return the baud rate that a client has set [bit/s]; None: unset or unknown."""
-        speed = self._speed()
+        speed = baud_of(self.master)
         if speed is None or speed == self._untouched_speed:
             return None
         self._untouched_speed = None
@@ -109,7 +106,7 @@ class PseudoTerminal(AbstractContextManager["PseudoTerminal"]):
         except BaseException:
             self.close()
             raise
-        self._untouched_speed = self._speed()
+        self._untouched_speed = baud_of(self.master)
 
     def _make(self, link: Path) -> None:
         if os.path.lexists(link) and not link.is_symlink():
@@ -122,17 +119,6 @@ class PseudoTerminal(AbstractContextManager["PseudoTerminal"]):
             fresh.unlink()
             raise
         self._link = link
-
-    def _speed(self) -> int | None:
-        """Return the baud rate that the client set, also a non-standard one [bit/s].
-
-        None where this kernel numbers the request differently.
-        """
-        try:
-            raw = fcntl.ioctl(self.master, _TCGETS2, bytes(_TERMIOS2.size))
-        except OSError:
-            return None
-        return int(_TERMIOS2.unpack(raw)[6])
 
 
 def serve(

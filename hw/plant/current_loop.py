@@ -16,18 +16,11 @@ acts at once and the loop takes it away with its own bandwidth, but for the shar
 stays: s is the droop at the no-load speed w0.
 
 The motor's voltage is held over steps of ``STEP_NS``, at the mean of its exponential, and the body
-moves exactly meanwhile. A held torque is what every friction law of the body takes; a closed form
-would exist for one of them. The impulse of each step is exact, so that the speed at its end is, and
-a change of torque J on an inertia m leaves an error of the position of at most ::
-
-    J STEP² / (12 m)
-
-(1.1e-6 rad for the stall torque of an XM430 on 0.012 kg·m²). The errors of a change and of its
-return cancel, so that many changes leave no more than the largest one. Back-EMF is taken at the
-speed predicted for the middle of the step, an error of second order too.
-
-A step begins where a goal is taken over, or where the last one ended, so that the motion does not
-depend on the times at which it is read.
+moves exactly meanwhile. The impulse of each step is exact, and a change of torque J on an inertia m
+leaves an error of the position of at most ``J STEP² / (12 m)`` (1.1e-6 rad for the stall torque of
+an XM430 on 0.012 kg·m²); those of a change and its return cancel. Back-EMF is taken at the speed
+predicted for the middle of the step, an error of second order too. A step begins where a goal is
+taken over, or where the last one ended, so that the motion does not depend on when it is read.
 """
 
 from __future__ import annotations
@@ -131,10 +124,10 @@ def end_of(drive: Drive, target: float, u: float, duration: float) -> float:
 
 
 class CurrentLoop:
-    """Current control of one motor; the caller moves the body that it drives.
+    """Current control of one motor; the caller moves the body that it drives, in steps.
 
-    The caller moves the body in steps: ``hold`` gives a torque and a braking to hold until a given
-    time, at most until ``end_ns``; ``moved`` ends a step.
+    ``hold`` gives a torque and a braking to hold until a given time, at most until ``end_ns``;
+    ``moved`` ends a step.
 
     Args:
         true: The servo's true parameters.

@@ -14,20 +14,14 @@ from haptic_wall.hw.hand import EVERY_NS, Grasp
 from haptic_wall.hw.truth import HandName, TrueServo
 
 STIFFNESS = 4.0
-"""[N·m/rad] A relaxed wrist, softer than any useful wall. With a reference 0.5 rad inside a wall of
-15 N·m/rad and a Coulomb friction of 0.1 N·m the servo rests 0.1 rad inside, at a torque of 1.5 N·m:
-well above the friction and below a servo's saturation (4.1 N·m)."""
-
+"""Of a relaxed wrist, softer than any useful wall [N·m/rad]: 0.5 rad inside a wall of 15 N·m/rad it
+makes 1.5 N·m, well above friction and below a servo's saturation"""
 DAMPING = 0.2
-"""[N·m·s/rad] Damping ratio of about 0.5 with a free inertia of 0.01 kg·m²: a wrist does not ring.
-"""
-
+"""[N·m·s/rad]: a wrist does not ring (ratio about 0.5 with 0.01 kg·m²)"""
 LEAD_IN_S = 0.5
-"""Duration of the lead-in to the first depth of the script [s]; longer for long distances."""
-
+"""Least duration of the lead-in to the first depth of the script [s]"""
 LEAD_IN_SPEED = 2.0
-"""[rad/s] Largest speed of the lead-in; in ``LEAD_IN_S`` that is 1 rad."""
-
+"""Largest speed of the lead-in [rad/s]"""
 FOREVER_NS = 1 << 62
 """Later than every time [ns]"""
 

@@ -182,14 +182,22 @@ def access_remedy(path: str) -> str:
     return f"join the group {group} with `sudo usermod -aG {group} $USER` and log in again"
 
 
-def _check_baud(path: str, descriptor: int, baud: int) -> None:
-    """Read the baud rate back: some adapters accept any rate and silently use another."""
+def baud_of(descriptor: int) -> int | None:
+    """Return the baud rate of a terminal, also a non-standard one [bit/s].
+
+    None: this kernel numbers the request differently.
+    """
     try:
         found = fcntl.ioctl(descriptor, _TCGETS2, bytes(_TERMIOS2.size))
-    except OSError:  # this kernel numbers the request differently: unknown
-        return
-    actual = _TERMIOS2.unpack(found)[-1]
-    if abs(actual - baud) > _BAUD_TOLERANCE * baud:
+    except OSError:
+        return None
+    return int(_TERMIOS2.unpack(found)[-1])
+
+
+def _check_baud(path: str, descriptor: int, baud: int) -> None:
+    """Read the baud rate back: some adapters accept any rate and silently use another."""
+    actual = baud_of(descriptor)
+    if actual is not None and abs(actual - baud) > _BAUD_TOLERANCE * baud:
         raise BaudRefusedError(
             f"Port {path} has {actual} baud, wanted {baud}",
             advice="set servo.baud and the servo's Baud Rate (8) to a rate this adapter has.",
