@@ -27,10 +27,12 @@ WITHIN = 0.96
 """Fraction of the least value over the grid that the guard uses"""
 _TOGETHER = 24
 """Delays whose servos are computed at once"""
-_PHASE, _FINER = 0.4, 0.15
+_PHASE = 0.4
 """Largest step of the phase of the vibration over the delay, between frequencies of the grid and
-between its delays [rad]; of a vibration above ``_SAMPLED`` cycles per period"""
-_SAMPLED = 0.3
+between its delays [rad]"""
+_HALF = np.array([-2.4, -1.2, -0.6, 0.0, 0.6, 1.2, 2.4])
+"""Distances of frequencies from half a cycle per period, over the damping ratio: on one side a
+vibration bounds the damping most, the nearer the less it is damped, on the other hardly"""
 _QUICK, _QUARTER = 0.3, 0.25
 """Friction times period over the lightest motor from which delays of the grid are nearer: the limit
 of a motor that settles within a period dips beside each whole period; their distance in periods"""
@@ -258,11 +260,6 @@ def fast_limit(
     return found
 
 
-def _step(high: float, period: float) -> float:
-    """Return the step of the phase for vibrations of up to ``high`` [Hz]."""
-    return _PHASE if high * period <= _SAMPLED else _FINER
-
-
 def _all_intervals(
     belief: Belief,
     period: float,
@@ -277,17 +274,22 @@ def _all_intervals(
     if low == high:
         return [period]
     hz = belief.flexible_hz
-    even = math.ceil(math.tau * hz.high * (high - low) / _step(hz.high, high))
+    even = math.ceil(math.tau * hz.high * (high - low) / _PHASE)
     if velocity_filter is not None:
         # a filter is slower by the interval, and a notch then lies elsewhere
         even = max(even, math.ceil(velocity_filter.q * math.log(high / low) / _NOTCH))
-    halves = _halves(hz.low * high) / hz.low  # see _servos
-    return [*np.linspace(low, high, even + 1).tolist(), *halves[halves > low].tolist()]
+    halves = _halves(belief, period, hz.low * low, hz.low * high) / hz.low  # see _servos
+    return [*np.linspace(low, high, even + 1).tolist(), *halves.tolist()]
 
 
-def _halves(most: float) -> FloatArray:
-    """Return 0.5, 1.5 and so on, up to ``most``."""
-    return np.arange(0.5, most + 1e-9)
+def _halves(belief: Belief, period: float, least: float, most: float) -> FloatArray:
+    """Return frequencies about 0.5, 1.5 and so on between two [cycles per period]."""
+    whole, load = belief.inertia.low, belief.load_inertia.high
+    halves = np.arange(0.5, most + 0.5)
+    by_friction = belief.damping.low * load / (_motor(whole, load) * whole)  # [1/s]
+    ratio = belief.flexible_damping_ratio.low + by_friction * period / (2.0 * math.tau * halves)
+    near = np.outer(_HALF, ratio * halves) + halves
+    return np.unique(near[(near > least) & (near <= most + 1e-9)])
 
 
 def _is_quick(belief: Belief, period: float) -> bool:
@@ -312,7 +314,7 @@ def _delays(
     widened downward by it. ``most`` is the longest step [periods].
     """
     if every:
-        step = _step(high, period) / (math.tau * high)
+        step = _PHASE / (math.tau * high)
         return [Knot(k * step, low, high) for k in range(math.floor(longest / step + 1e-9) + 2)]
     found = [Knot(0.0, *_counted(low, high, period, 0.0))]
     while found[-1].delay <= longest + 1e-12:
@@ -320,7 +322,7 @@ def _delays(
         after = last.delay + period
         # limits in proportion to 1 / (T/2 + t_d) hold to a factor of 2 at most
         step = min(last.delay + 0.5 * period, most * period)
-        step = min(_step(last.high, period) / (math.tau * last.high), step)
+        step = min(_PHASE / (math.tau * last.high), step)
         widened = (1.0 / _SLOWER - 1.0) * after
         if step < widened and (last.high < high or low * after > 1.0):
             delay = last.delay + widened
@@ -349,16 +351,15 @@ def _servos(
 ) -> Servos:
     """Return the servos that stand for the belief at a delay."""
     phase = math.tau * (knot.high - knot.low) * (knot.delay + period)
-    count = 2 + math.ceil(phase / _step(knot.high, period)) if phase > 0.0 else 1
+    count = 2 + math.ceil(phase / _PHASE) if phase > 0.0 else 1
     rates = np.linspace(knot.low, knot.high, count)
     # beside the rate at which friction stops it the frequency counts by itself, not by its phase
     slow = min(knot.high, _STOPPED * belief.damping.high / (math.tau * belief.inertia.low))
     if 0.0 < knot.low < slow:
         more = math.ceil(math.log(slow / knot.low) / math.log(_STEPS))
         rates = np.unique([*rates, *np.geomspace(knot.low, slow, more + 1)])
-    # in cycles per period: a vibration just there takes half the damping of those beside it
-    halves = _halves(belief.flexible_hz.high * period) / period
-    rates = np.unique([*rates, *halves[halves > knot.low]])
+    halves = _halves(belief, period, knot.low * period, belief.flexible_hz.high * period)
+    rates = np.unique([*rates, *halves / period])
     if velocity_filter is not None and velocity_filter.kind == "notch":
         middle = velocity_filter.w0 / (math.tau * period)
         near = middle * (1.0 + _BESIDE / velocity_filter.q)
