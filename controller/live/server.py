@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import logging
 import socket
 import time
 from collections.abc import Callable
@@ -25,7 +24,6 @@ FRAME_S: Final = 0.02
 LEAST_PAUSE_S: Final = 0.25 * FRAME_S
 """Shortest time for the clients' requests between two messages [s]"""
 MOST_CLIENTS: Final = 64
-_LOG: Final = logging.getLogger(__name__)
 _LAW_EVERY: Final = 25
 """Messages between two looks at the law's range, and the guard's delay"""
 
@@ -131,7 +129,6 @@ class LiveServer:
             if isinstance(request, dict) and self._granted(client, request):
                 return
             trouble = f"not understood: {message[:80]!r}"
-        _LOG.warning("refused: %s", trouble)
         client.tell({"kind": "refused", "words": trouble})
 
     def _granted(self, client: Client, request: dict[str, Any]) -> bool:

@@ -39,7 +39,6 @@ def whole(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
 
 Whole = Annotated[int, BeforeValidator(whole)]
 Positive = Annotated[float, Field(gt=0, le=1e6)]
-NotNegative = Annotated[float, Field(ge=0, le=1e6)]
 Lag = Annotated[float, Field(ge=0, le=1)]
 MOST_LAG: Final = 0.1
 """Longest believed lag [s]"""
