@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import isfinite
 from typing import Final
 
@@ -130,11 +130,9 @@ class Axis:
     _raises: int = 0
     _wall_torque: float = 0.0
     """Of the law in the last tick, before the delay [N·m]"""
-    _words: memoryview[int] = field(init=False)
 
     def __post_init__(self) -> None:
-        self._words = self.telemetry.words
-        self._raises = self._words[Word.RAISE]
+        self._raises = self.telemetry.words[Word.RAISE]
         self.law.derating = self.watch.backstop.derating
 
     def wall_on(self) -> None:
@@ -283,7 +281,7 @@ class Axis:
             self.measured_torque,
             law.held,
         )
-        if self._words[_OFFERED] != self.inbox.taken:
+        if self.telemetry.words[_OFFERED] != self.inbox.taken:
             self.inbox.take()
 
     def _injected(self, passivity: PassivityControl, position: float) -> float:
@@ -306,7 +304,7 @@ class Axis:
             ``FLAG_CHANGED`` where it is in force from this tick on; else 0.
         """
         inbox, gains, changeover = self.inbox, self.gains, self.changeover
-        if self.trip is not None or self._words[_WITHDRAWN] >= change.number:
+        if self.trip is not None or self.telemetry.words[_WITHDRAWN] >= change.number:
             gains.release()
             changeover.restart()
             inbox.settle(-1, 0)
@@ -316,7 +314,7 @@ class Axis:
             inbox.waits(obstacle, changeover.size)
             return 0
         self._make(change)
-        inbox.settle(self._words[_HEAD], gains.schedule.index)
+        inbox.settle(self.telemetry.words[_HEAD], gains.schedule.index)
         return FLAG_CHANGED
 
     def _obstacle(self, change: Change) -> Obstacle:

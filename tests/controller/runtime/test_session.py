@@ -86,26 +86,6 @@ def test_the_report_of_a_simulated_run(
     assert (tmp_path / report["plot"]).exists()
 
 
-def test_the_hand_feels_the_wall() -> None:
-    result, rows = session("simulated", "loop.clock=simulated", duration=5.0)
-    assert result.stop_reason == "duration"
-    pressed = rows[rows["position"] > 0.05]
-    assert len(pressed) > 500, "the push goes in"
-    assert pressed["torque"].max() < 0.0, "and the wall pushes back"
-    assert rows[rows["position"] <= 0.0]["torque"].max() == 0.0
-    assert rows[rows["position"] <= 0.0]["torque"].min() == 0.0
-
-
-def test_a_servo_with_the_effects_of_a_real_one_holds_its_wall_in_quiet() -> None:
-    result, rows = session("emulated-xm430", "loop.clock=simulated", duration=2.5)
-    assert (result.stop_reason, result.wall_came_on) == ("duration", True)
-    assert not_none(result.oscillation)["state"] == "quiet"
-    position: FloatArray = rows["position"]
-    deep = rows[position > 0.05]
-    assert len(deep) > 300
-    assert deep["torque"].max() < -0.25
-
-
 @pytest.mark.parametrize("steps", sampled([3, 0], 2))
 @pytest.mark.parametrize("lag", sampled([0.0004, 0.0], 2))
 def test_motion_decays_below_the_exact_limit_and_grows_above(steps: int, lag: float) -> None:
@@ -450,13 +430,6 @@ def test_the_clip_limits_the_wall_and_leaves_the_guard_its_stiffness() -> None:
     result, _ = session("emulated-ideal", *FIRST, "servo.torque_limit=0.2", duration=0.1)
     assert not_none(result.guard)["commanded"]["stiffness"] == 0.0
     assert not_none(result.guard)["binding"] == "quantisation"
-
-
-def test_a_tap_trips_nothing_though_the_hand_is_faster_than_the_servo() -> None:
-    result, rows = session("emulated-ideal", "loop.clock=simulated", "servo.hand=tap", duration=3.2)
-    assert result.stop_reason == "duration"
-    position: FloatArray = rows["position"][::10]
-    assert np.abs(np.diff(position)).max() > 0.01 * 4.82
 
 
 def test_a_wall_that_drives_the_shaft_trips_near_the_models_no_load_speed() -> None:
