@@ -346,6 +346,29 @@ def test_a_bus_that_dies_or_hangs_is_named_and_torque_is_spoken_of_once(
     assert "the loop's process" not in text
 
 
+def test_a_loop_waits_no_longer_for_a_bus_that_is_halted(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage.plan = replace(stage.plan, config=load_config("emulated-ideal", []).config)
+    monkeypatch.setattr(emulator, "first_line", lambda *_: "/dev/null")
+    monkeypatch.setattr(supervisor, "LOOK_S", 0.01)
+    coupled: list[int] = []
+
+    def act(loop: Child) -> None:
+        monkeypatch.setattr(CHILDREN["emulator"], "halted", lambda: True)
+        stage.words[Word.COUPLED] = 1
+
+        def end() -> None:
+            coupled.append(stage.words[Word.COUPLED])
+            loop.end(1)
+
+        threading.Timer(0.3, end).start()
+
+    stage.loop_acts = act
+    stage.run()
+    assert coupled == [0]
+
+
 def test_a_stop_while_the_emulated_bus_hangs_in_its_start_ends_the_run_at_once(
     stage: Stage,
 ) -> None:
