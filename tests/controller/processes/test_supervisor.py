@@ -317,3 +317,42 @@ def test_a_bus_that_dies_or_hangs_is_named_and_torque_is_spoken_of_once(
     text = " ".join(report_text(report).split()).lower()
     assert text.count("could not be read back") == text.count("switch its power off") == 1
     assert "the loop's process" not in text
+
+
+def test_a_loop_waits_no_longer_for_a_bus_that_is_halted(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage.plan = replace(stage.plan, config=load_config("emulated-ideal", []).config)
+    monkeypatch.setattr(emulator, "first_line", lambda *_: "/dev/null")
+    monkeypatch.setattr(supervisor, "LOOK_S", 0.01)
+    coupled: list[int] = []
+
+    def act(loop: Child) -> None:
+        monkeypatch.setattr(CHILDREN["emulator"], "halted", lambda: True)
+        stage.words[Word.COUPLED] = 1
+
+        def end() -> None:
+            coupled.append(stage.words[Word.COUPLED])
+            loop.end(1)
+
+        threading.Timer(0.3, end).start()
+
+    stage.loop_acts = act
+    stage.run()
+    assert coupled == [0]
+
+
+def test_a_stop_while_the_emulated_bus_hangs_in_its_start_ends_the_run_at_once(
+    stage: Stage,
+) -> None:
+    """Ctrl-C; a bus that is stuck does not even heed a polite end."""
+    stage.plan = replace(stage.plan, config=load_config("emulated-ideal", []).config)
+    threading.Timer(0.1, stage.words.__setitem__, (Word.STOP, 1)).start()
+    began = time.monotonic()
+    ended, report = stage.run()
+    assert time.monotonic() - began < 1.0
+    assert ended.stop_reason == "interrupted"
+    assert exit_status(ended.stop_reason) == 130
+    assert signal.SIGKILL in CHILDREN["emulator"].sent
+    assert "loop" not in CHILDREN and stage.cuts == []
+    assert report["torque_off"] is True and report["ticks"] == 0
