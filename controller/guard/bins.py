@@ -62,7 +62,8 @@ class Bins:
             return self._beyond(self.explained(index - 1))
         ages = self._decided_ages(at)
         decided = ages[bisect_left(ages, self.ages_ns[age])]
-        return self._decide(at, [decided], explained=True)[0]
+        told = self._decide(at, [decided], explained=True)[0]
+        return replace(self.decide_interval(at)[age], reasons=told.reasons)
 
     def _decide(self, index: int, ages_ns: Sequence[int], explained: bool) -> list[Decision]:
         situation, (least, most) = self._at(index)

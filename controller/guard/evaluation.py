@@ -203,7 +203,7 @@ class Evaluation:
         situation, spans = self.situation, samples * p.period * p.damping
         if situation.period > _REGULAR * situation.sampled and np.all(spans <= LIGHT * p.inertia):
             samples = 1
-        return one_sided_limit_tabulated(*loop, samples, exact=exact, ceiling=ceiling)
+        return one_sided_limit_tabulated(*loop, samples, exact, ceiling)
 
     @cached_property
     def _members(self) -> Plants:

@@ -32,14 +32,12 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptic_wall.controller.theory.checks import FloatArray, IntArray, not_negative, positive
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.controller.theory.dimensionless import settings
 from haptic_wall.controller.theory.exact import critical_stiffness, max_virtual_damping
 from haptic_wall.controller.theory.one_sided import one_sided_limit
 
 TABLE = Path(__file__).with_name("one_sided_table.npz")
-SAMPLES = (1,)
-"""The tabulated N"""
 UNIT = np.iinfo(np.uint16).max
 """Stored value of a fraction of 1"""
 
@@ -50,9 +48,9 @@ _MUCH = 0.3  # fraction of the ceiling where the grids for short delays meet
 # The contact lasts about (d + OFFSET)(2.65/sqrt(e) - 1) samples, with e the damping as a fraction
 # of the ceiling: that of the wall plus 0.93 of the device's (fitted to 1200 computed limits with an
 # error of a tenth of a sample; the better the fit, the coarser the grid may be).
-_OFFSET, _PER_ROOT, _LESS, _DEVICE = 0.6, 2.65, 1.0, 0.93
+OFFSET, PER_ROOT, LESS, DEVICE = 0.6, 2.65, 1.0, 0.93
 # Up to this length the axis is the length; beyond, it reaches twice that at infinite length.
-_LONG_CONTACT = 10.0
+LONG_CONTACT = 10.0
 
 
 class Point(NamedTuple):
@@ -93,37 +91,17 @@ class Grid:
 
     def coordinates(self, p: Point) -> FloatArray:
         """Convert settings to coordinates, axes × settings."""
-        lag = p.delay + _OFFSET
+        lag = p.delay + OFFSET
         if self.kind == "plain":
             # beyond the last node of the second axis the fraction is 1, as on the node
             friction = np.minimum(np.sqrt(p.delta * lag), self.axes[1].last)
             return np.stack([np.sqrt(p.of_ceiling), friction, np.log(lag)])
-        device = _DEVICE * p.delta / p.ceiling
+        device = DEVICE * p.delta / p.ceiling
         both = np.maximum(p.of_ceiling + device, np.finfo(np.float64).tiny)
-        length = lag * np.maximum(_PER_ROOT / np.sqrt(both) - _LESS, 1e-3)
-        folded = _LONG_CONTACT * (2.0 - _LONG_CONTACT / length)
+        length = lag * np.maximum(PER_ROOT / np.sqrt(both) - LESS, 1e-3)
+        folded = LONG_CONTACT * (2.0 - LONG_CONTACT / length)
         return np.stack(
-            [np.where(length < _LONG_CONTACT, length, folded), device / both, np.log(lag)]
-        )
-
-    def settings(self, coordinates: FloatArray, samples: int) -> Point:
-        """Convert coordinates (axes × settings) to settings."""
-        first, second, third = coordinates
-        lag = np.exp(third)
-        delay = np.maximum(lag - _OFFSET, 0.0)
-        n = np.full_like(delay, samples)
-        if self.kind == "plain":
-            delta = second**2 / lag
-            return Point(delta, first**2, delay, max_virtual_damping(1.0, delta, 1.0, delay, n))
-        left = np.maximum(2.0 - first / _LONG_CONTACT, 1e-9)
-        length = np.where(first < _LONG_CONTACT, first, _LONG_CONTACT / left)
-        both = (_PER_ROOT / (length / lag + _LESS)) ** 2
-        # the ceiling rises with delta, more slowly than delta itself
-        device, delta = second * both / _DEVICE, np.zeros_like(both)
-        for _ in range(12):
-            delta = device * max_virtual_damping(1.0, delta, 1.0, delay, n)
-        return Point(
-            delta, (1 - second) * both, delay, max_virtual_damping(1.0, delta, 1.0, delay, n)
+            [np.where(length < LONG_CONTACT, length, folded), device / both, np.log(lag)]
         )
 
     def locate(self, coordinates: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -146,11 +124,11 @@ class Grid:
         return result
 
 
-_LAG_0, _LAG_SHORT, _LAG_LONG = (float(np.log(d + _OFFSET)) for d in (0.0, _SHORT, _LONG))
+_LAG_0, _LAG_SHORT, _LAG_LONG = (float(np.log(d + OFFSET)) for d in (0.0, _SHORT, _LONG))
 GRIDS: Mapping[str, Grid] = {
     "little": Grid(
         "aligned",
-        (Axis(0.8, 2 * _LONG_CONTACT, 193), Axis(0.0, 1.0, 13), Axis(_LAG_0, _LAG_SHORT, 25)),
+        (Axis(0.8, 2 * LONG_CONTACT, 193), Axis(0.0, 1.0, 13), Axis(_LAG_0, _LAG_SHORT, 25)),
     ),
     "much": Grid(
         "plain",
@@ -179,15 +157,14 @@ class Stored(NamedTuple):
 
 
 @lru_cache(maxsize=1)
-def _table() -> dict[tuple[str, int], Stored]:
+def _table() -> dict[str, Stored]:
     with np.load(TABLE) as file:
         found = {}
         for name, grid in GRIDS.items():
             cells = tuple(n - 1 for n in grid.shape)
-            for n in SAMPLES:
-                share = file[f"{name}_{n}"].reshape(grid.shape).ravel() / UNIT
-                bits = np.unpackbits(file[f"{name}_{n}_good"], count=int(np.prod(cells)))
-                found[name, n] = Stored(share, bits.reshape(cells).astype(np.bool_))
+            share = file[f"{name}_1"].reshape(grid.shape).ravel() / UNIT
+            bits = np.unpackbits(file[f"{name}_1_good"], count=int(np.prod(cells)))
+            found[name] = Stored(share, bits.reshape(cells).astype(np.bool_))
         return found
 
 
@@ -215,16 +192,15 @@ def tabulated_share(
     inside = (delta <= MAX_DELTA) & (of_ceiling >= 0) & (of_ceiling <= MAX_OF_CEILING)
     inside &= delay <= _LONG
     for name, here in grid_of(of_ceiling, delay).items():
-        for n in SAMPLES:
-            which = np.flatnonzero(here & inside & (samples == n))
-            if not which.size:
-                continue
-            grid, stored = GRIDS[name], _table()[name, n]
-            point = Point(delta[which], of_ceiling[which], delay[which], ceiling[which])
-            cell, place = grid.locate(grid.coordinates(point))
-            good = stored.good[tuple(cell)] & (place.min(axis=0) > -1e-9)
-            share = grid.interpolate(stored.share, cell, place)
-            result[which] = np.where(good & (place.max(axis=0) < 1 + 1e-9), share, np.nan)
+        which = np.flatnonzero(here & inside & (samples == 1))
+        if not which.size:
+            continue
+        grid, stored = GRIDS[name], _table()[name]
+        point = Point(delta[which], of_ceiling[which], delay[which], ceiling[which])
+        cell, place = grid.locate(grid.coordinates(point))
+        good = stored.good[tuple(cell)] & (place.min(axis=0) > -1e-9)
+        share = grid.interpolate(stored.share, cell, place)
+        result[which] = np.where(good & (place.max(axis=0) < 1 + 1e-9), share, np.nan)
     return result
 
 
@@ -234,10 +210,9 @@ def one_sided_limit_tabulated(
     virtual_damping: ArrayLike,
     period: ArrayLike,
     delay: ArrayLike,
-    velocity_samples: ArrayLike = 1,
-    *,
-    exact: ArrayLike | None = None,
-    ceiling: ArrayLike | None = None,
+    velocity_samples: ArrayLike,
+    exact: FloatArray,
+    ceiling: FloatArray,
 ) -> FloatArray:
     """Return the limit of ``one_sided_limit``, looked up where the table has it, else computed.
 
@@ -251,9 +226,8 @@ def one_sided_limit_tabulated(
         period: T > 0 [s].
         delay: t_d >= 0, from the sample to its torque acting [s].
         velocity_samples: N of the velocity difference, >= 1.
-        exact: ``critical_stiffness`` of the same settings where it is known already [N·m/rad]; with
-            it and the ceiling the look-up takes microseconds.
-        ceiling: ``max_virtual_damping`` of the same settings where it is known [N·m·s/rad].
+        exact: ``critical_stiffness`` of each setting [N·m/rad].
+        ceiling: ``max_virtual_damping`` of each setting [N·m·s/rad].
 
     Returns:
         Stiffness [N·m/rad] in the broadcast shape; 0 where none will do.
@@ -262,18 +236,9 @@ def one_sided_limit_tabulated(
         ValueError: An argument is outside of its domain; the message names it.
     """
     s = settings(inertia, damping, virtual_damping, period, delay, velocity_samples)
-    if exact is None:
-        alpha = critical_stiffness(1.0, s.delta, s.beta, 1.0, s.delay, s.samples)
-    else:
-        known = np.broadcast_to(not_negative("exact", exact), s.shape)
-        alpha = np.ravel(known) / s.stiffness_unit
-    if ceiling is None:
-        most = max_virtual_damping(1.0, s.delta, 1.0, s.delay, s.samples)
-    else:
-        known = np.broadcast_to(positive("ceiling", ceiling), s.shape)
-        most = np.ravel(known) / s.damping_unit
+    alpha, most = exact.ravel() / s.stiffness_unit, ceiling.ravel() / s.damping_unit
     # The period hardly counts in a longer delay: so many periods may be one.
-    times = np.maximum((s.delay + _OFFSET) / (_LONG + _OFFSET), 1.0)
+    times = np.maximum((s.delay + OFFSET) / (_LONG + OFFSET), 1.0)
     delta, beta, late = s.delta * times, s.beta * times, np.minimum(s.delay, _LONG)
     n, ratio = np.maximum(np.round(s.samples / times), 1.0), np.ones_like(alpha)
     long = np.flatnonzero(times > 1.0)

@@ -13,20 +13,25 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from haptic_wall.controller.theory import critical_stiffness
+from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.controller.theory.one_sided import one_sided_limit
 from haptic_wall.controller.theory.one_sided_table import (
+    DEVICE,
     GRIDS,
+    LESS,
+    LONG_CONTACT,
     MAX_DELTA,
     MAX_OF_CEILING,
-    SAMPLES,
+    OFFSET,
+    PER_ROOT,
     UNIT,
     Grid,
     Point,
     grid_of,
+    one_sided_limit_tabulated,
 )
 
 _Array = NDArray[np.uint8] | NDArray[np.uint16]
@@ -50,6 +55,25 @@ _LEAST = 0.03  # fraction at a node below which a cell is left out
 _NEAR_CEILING, _SLOPING, _MORE_LOOKS, _FURTHER_BELOW = 0.7, 0.9, 90, 8e-3
 
 
+def settings_at(grid: Grid, coordinates: FloatArray, samples: int) -> Point:
+    """Convert coordinates (axes × settings) to settings."""
+    first, second, third = coordinates
+    lag = np.exp(third)
+    delay = np.maximum(lag - OFFSET, 0.0)
+    n = np.full_like(delay, samples)
+    if grid.kind == "plain":
+        delta = second**2 / lag
+        return Point(delta, first**2, delay, max_virtual_damping(1.0, delta, 1.0, delay, n))
+    left = np.maximum(2.0 - first / LONG_CONTACT, 1e-9)
+    length = np.where(first < LONG_CONTACT, first, LONG_CONTACT / left)
+    both = (PER_ROOT / (length / lag + LESS)) ** 2
+    # the ceiling rises with delta, more slowly than delta itself
+    device, delta = second * both / DEVICE, np.zeros_like(both)
+    for _ in range(12):
+        delta = device * max_virtual_damping(1.0, delta, 1.0, delay, n)
+    return Point(delta, (1 - second) * both, delay, max_virtual_damping(1.0, delta, 1.0, delay, n))
+
+
 def between(grid: Grid, cell: IntArray, place: FloatArray) -> FloatArray:
     """Return the coordinates of places in cells, axes × points."""
     first, last, nodes = (np.array(column)[:, None] for column in zip(*grid.axes, strict=True))
@@ -65,9 +89,25 @@ def computed_share(delta: FloatArray, beta: FloatArray, delay: FloatArray, n: in
     return share
 
 
+def looked_up(
+    inertia: ArrayLike,
+    damping: ArrayLike,
+    virtual_damping: ArrayLike,
+    period: ArrayLike,
+    delay: ArrayLike,
+    samples: ArrayLike = 1,
+) -> FloatArray:
+    """Return the looked-up limit [N·m/rad]; arguments as of ``one_sided_limit``."""
+    wall = (inertia, damping, virtual_damping, period, delay, samples)
+    exact = np.asarray(critical_stiffness(*wall))
+    ceiling = max_virtual_damping(inertia, damping, period, delay, samples)
+    ceiling = np.broadcast_to(ceiling, exact.shape)
+    return one_sided_limit_tabulated(*wall, exact, ceiling)
+
+
 def parts(executor: Executor) -> Iterator[tuple[str, dict[str, _Array]]]:
     """Yield the table part by part: a message, and the arrays to store."""
-    for n, name in product(SAMPLES, GRIDS):
+    for n, name in product((1,), GRIDS):
         nodes, good = _filled(name, n, executor)
         said = f"N = {n}, {name}: {nodes.size} nodes, {np.count_nonzero(good)} cells usable"
         yield said, {f"{name}_{n}": nodes, f"{name}_{n}_good": np.packbits(good)}
@@ -149,7 +189,7 @@ def _task(name: str, coordinates: FloatArray, n: int, at_nodes: bool) -> FloatAr
     ``at_nodes`` extends the domain a little; there the result is 1 without virtual damping, even
     where without any damping nothing is stable.
     """
-    p = GRIDS[name].settings(coordinates, n)
+    p = settings_at(GRIDS[name], coordinates, n)
     if at_nodes:
         wanted = (p.of_ceiling < _NODE_OF_CEILING) & (p.delta < _NODE_DELTA) & (p.of_ceiling > 0)
     else:
@@ -183,7 +223,7 @@ def _look(
         for _ in range(_DRAWS):
             drawn = random.random((3, left.size))
             place[:, left] = 0.5 * (1.0 - np.cos(np.pi * drawn)) if at_edges else drawn
-            point = grid.settings(between(grid, cell[:, left], place[:, left]), n)
+            point = settings_at(grid, between(grid, cell[:, left], place[:, left]), n)
             left = left[~_looked_up(name, point)]
     share = _shares(name, between(grid, cell, place), n, False, executor)
     wanted = np.isfinite(share)

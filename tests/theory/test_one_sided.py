@@ -12,8 +12,8 @@ from haptic_wall.controller.theory import (
     max_virtual_damping,
     one_sided_limit,
 )
-from haptic_wall.controller.theory.one_sided_table import one_sided_limit_tabulated
 from tests.support.contacts import restitution
+from tests.support.one_sided_fill import looked_up
 from tests.theory.oracles import Loop, bounce, radius
 
 
@@ -66,7 +66,7 @@ def test_the_limit_is_where_the_device_comes_back_as_fast() -> None:
     assert np.all(above[lower] > 1 - 1e-6)
 
 
-@pytest.mark.parametrize("limit", [one_sided_limit, one_sided_limit_tabulated])
+@pytest.mark.parametrize("limit", [one_sided_limit, looked_up])
 def test_at_the_limit_no_device_comes_back_faster_and_a_tenth_above_it_some_do(
     limit: Callable[..., np.ndarray], thorough: bool, wholly: bool
 ) -> None:

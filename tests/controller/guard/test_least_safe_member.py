@@ -262,6 +262,18 @@ def test_an_interval_of_half_a_cycle_is_counted() -> None:
     assert found.damping_ceiling < ceilings(case, member)[0]
 
 
+@pytest.mark.parametrize("ratio", [0.0, 1e-3])
+def test_a_hardly_damped_vibration_beside_half_a_cycle_is_counted(ratio: float) -> None:
+    known = {"inertia": 0.0102, "damping": 0.007, "load_inertia": 0.0016}
+    known |= {"flexible_hz": 490.0, "flexible_damping_ratio": ratio}
+    case = Case(belief(**{name: Bounded.exactly(x) for name, x in known.items()}), age=2.5e-4)
+    request, situation = Request(1e9, 0.0, "both", 1), Situation(case.belief, 1e-3, 4.1, 0.0)
+    found = decide(request, GuardSettings(), situation, [case.age], explained=False)[0]
+    some = np.tile(members(case, np.zeros((1, len(NAMES) + 1))), (2000, 1))
+    some[:, -2], some[:, -1] = case.age, np.linspace(1e-3, 1.05e-3, 2000)
+    assert 0.0 < found.damping_ceiling < ceilings(case, some).min()
+
+
 @pytest.mark.parametrize("rigid", [False, True])
 def test_no_servo_of_a_random_belief_is_unstable(rigid: bool, thorough: bool) -> None:
     for seed in range(2000 if thorough else 3):
