@@ -14,18 +14,23 @@ from typing import NamedTuple
 import numpy as np
 
 from haptic_wall.controller.experiments.identify.motion import taken
-from haptic_wall.controller.experiments.recorded.choice import error_of, predicted, start_with
+from haptic_wall.controller.experiments.recorded.choice import start_with
 from haptic_wall.controller.experiments.recorded.estimate import identify_record
 from haptic_wall.controller.experiments.recorded.friction import MEANING, MODELS
 from haptic_wall.controller.experiments.recorded.record import pieces_of, record_of
-from haptic_wall.controller.experiments.recorded.shooting import (
-    Shot,
-    first_terms,
-    fit,
-    fit_anywhere,
-)
+from haptic_wall.controller.experiments.recorded.shooting import Shot, first_terms, fit
 from haptic_wall.controller.theory.checks import FloatArray
-from scripts.recorded_motions import DRIVEN, DROPS, PENDULUM, columns, driven, drop, made
+from scripts.recorded_motions import (
+    DRIVEN,
+    DROPS,
+    PENDULUM,
+    columns,
+    driven,
+    drop,
+    error_of,
+    made,
+    predicted,
+)
 from scripts.study import Found, Given, Option, Part, Study, table
 
 EXTRA = {
@@ -67,17 +72,17 @@ def swings(names: tuple[str, ...], model: str) -> Shot:
     first = np.unique(of, return_index=True)[1]
     near = fit(short, first_terms(stretches, weight=True), rounds=15)
     at = near.own[:, first]
-    shot = fit_anywhere(whole, near.terms, at, rounds=25)
+    shot = fit(whole, near.terms, at, rounds=25)
     if model == "M1":
         return shot
     found = []
     for terms in (shot.terms, near.terms):
         start = start_with(model, terms) if model in MODELS else {**terms, **EXTRA[model][0]}
         # from the plain fit, and from one to short pieces, where there are fewer minima
-        found.append(fit_anywhere(whole, start, shot.own, rounds=25))
+        found.append(fit(whole, start, shot.own, rounds=25))
         close = fit(short, start, rounds=15)
         at = close.own[:, first]
-        found.append(fit_anywhere(whole, close.terms, at, rounds=25))
+        found.append(fit(whole, close.terms, at, rounds=25))
     return min(found, key=lambda each: each.rms)
 
 
@@ -204,9 +209,7 @@ def out_of(name: str) -> dict[str, Left]:
         if found:
             starts.append((start_with(model, begun), None))
         for start, own in starts:
-            near = fit(pieces, start, own, rounds=15)
-            again = fit_anywhere(pieces, near.terms, near.own, rounds=12)
-            shots += [near, again]
+            shots.append(fit(pieces, start, own, rounds=25))
         shot = min(shots, key=lambda each: each.rms)
         terms, at = shot.terms, shot.own
         left = error_of(rest, predicted(rest, shot.names, shot.values))
@@ -243,11 +246,11 @@ def checked(case: tuple[str, int]) -> Check:
     found = identify_record(record_of(motion.columns), motion.pendulum)
     off, wide = {}, {}
     for name, true in motion.truth.items():
-        each = getattr(found, name)
+        each = found.known.get(name)
         if each is not None:
             off[name] = (each.value - true) / each.stderr
             wide[name] = each.stderr / true
-    return Check(off, wide, found.friction_model)
+    return Check(off, wide, found.chosen)
 
 
 KINDS = ("free swing", "known torque", "free swing, Stribeck")

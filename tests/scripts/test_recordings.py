@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from haptic_wall.controller.experiments.recorded.choice import error_of, predicted
 from haptic_wall.controller.experiments.recorded.record import pieces_of
-from scripts.recorded_motions import DROPS, drop
+from scripts.recorded_motions import DROPS, drop, error_of, predicted
 from scripts.studies.recordings import FIRST, KINDS, STUDY, checked, swings
 from tests.scripts.computed import stale
 
