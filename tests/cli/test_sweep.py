@@ -23,7 +23,7 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 PNG = b"\x89PNG\r\n\x1a\n"
 PLANT = ("--set", "loop.clock=simulated", "--set", "servo.coulomb=0", "--set",
          "servo.counts_per_rev=0", "--set", "servo.torque_step=0")  # fmt: skip
-POINTS = ("--virtual-damping=0.05,12", "--delay-steps=1,3", "--repeats=1", "--workers=1")
+POINTS = ("--virtual-damping=0.05,12", "--delay-steps=1,3", "--workers=1")
 
 
 @pytest.fixture(scope="module")

@@ -38,8 +38,8 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.signals import interrupting
 
 _POINT: Final = TypeAdapter(PointResult)
-_TRIALS = 8, 4
-"""Number of trials of a point: in a typical sweep, and for each repeat more"""
+_TRIALS = 16
+"""Number of trials of a point in a typical sweep"""
 _RUNS, _START_S = 3, 4.0
 """Number of runs of a point, and duration of each without its trials [s]"""
 _SETTLE_S = 1.2
@@ -162,9 +162,8 @@ def measure(config: str, folder: Path, setting: PlanePoint, options: Options) ->
 def expected_s(config: Config, settings: tuple[PlanePoint, ...], options: Options) -> float:
     """Return the approximate duration of the points in real time [s]."""
     device = Device.of(config)
-    trials = _TRIALS[0] + _TRIALS[1] * options.repeats
     return sum(
-        _RUNS * _START_S + trials * (phase.seconds + _SETTLE_S)
+        _RUNS * _START_S + _TRIALS * (phase.seconds + _SETTLE_S)
         for _, _, phase in _predicted(device, settings, options)
     )
 

@@ -28,7 +28,7 @@ def trial(
     amplitude = np.maximum(made, 1e-3) + noise * rng.standard_normal(13)
     ratio = np.log(amplitude[1:] / amplitude[:-1])
     mean = np.sqrt(amplitude[1:] * amplitude[:-1])
-    return Trial(stiffness, Growth(ratio, mean, np.arange(12)), 0.05, bool(ratio.mean() > 0))
+    return Trial(stiffness, Growth(ratio, mean), 0.05, bool(ratio.mean() > 0))
 
 
 def trials(rng: np.random.Generator, stiffnesses: Iterable[float], **how: Any) -> list[Trial]:
