@@ -71,9 +71,9 @@ def test_the_motions_stay_within_the_reach(found: tuple[LoopDelay, list[str]]) -
     delay, told = found
     assert any("3 periods inserted" in text for text in told)
     for point in delay.points:
-        rows = point.moved.played.rows
+        rows = point.played.rows
         assert np.max(np.abs(rows["position"] - rows["position"][0])) <= 0.6
-        assert point.moved.played.log.exists()
+        assert point.played.log.exists()
 
 
 def lag_of(config: Config, folder: Path) -> tuple[float, float]:
