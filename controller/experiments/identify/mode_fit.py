@@ -101,9 +101,8 @@ def cruises_of(
     longest = max((len(each) for each in positions), default=0)
 
     def padded(parts: list[FloatArray], length: int) -> FloatArray:
-        return np.array([np.pad(each, (0, length - each.size)) for each in parts]).reshape(
-            -1, length
-        )
+        found = [np.pad(each, (0, length - each.size)) for each in parts]
+        return np.array(found).reshape(-1, length)
 
     return Cruises(
         padded(positions, longest),
