@@ -126,7 +126,8 @@ def test_a_line_that_no_sweep_wrote_is_refused(
     swept: tuple[Path, dict[str, Any], str], cli: Cli, tmp_path: Path
 ) -> None:
     kept = (swept[0] / "sweep.rows").read_text()
-    for line in ({}, {"virtual_damping": 0.1}, []):
+    wrong: list[Any] = [{}, {"virtual_damping": 0.1}, []]
+    for line in wrong:
         (tmp_path / "sweep.rows").write_text(f"{kept}{json.dumps(line)}\n")
         told = cli.refused("sweep", "simulated", *PLANT, *POINTS, "--out", tmp_path)
         assert "sweep.rows, line 6" in told and "delete that line" in told
