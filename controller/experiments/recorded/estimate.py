@@ -113,8 +113,8 @@ def identify_record(record: Record, pendulum: Pendulum | None = None) -> Recorde
     """
     stretches = record.stretches
     if not stretches or is_too_slow(record):
-        notes = (*record.notes, _why_nothing(record))
-        return Recorded({}, (), None, None, (), record.step, notes)
+        nothing = (*record.notes, _why_nothing(record))
+        return Recorded({}, (), None, None, (), record.step, nothing)
     driven = any(stretch.driven for stretch in stretches)
     pieces, _ = pieces_of(stretches, PIECE_S, PIECE_S)
     whole, _ = pieces_of(stretches)
@@ -128,7 +128,8 @@ def identify_record(record: Record, pendulum: Pendulum | None = None) -> Recorde
         others = fitted(False)
         if shot.rms**2 >= _WEIGHED * others[1].rms ** 2:
             near, shot = others
-    chosen, models = Judged("M1", near), (Judged("M1", near),)
+    chosen = Judged("M1", near)
+    models: tuple[Judged, ...] = (chosen,)
     if shot.rms > _EXPLAINED * record.step / math.sqrt(12.0):
         begun = first_terms(stretches, weight="sine" in near.terms)
         chosen, models = judged(pieces, near, begun)
