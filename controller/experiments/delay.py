@@ -263,5 +263,5 @@ def delay_text(found: LoopDelay, period: float) -> list[str]:
     ]
     for point in found.points:
         recovered = point.recovered.in_ms() if point.recovered else "(reference)"
-        lines.append(f"{ms(point.inserted):>10}  {point.moved.total.in_ms():>20}  {recovered:>20}")
+        lines.append(f"{ms(point.inserted):>10}  {point.total.in_ms():>20}  {recovered:>20}")
     return [*lines, *found.notes]
