@@ -54,7 +54,8 @@ def test_a_driven_motion_is_that_of_the_solver() -> None:
     torque = 0.2 * np.sin(9.0 * time) + 0.15 * np.sign(np.sin(4.0 * time))
     true = swing(truth, time, truth.hanging, torque)
     pieces, _ = pieces_of(
-        record_of({"time_s": time, "position_rad": true, "torque_nm": torque}).stretches
+        record_of({"time_s": time, "position_rad": true, "torque_nm": torque}).stretches,
+        longest_driven_s=2.0,
     )
     terms = terms_of(truth, gain=truth.gain / truth.total, delay=truth.delay)
     assert off(pieces, terms, truth.hanging) < 1e-3
