@@ -102,8 +102,8 @@ def test_the_lesson_says_what_theory_says() -> None:
     late = float(critical_stiffness(*servo, 0.02, period, delay + 3 * period))
     ceiling = float(max_virtual_damping(*servo, period, delay))
     best = chain_peak(one_mass(*servo)[0], period, delay)
-    for number in (limit, late, best.stiffness, best.virtual_damping, ceiling):
-        assert f"{float(number):.3g}" in text
+    for number in (limit, late, best.stiffness.item(), best.virtual_damping.item(), ceiling):
+        assert f"{number:.3g}" in text
     found = re.findall(r"(\w+): wall\(([\d.]+), ([\d.]+)", text)
     walls = {name: (float(stiffness), float(damping)) for name, stiffness, damping in found}
     assert walls["soft"][0] < 0.5 * limit < walls["prompt"][0] < 0.8 * limit
