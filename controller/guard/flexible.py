@@ -25,8 +25,8 @@ from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 WITHIN = 0.96
 """Fraction of the least value over the grid that the guard uses"""
-_TOGETHER = 24
-"""Delays whose servos are computed at once"""
+_TOGETHER = 300
+"""So many servos are computed at once: fewer take more calls, more take much memory"""
 _PHASE = 0.4
 """Largest step of the phase of the vibration over the delay, between frequencies of the grid and
 between its delays [rad]"""
@@ -190,18 +190,26 @@ class LinkLimits:
         return kind, self._belief, at, knot, self._samples, self._filter
 
     def _scan(self, at: float, knot: Knot) -> FlexibleScan:
-        return self._work.once(self._key("scan", at, knot), lambda: self._scans(at, [knot])[0])
+        key = self._key("scan", at, knot)
+        return self._work.once(key, lambda: self._scans(at, [self._servos_at(at, knot)])[0])
 
     def _scan_together(self, at: float, grid: list[Knot]) -> None:
-        """Compute the scans of many delays at once: most have few servos."""
+        """Compute the scans of many delays, of a few servos together: most have hardly any."""
         new = [each for each in grid if not self._work.knows(self._key("ceiling", at, each))]
-        for start in range(0, len(new), _TOGETHER):
-            part = new[start : start + _TOGETHER]
-            for knot, scan in zip(part, self._scans(at, part), strict=True):
-                self._work.keep(self._key("scan", at, knot), scan)
+        knots: list[Knot] = []
+        groups: list[Servos] = []
+        for knot in new:
+            knots.append(knot)
+            groups.append(self._servos_at(at, knot))
+            if knot is new[-1] or sum(each.inertia.size for each in groups) > _TOGETHER:
+                for one, scan in zip(knots, self._scans(at, groups), strict=True):
+                    self._work.keep(self._key("scan", at, one), scan)
+                knots, groups = [], []
 
-    def _scans(self, at: float, grid: list[Knot]) -> list[FlexibleScan]:
-        groups = [_servos(self._belief, at, knot, self._filter) for knot in grid]
+    def _servos_at(self, at: float, knot: Knot) -> Servos:
+        return _servos(self._belief, at, knot, self._filter)
+
+    def _scans(self, at: float, groups: list[Servos]) -> list[FlexibleScan]:
         return FlexibleScan.of(groups, at, self._samples, self._belief.encoder, self._filter)
 
 
