@@ -83,8 +83,7 @@ def guard_decisions(
     intervals_ns = interval_bins_ns(config.period_ns, situation.belief.is_flexible)
     inside = servo.simulated and servo.traffic is None  # the same process: samples have zero age
     least_ns = round(config.guard.sample_age * 1e9)
-    slowest_ns = max(round(servo.reply_s * 1e9), least_ns)
-    ages_ns = [0] if inside else age_bins_ns(config.period_ns, slowest_ns)
+    ages_ns = [0] if inside else age_bins_ns(config.period_ns, least_ns)
     if inside and program:
         intervals_ns = intervals_ns[:1]
     ages_ns = [max(age, least_ns) for age in ages_ns]
@@ -144,7 +143,6 @@ def situation_of(config: Config, servo: KnownServo) -> Situation:
         period=config.period_ns * 1e-9,
         torque_limit=servo.facts.torque_limit,
         position_step=servo.facts.position_step,
-        slow_replies=servo.reply_s > 0.0,
     )
 
 

@@ -37,10 +37,8 @@ def is_pipelined(
         traffic: Of the bus after its start; None: there is none.
         period_s: The sampling period [s].
     """
-    if schedule == "auto":  # where a reply takes several periods, neither is better
-        if traffic is None or traffic.reply_s:
-            return False
-        return traffic.longest_s > COLLECT_SHARE * period_s
+    if schedule == "auto":
+        return traffic is not None and traffic.longest_s > COLLECT_SHARE * period_s
     return schedule == "pipelined"
 
 
