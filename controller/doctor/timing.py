@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from haptic_wall.controller.doctor.replies import Replies, percentile
-from haptic_wall.controller.runtime.cycle import COLLECT_SHARE
+from haptic_wall.controller.settings.shares import COLLECT_SHARE
 from haptic_wall.hw.dynamixel.wire import cycle_s
 from haptic_wall.hw.errors import wiring
 from haptic_wall.hw.servo import Check

@@ -19,7 +19,7 @@ from haptic_wall.controller.processes.door import Door
 from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments, failure_of
 from haptic_wall.controller.processes.hold import gone_texts
 from haptic_wall.controller.processes.loop_process import Orders
-from haptic_wall.controller.processes.loop_watch import END_S, START_S, LoopWatch
+from haptic_wall.controller.processes.loop_watch import END_S, LoopWatch
 from haptic_wall.controller.processes.plan import Ended, Plan, Tell
 from haptic_wall.controller.processes.recorder_monitor import RecorderMonitor, recorder_starter
 from haptic_wall.controller.processes.row_count import RowCount
@@ -134,7 +134,7 @@ class Supervisor:
             arguments = emulator_arguments(settings, plan.witness, hand=hand, elastic=shared)
             inherited = [each for each in (hand, shared) if each is not None]
             bus = emulated_bus(
-                arguments, self._others, lambda: bool(self._words[Word.STOP]), START_S, inherited
+                arguments, self._others, lambda: bool(self._words[Word.STOP]), inherited
             )
             emulator, path = children.enter_context(bus)
             if path is None:  # stopped before
