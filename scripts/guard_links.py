@@ -323,8 +323,6 @@ KINDS: dict[Kind, str] = {
     "lowpass": "low-pass",
     "notch": "notch",
 }
-SERVED_BINS = 6
-"""Bins of each belief that are searched"""
 _POPULATION = 40
 
 
@@ -355,7 +353,7 @@ def served(case: Search) -> list[Served]:
     request = Request(1e9, of_ceiling * float(ceiling), "both", velocity_filter=filtered)
     bins = interval_bins_ns(round(PERIOD * 1e9), flexible=True)
     found = []
-    for index in random.choice(len(bins), SERVED_BINS, replace=False).tolist():
+    for index in range(len(bins)):
         (wall,) = Bins(
             request, GuardSettings(), situation, late, [round(age * 1e9)], bins
         ).decide_interval(index)

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from haptic_wall.controller.experiments.identify.motion import Motion
+from haptic_wall.controller.experiments.identify.motion import Motion, Pieces
 from haptic_wall.controller.experiments.recorded.estimate import Pendulum
 from haptic_wall.controller.experiments.recorded.record import read_record
+from haptic_wall.controller.experiments.recorded.shooting import beginnings, model_of
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.truth import TrueServo
@@ -24,6 +25,8 @@ DRIVEN = tuple(
     for gain in ("kp100", "kp400")
     for motion in ("sin_sin", "sin_time_square", "up_and_down")
 )
+BEGINNING_S = 0.2
+"""Length of the beginning that tells where a predicted piece begins [s]"""
 FULL_PWM = 885.0
 """Present PWM of an XL330 at full voltage"""
 
@@ -49,6 +52,35 @@ def columns(name: str) -> dict[str, FloatArray]:
     names = path.read_text(encoding="utf-8").splitlines()[0].split(",")
     table = np.loadtxt(path, delimiter=",", skiprows=1)
     return dict(zip(names, table.T, strict=True))
+
+
+def predicted(pieces: Pieces, names: tuple[str, ...], values: FloatArray) -> FloatArray:
+    """Return the positions [rad] as predicted from the first 0.2 s of each piece.
+
+    Args:
+        pieces: The record; shape (pieces, rows) is that of the result.
+        names: Names of the parameters.
+        values: Values of the parameters, per inertia; shape (names,).
+    """
+    near = pieces.held & (pieces.sampled - pieces.sampled[:, :1] <= BEGINNING_S)
+    rows = max(8, int(near.sum(axis=1).max()))
+    first = replace(
+        pieces,
+        sampled=pieces.sampled[:, :rows],
+        position=pieces.position[:, :rows],
+        held=near[:, :rows],
+    )
+    terms = dict(zip(names, values.tolist(), strict=True))
+    own = model_of(first, terms).own(beginnings(first), rounds=10)
+    model = model_of(pieces, terms)
+    found: FloatArray = pieces.position + model.left(model.begin[None], own[:, None])[0]
+    return found
+
+
+def error_of(pieces: Pieces, at: FloatArray) -> float:
+    """Return the root mean square of the difference to the record [rad]."""
+    left = np.where(pieces.held, at - pieces.position, 0.0)
+    return math.sqrt(float(np.sum(left**2)) / np.count_nonzero(pieces.held))
 
 
 @dataclass(frozen=True, slots=True)

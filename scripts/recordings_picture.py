@@ -10,10 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from haptic_wall.controller.experiments.recorded.choice import predicted
 from haptic_wall.controller.experiments.recorded.record import pieces_of
 from haptic_wall.controller.report import style
-from scripts.recorded_motions import DROPS, drop
+from scripts.recorded_motions import DROPS, drop, predicted
 from scripts.studies.recordings import swings
 
 PICTURE = Path(__file__).resolve().parent.parent / "docs" / "evidence" / "recordings.png"

@@ -57,14 +57,6 @@ _MOST_STEPS = 1000
     " the largest up to 0.1 that the torque limit allows.",
 )
 @click.option(
-    "--repeats",
-    type=Number(1, 100, whole=True),
-    default=2,
-    show_default=True,
-    metavar="N",
-    help="Trials at each stiffness near the limit.",
-)
-@click.option(
     "--tolerance",
     type=Number(1e-5, 0.5),
     default=0.005,
@@ -87,7 +79,6 @@ def command(
     dampings: list[float],
     steps: list[int],
     kick: float | None,
-    repeats: int,
     tolerance: float,
     workers: int | None,
 ) -> None:
@@ -107,7 +98,7 @@ def command(
     from haptic_wall.controller.report.sweep import plot_sweep
 
     effective = without_hand(asked.config)
-    options = Options(kick, repeats, tolerance)
+    options = Options(kick, tolerance)
     # Each once: results are kept by point.
     settings = tuple(dict.fromkeys(PlanePoint(b, n) for n in steps for b in dampings))
     device = Device.of(effective)

@@ -152,6 +152,6 @@ def _why(point: Mapping[str, Any]) -> str | None:
     found = [point["reason"]] if point["reason"] else []
     if point["measured"] is not None:
         if point["disturbed"]:
-            found.append(f"{point['disturbed']} trials were disturbed, and repeated")
+            found.append(f"{point['disturbed']} trials were disturbed")
         found += point["trips"]
     return "; ".join(found) or None

@@ -8,7 +8,7 @@ with inserted periods must find exactly that much more, which proves the measure
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -47,9 +47,12 @@ GUARD_SHARE = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Moved:
-    """A servo's motions with one number of inserted periods, and their fits."""
+class DelayPoint:
+    """The motions with one number of inserted periods, and their fit."""
 
+    steps: int
+    inserted: float
+    """Set [s]"""
     fit: Fit
     """Delay from sending a torque until it acts"""
     wait: float
@@ -59,6 +62,9 @@ class Moved:
     played: Played
     note: str
     """Remark for a person; empty: none"""
+    recovered: Estimated | None = None
+    """Measured inserted delay, relative to the run with the fewest periods [s]; None: this is that
+    run"""
 
     @property
     def device(self) -> Estimated:
@@ -70,20 +76,17 @@ class Moved:
         """Return the delay from the sample to the motion [s]: t_d of the theory."""
         return Estimated(self.wait + self.fit.delay, self.fit.stderr[3])
 
+    @property
+    def age(self) -> Estimated:
+        """Return the mean age of a sample when a torque is sent in the same period [s]."""
+        ages = self.ages
+        return Estimated(float(np.mean(ages)), float(np.std(ages) / np.sqrt(ages.size)))
 
-@dataclass(frozen=True, slots=True)
-class DelayPoint:
-    """The delay with one number of inserted periods."""
-
-    steps: int
-    inserted: float
-    """Set [s]"""
-    age: Estimated
-    """Age of a sample when a torque is sent in the same period, mean [s]"""
-    recovered: Estimated | None
-    """Measured inserted delay, relative to the run with the fewest periods [s]; None: this is that
-    run"""
-    moved: Moved
+    def beside(self, first: DelayPoint) -> DelayPoint:
+        """Return this point with the inserted delay that it recovers, beside the first one."""
+        more = self.total.value - self.age.value - (first.total.value - first.age.value)
+        error = float(np.hypot(self.total.stderr, first.total.stderr))
+        return replace(self, recovered=Estimated(first.inserted + more, error))
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +107,7 @@ class LoopDelay:
     @property
     def notes(self) -> list[str]:
         """Return remarks for a person."""
-        return [p.moved.note for p in self.points if p.moved.note]
+        return [point.note for point in self.points if point.note]
 
 
 def measure_delay(
@@ -134,12 +137,12 @@ def measure_delay(
     runs = sorted({config.delay.steps, *delay_steps})
     for place, steps in enumerate(runs):
         tell(f"run {place + 1} of {len(runs)}: {steps} periods inserted")
-        moved = measure(bench, f"delay-{steps}", fit, bounds, steps)
-        fit = moved.fit
-        points.append(_point(steps, config.period_s, moved, points[:1]))
-    ages = np.concatenate([point.moved.ages for point in points])
-    device = _together([point.moved.device for point in points])
-    wait = next(point.moved.wait for point in points if point.steps == config.delay.steps)
+        point = _measured(bench, fit, bounds, steps)
+        fit = point.fit
+        points.append(point.beside(points[0]) if points else point)
+    ages = np.concatenate([point.ages for point in points])
+    device = _together([point.device for point in points])
+    wait = next(point.wait for point in points if point.steps == config.delay.steps)
     return LoopDelay(
         total=Estimated(wait + device.value, device.stderr),
         device=device,
@@ -150,23 +153,17 @@ def measure_delay(
     )
 
 
-def measure(bench: Bench, name: str, fit: Fit, bounds: Bounds, steps: int) -> Moved:
+def _measured(bench: Bench, fit: Fit, bounds: Bounds, steps: int) -> DelayPoint:
     """Move the servo with inserted periods, and fit its delay.
 
     Args:
         bench: The servo.
-        name: Name of the log.
         fit: Fit of an earlier motion, for the scale.
         bounds: Limits of the motions.
         steps: Periods to be inserted.
-
-    Raises:
-        UnidentifiableError: The servo did not respond, or not as a rigid one.
-        ExperimentInterruptedError: A person has ended it.
-        ExperimentTrippedError: A trip has ended it.
     """
     bench.delay_steps = steps
-    played, fit = bench.fitted(name, bench.corrected(fit), FULL * bounds.reach)
+    played, fit = bench.fitted(f"delay-{steps}", bench.corrected(fit), FULL * bounds.reach)
     rounding = rounding_of(bounds.step)
     left = fit.smooth_part(rounding)
     if left > SPOILT * rounding:
@@ -184,10 +181,11 @@ def measure(bench: Bench, name: str, fit: Fit, bounds: Bounds, steps: int) -> Mo
             " load vibrates"
         )
     ages: FloatArray = played.rows["age_ns"] * 1e-9
-    return Moved(fit, waiting(played.rows, steps), ages, played, note)
+    wait = _waiting(played.rows, steps)
+    return DelayPoint(steps, steps * bounds.period, fit, wait, ages, played, note)
 
 
-def waiting(rows: NDArray[np.void], steps: int) -> float:
+def _waiting(rows: NDArray[np.void], steps: int) -> float:
     """Return the time from the sample that a torque was computed of to its sending [s].
 
     The row that sends it is found by comparing the sent torques with the computed ones.
@@ -232,31 +230,17 @@ def delay_report(found: LoopDelay, period: float, believed: float) -> dict[str, 
             {
                 "delay_steps": point.steps,
                 "inserted": point.inserted,
-                "total": point.moved.total.report(),
-                "device": point.moved.device.report(),
+                "total": point.total.report(),
+                "device": point.device.report(),
                 "age": point.age.report(),
                 "recovered": point.recovered and point.recovered.report(),
-                "residual_rad": point.moved.fit.residual,
-                "log": point.moved.played.log,
+                "residual_rad": point.fit.residual,
+                "log": point.played.log,
             }
             for point in found.points
         ],
         "notes": found.notes,
     }
-
-
-def _point(steps: int, period: float, moved: Moved, reference: Sequence[DelayPoint]) -> DelayPoint:
-    ages, total = moved.ages, moved.total
-    age = Estimated(float(np.mean(ages)), float(np.std(ages) / np.sqrt(ages.size)))
-    recovered = None
-    if reference:
-        first = reference[0]
-        before = first.moved.total
-        recovered = Estimated(
-            first.inserted + (total.value - age.value) - (before.value - first.age.value),
-            float(np.hypot(total.stderr, before.stderr)),
-        )
-    return DelayPoint(steps, steps * period, age, recovered, moved)
 
 
 def _together(found: Sequence[Estimated]) -> Estimated:
@@ -279,5 +263,5 @@ def delay_text(found: LoopDelay, period: float) -> list[str]:
     ]
     for point in found.points:
         recovered = point.recovered.in_ms() if point.recovered else "(reference)"
-        lines.append(f"{ms(point.inserted):>10}  {point.moved.total.in_ms():>20}  {recovered:>20}")
+        lines.append(f"{ms(point.inserted):>10}  {point.total.in_ms():>20}  {recovered:>20}")
     return [*lines, *found.notes]

@@ -24,6 +24,7 @@ from haptic_wall.controller.experiments.sweep.result import PointResult
 from haptic_wall.controller.experiments.sweep.sweep import Sweep, sweep
 from haptic_wall.controller.experiments.sweep.text import cell
 from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError
+from haptic_wall.controller.guard.limits import evaluate, least_of
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import loaded
 from haptic_wall.controller.theory.checks import FloatArray
@@ -202,9 +203,9 @@ def _with(config: Config, velocity: Velocity, side: str) -> Config:
 def _guarded(config: Config, dampings: FloatArray) -> FloatArray:
     """Return the stiffness that the guard commands at each damping; NaN where it lowers that."""
     question = GuardQuestion.of(config, None)
-    found = question.limits(dampings)
-    commanded = question.settings.margin * found.smallest()
-    return np.where(found.damping < dampings * (1.0 - 1e-9), np.nan, commanded)
+    walls = question.walls(dampings)
+    commanded = question.settings.margin * least_of(evaluate(walls))
+    return np.where(walls.damping < dampings * (1.0 - 1e-9), np.nan, commanded)
 
 
 def _known(value: float) -> float | None:

@@ -14,7 +14,7 @@ from haptic_wall.controller.guard.evaluation import (
     encoder_damping,
     quantisation_limit,
 )
-from haptic_wall.controller.guard.limits import BY_NAME, PASSIVE, evaluate, smallest
+from haptic_wall.controller.guard.limits import BY_NAME, PASSIVE, evaluate, least_of, smallest
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.laws.wall import Side
@@ -108,9 +108,7 @@ class Curve:
     def smallest(self, side: WallSide) -> FloatArray:
         """Return the smallest limit for a wall of that side [N·m/rad], without the passive one."""
         omitted = "one_sided" if side == "both" else ""
-        limits = [each for name, each in self.limits.items() if name != omitted]
-        least: FloatArray = np.min(limits, axis=0)
-        return least
+        return least_of({name: each for name, each in self.limits.items() if name != omitted})
 
 
 def curve(question: Question, virtual_damping: Sequence[float] | FloatArray) -> Curve:
@@ -147,7 +145,7 @@ def curve(question: Question, virtual_damping: Sequence[float] | FloatArray) -> 
         request = replace(request, side="above")  # with a load the limit differs between the sides
     wall = Evaluation(request, EVERY_DAMPING, question.situation, p, exact=True, asked=damping)
     passive = unknown if filtered else PASSIVE.stiffness(wall)
-    return Curve(damping, dict(evaluate(wall).limits), passive, exact.frequency)
+    return Curve(damping, evaluate(wall), passive, exact.frequency)
 
 
 def ceiling(question: Question) -> float:

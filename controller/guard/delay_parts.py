@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 HOLD, SAMPLE_AGE = "hold", "sample_age"
 """Names of the delay's parts."""
@@ -38,12 +38,6 @@ class DelayParts:
     def largest(self) -> tuple[str, float]:
         """Return name and size [s] of the largest part, the hold included."""
         return next(iter(self.sizes().items()))
-
-    def with_part(self, name: str, size: float) -> DelayParts:
-        """Return a copy in which one part, or the hold, has another size [s]."""
-        if name == HOLD:
-            return replace(self, period=2 * size)
-        return replace(self, named={**self.named, name: size})
 
 
 def shorter(parts: DelayParts, slow_replies: bool) -> float:

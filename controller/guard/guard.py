@@ -15,7 +15,7 @@ import numpy as np
 
 from haptic_wall.controller.guard.delay_parts import SAMPLE_AGE, DelayParts
 from haptic_wall.controller.guard.evaluation import Evaluation, unstable_nominally
-from haptic_wall.controller.guard.limits import evaluate, smallest
+from haptic_wall.controller.guard.limits import BY_NAME, evaluate, smallest
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.reasons import reasons
 from haptic_wall.controller.guard.remedies import Wall
@@ -73,7 +73,8 @@ def decide(
     situation = replace(situation, inserted=least)
     corner = Plants.at_corner(situation, before_device)
     work = Work() if work is None else work
-    found = evaluate(Evaluation(request, settings, situation, corner, work=work))
+    at = Evaluation(request, settings, situation, corner, work=work)
+    every = evaluate(at)
     alone = (
         unstable_nominally(request, situation, before_device)
         if settings.mode == "off"
@@ -81,7 +82,8 @@ def decide(
     )
     decisions = []
     for i, delay in enumerate(corner.delay.tolist()):
-        limits = found.at(i)
+        limits: dict[str, float | None] = dict.fromkeys(BY_NAME)
+        limits |= {name: float(each[i]) for name, each in every.items()}
         name, least_limit = smallest(limits)
         bound = settings.mode != "off" and request.stiffness > settings.margin * least_limit
         decision = Decision(
@@ -89,15 +91,15 @@ def decide(
             delay=delay,
             period=situation.period,
             stiffness=settings.margin * least_limit if bound else request.stiffness,
-            damping=float(found.damping[i]),
+            damping=float(at.damping[i]),
             limits=limits,
-            encoder_damping=float(found.encoder_damping[i]),
-            damping_ceiling=float(found.ceiling[i]),
+            encoder_damping=float(at.encoder_damping[i]),
+            damping_ceiling=float(at.ceiling[i]),
             margin=settings.margin,
             binding=name if bound else None,
             reasons=(),
             only_friction=bool(alone[i]) and situation.belief.coulomb.value > 0,
-            vibrates=bool(found.vibrates[i]),
+            vibrates=bool(at.vibrates[i]),
             inserted=inserted,
         )
         if explained:

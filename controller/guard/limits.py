@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from haptic_wall.controller.guard.evaluation import UNBOUND, Evaluation, quantisation_limit
 from haptic_wall.controller.guard.flexible import fast_limit, returned_share
@@ -263,44 +261,18 @@ LIMITS: tuple[Limit, ...] = (
 BY_NAME: Mapping[str, Limit] = {each.name: each for each in LIMITS}
 
 
-@dataclass(frozen=True, slots=True)
-class Found:
-    """Permitted damping and stiffness limits of each corner; arrays of one length."""
-
-    limits: Mapping[str, FloatArray]
-    """By name, of those that apply [N·m/rad]"""
-    ceiling: FloatArray
-    """As of ``Decision`` [N·m·s/rad]"""
-    damping: FloatArray
-    """[N·m·s/rad]"""
-    encoder_damping: FloatArray
-    """As of ``Decision`` [N·m·s/rad]"""
-    vibrates: NDArray[np.bool_]
-    """The ceiling is that of a load's vibration on its transmission"""
-
-    def at(self, i: int) -> dict[str, float | None]:
-        """Return the limits of corner ``i`` by name; None where one does not apply."""
-        given = self.limits
-        return {name: float(given[name][i]) if name in given else None for name in BY_NAME}
-
-    def smallest(self) -> FloatArray:
-        """Return the smallest limit of each corner [N·m/rad]."""
-        least: FloatArray = np.min([*self.limits.values()], axis=0)
-        return least
-
-
 def smallest(limits: Mapping[str, float | None]) -> tuple[str, float]:
     """Return name and value of the smallest limit that applies."""
     known = [(name, value) for name, value in limits.items() if value is not None]
     return min(known, key=lambda pair: pair[1])
 
 
-def evaluate(at: Evaluation) -> Found:
-    """Compute the permitted damping, and each limit at it as the least over the belief."""
-    return Found(
-        limits={each.name: each.stiffness(at) for each in LIMITS if each.applies(at)},
-        ceiling=at.ceiling,
-        damping=at.damping,
-        encoder_damping=at.encoder_damping,
-        vibrates=at.vibrates,
-    )
+def evaluate(at: Evaluation) -> dict[str, FloatArray]:
+    """Return each limit that applies, at the commanded damping of each corner [N·m/rad]."""
+    return {each.name: each.stiffness(at) for each in LIMITS if each.applies(at)}
+
+
+def least_of(limits: Mapping[str, FloatArray]) -> FloatArray:
+    """Return the smallest of the limits at each corner [N·m/rad]."""
+    least: FloatArray = np.min([*limits.values()], axis=0)
+    return least

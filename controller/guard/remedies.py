@@ -22,7 +22,7 @@ from haptic_wall.controller.guard.delay_parts import (
     shorter,
 )
 from haptic_wall.controller.guard.evaluation import Evaluation
-from haptic_wall.controller.guard.limits import evaluate
+from haptic_wall.controller.guard.limits import evaluate, least_of
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.guard.work import Work
@@ -78,7 +78,7 @@ def remedies(wall: Wall, changes: Sequence[str], work: Work) -> list[Remedy]:
             other, text = made
             asked = (other.request, other.settings, other.situation, other.corner)
             after = evaluate(Evaluation(*asked, work=work))
-            found.append(Remedy(text, float(after.smallest()[0])))
+            found.append(Remedy(text, float(least_of(after)[0])))
     return sorted(found, key=lambda each: -each.stiffness)
 
 
@@ -164,5 +164,5 @@ def _good_damping(wall: Wall, work: Work) -> float:
     ceiling = float(Evaluation(request, settings, situation, corner, work=work).vibration[0])
     tried = settings.damping_cap * ceiling * (1 - _WITHIN) * _SHARES
     spread = corner.take(np.zeros(tried.size, dtype=np.int64))
-    after = evaluate(Evaluation(request, settings, situation, spread, asked=tried, work=work))
-    return float(after.damping[np.argmax(after.smallest())])
+    after = Evaluation(request, settings, situation, spread, asked=tried, work=work)
+    return float(after.damping[np.argmax(least_of(evaluate(after)))])

@@ -60,11 +60,10 @@ def guard_map(config: Config, delay: float) -> dict[str, Any]:
         Plants.at_corner(situation, np.full(POINTS, before)),
         asked=damping,
     )
-    found = evaluate(at)
     report = decision_report(decision)
     return {
         "damping": damping.tolist(),
-        "limits": {name: _finite(values) for name, values in found.limits.items()},
+        "limits": {name: _finite(values) for name, values in evaluate(at).items()},
         **{
             name: report[name]
             for name in ("requested", "commanded", "binding", "margin", "reasons")

@@ -33,7 +33,7 @@ def plot_delay(found: LoopDelay, name: str, path: Path) -> None:
         low, high = (1e3 * (device.value + sign * _SIGMAS * device.stderr) for sign in (-1, 1))
         ax.axhspan(low, high, color=GREY, alpha=0.3, linewidth=0.0, label="all runs")
         for number, point in enumerate(found.points):
-            lag = point.moved.device
+            lag = point.device
             ax.errorbar(
                 1e3 * point.inserted,
                 1e3 * lag.value,

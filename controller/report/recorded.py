@@ -53,10 +53,8 @@ def _title(found: Recorded, name: str) -> str:
     values = [
         f"{word} {each} {UNITS[word]}"
         for word in ("inertia", "damping", "coulomb")
-        if (each := getattr(found, word)) is not None
+        if (each := found.known.get(word)) is not None
     ]
     left = 0.0 if found.residual is None else 1e3 * found.residual
     said = ", ".join(values) or "no scale"
-    return (
-        f"{style.titled(name)}: {found.friction_model},\n{said}; residual {np.round(left, 2)} mrad"
-    )
+    return f"{style.titled(name)}: {found.chosen},\n{said}; residual {np.round(left, 2)} mrad"

@@ -107,7 +107,7 @@ def _legend(points: Sequence[PointResult], colours: dict[int, str]) -> list[Any]
         handles.append(Line2D([], [], color=colour, linewidth=2.5, label=label))
     dot: dict[str, Any] = {"color": style.INK, "linestyle": " "}
     handles.append(Line2D([], [], marker="o", ms=3.5, label="measured, ±2 s.e.", **dot))
-    if any(point.onset_rad is not None and point.onset_rad > 0.0 for point in points):
+    if any(point.predicted_with_friction not in (None, point.exact) for point in points):
         label = "expected with friction\nfor that kick"
         handles.append(Line2D([], [], marker="_", ms=9, label=label, **dot))
     if any(point.measured is None for point in points):

@@ -1,18 +1,16 @@
 """Identifies simulated servos whose truth is known.
 
-    scripts/study identify_check [--seeds N] [--servos N] [--seed N] [--effects NAME ...] [--quick]
+    scripts/study identify_check [--servos N] [--seed N] [--effects NAME ...] [--quick]
 
 Each seed draws a servo: inertia, damping and friction up to 20 % from those of its model, a lag
-from 0 to 5 ms, and a position between two counts of the encoder. The belief stays that of the
-model. On the simulated clock: the same seeds give the same figures on every machine.
-
-Then servos with the effects of real ones, each alone and all together. The study counts how often
-the guard's bounds jointly contain the truth, and how wide they are.
+from 0 to 5 ms, a position between two counts of the encoder, and an effect of real servos, or all.
+The belief stays that of the model. The study counts how often the guard's bounds jointly contain
+the truth, and how wide they are. On the simulated clock: the same seeds give the same figures on
+every machine.
 """
 
 from __future__ import annotations
 
-import math
 import tempfile
 from pathlib import Path
 from typing import NamedTuple
@@ -21,25 +19,16 @@ import numpy as np
 
 from haptic_wall.controller.experiments.commission.verdict import ASKED, GuardQuestion
 from haptic_wall.controller.experiments.identify.bench import UnidentifiableError
-from haptic_wall.controller.experiments.identify.identification import Identified, identify
+from haptic_wall.controller.experiments.identify.identification import identify
 from haptic_wall.controller.experiments.identify.identified_config import identified_model
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.settings.load import load_config
 from scripts.rates import lower_bound
 from scripts.study import Found, Option, Part, Study, table
-from tests.support.real_servos import ALL, EFFECTS, IDEAL, drawn_servo, truth_of
-from tests.support.real_servos import KINDS as REAL_KINDS
-from tests.support.real_servos import Kind as RealKind
+from tests.support.real_servos import ALL, EFFECTS, IDEAL, KINDS, Kind, drawn_servo, truth_of
 
-SEEDS = 50
 FIRST = 7000
 """Seed of the first servo with an effect"""
 DRAWN = (IDEAL, *EFFECTS, ALL)
-SPREAD = 0.2
-LONGEST_S = 5e-3
-NAMES = ("inertia", "damping", "coulomb", "delay")
-WANTED = 0.05, 0.1, 0.9
-"""Share of a value, share of a period, share of the seeds within two standard errors"""
 BOUNDED = ("inertia", "damping", "delay")
 """Quantities whose bounds the guard uses"""
 IDEAL_WIDTHS = (0.04, 0.1, 0.1)
@@ -56,69 +45,6 @@ NAMED = {
     "residual": "the residual",
 }
 """Names of the warnings, and words in them"""
-
-
-class Kind(NamedTuple):
-    """A servo as its data say it is."""
-
-    name: str
-    like: str
-    inertia: float
-    damping: float
-    coulomb: float
-    torque_limit: float
-
-
-KINDS = (
-    Kind("XL330-like", "XL330-M288", 0.0018142, 0.0036617, 0.012833, 0.52),
-    Kind("XM430-like", "MX-64, its sister", 0.011951, 0.011692, 0.09039, 4.1),
-)
-
-
-class Result(NamedTuple):
-    """One servo and what was found of it, in the order of ``NAMES``."""
-
-    truth: tuple[float, ...]
-    found: tuple[float, ...]
-    stderr: tuple[float, ...]
-
-
-def drawn(kind: Kind, seed: int) -> Config:
-    """The configuration of a seed's servo, with its model's belief."""
-    random = np.random.default_rng(seed)
-    inertia, damping, coulomb = random.uniform(1 - SPREAD, 1 + SPREAD, 3).tolist()
-    delay = float(random.uniform(0.0, LONGEST_S))
-    between = float(random.uniform(0.0, math.tau / 4096))
-    sets = [
-        "loop.clock=simulated",
-        "wall.side=both",
-        f"servo.inertia={kind.inertia * inertia}",
-        f"servo.damping={kind.damping * damping}",
-        f"servo.coulomb={kind.coulomb * coulomb}",
-        f"servo.delay={delay}",
-        f"servo.kick={between}",
-        f"servo.torque_limit={kind.torque_limit}",
-        "servo.torque_step=0",
-        f"model.delay={{value: {LONGEST_S / 2}, low: 0.0, high: {LONGEST_S}}}",
-    ]
-    for name in NAMES[:3]:
-        value = getattr(kind, name)
-        bounds = f"{{value: {value}, low: {(1 - SPREAD) * value}, high: {(1 + SPREAD) * value}}}"
-        sets.append(f"model.{name}={bounds}")
-    return load_config("simulated", sets).config
-
-
-def identified(case: tuple[Kind, int]) -> Result:
-    """Identify one servo."""
-    config = drawn(*case)
-    with tempfile.TemporaryDirectory() as folder:
-        found: Identified = identify(config, Path(folder))
-    estimates = [getattr(found, name) for name in NAMES]
-    return Result(
-        tuple(getattr(config.servo, name) for name in NAMES),
-        tuple(e.value for e in estimates),
-        tuple(e.stderr for e in estimates),
-    )
 
 
 class Bounded(NamedTuple):
@@ -144,7 +70,7 @@ class Bounded(NamedTuple):
         return self.low[0] <= 1.0 <= self.high[0] and self.low[1] <= 1.0 and self.high[2] >= 0.0
 
 
-Drawn = tuple[RealKind, str, int]
+Drawn = tuple[Kind, str, int]
 """Servo, effect and seed"""
 
 
@@ -220,77 +146,16 @@ def _rate(held: int, number: int) -> str:
     return f"{held} ({share:.1f} %, at least {least:.1f} %)"
 
 
-def cells(kind: Kind, results: list[Result]) -> list[list[str]]:
-    """For each value: how far off, how often within two standard errors."""
-    rows = []
-    for n, name in enumerate(NAMES):
-        off = np.array([abs(c.found[n] - c.truth[n]) for c in results])
-        error = np.array([c.stderr[n] for c in results])
-        if name == "delay":
-            off, error, unit = 1e3 * off, 1e3 * error, "ms"
-        else:
-            scale = 100 / np.array([c.truth[n] for c in results])
-            off, error, unit = off * scale, error * scale, "%"
-        within = int(np.count_nonzero(off <= 2 * error))
-        rows.append(
-            [
-                *(kind.name, name, f"{np.median(off):.3f} {unit}", f"{np.max(off):.3f} {unit}"),
-                f"{within} of {len(results)}",
-            ]
-        )
-    return rows
-
-
-def holds(results: list[Result]) -> bool:
-    """Whether all that is wanted was met."""
-    off = np.array([np.abs(np.subtract(c.found, c.truth)) for c in results])
-    truth, stderr = (np.array([getattr(c, name) for c in results]) for name in ("truth", "stderr"))
-    near = np.all(off[:, :3] <= WANTED[0] * truth[:, :3]) and np.all(off[:, 3] <= WANTED[1] * 1e-3)
-    within = np.mean(off <= 2 * stderr, axis=0)
-    return bool(near and np.all(within >= WANTED[2]))
-
-
-def _of(found: Found[tuple[Kind, int], Result]) -> dict[Kind, list[Result]]:
-    return {kind: [row for case, row in found if case[0] == kind] for kind in KINDS}
-
-
-def all_hold(found: Found[tuple[Kind, int], Result]) -> bool:
-    """Whether what is wanted holds for each kind."""
-    return all(map(holds, _of(found).values()))
-
-
-def lines(found: Found[tuple[Kind, int], Result]) -> list[str]:
-    """The part of the page on servos as the model describes them."""
-    head = ["servo", "value", "off, median", "off, worst"]
-    rows = [row for kind, results in _of(found).items() for row in cells(kind, results)]
-    return [
-        *table([*head, "truth within two"], *rows),
-        "",
-        f"Wanted: inertia, damping and friction within {100 * WANTED[0]:g} %, the delay within"
-        f" {WANTED[1]:g} ms, and the truth within two standard errors at least"
-        f" {100 * WANTED[2]:g} % of the time."
-        f" {'It holds.' if all_hold(found) else 'It does not hold.'}",
-    ]
-
-
 STUDY = Study(
     "evidence/identify-check.md",
     (
-        Part(
-            "model",
-            lambda given: [(kind, seed) for kind in KINDS for seed in range(given.seeds)],
-            identified,
-            lines,
-            case_s=3.5,
-            wanted=all_hold,
-        ),
         Part(
             "effects",
             lambda given: [
                 (kind, effect, given.seed + n)
                 for n in range(given.servos)
                 for effect in given.effects
-                for kind in REAL_KINDS
+                for kind in KINDS
             ],
             effect_identified,
             effect_lines,
@@ -298,7 +163,6 @@ STUDY = Study(
         ),
     ),
     (
-        Option("seeds", SEEDS, "simulated servos of each kind", quick=5),
         Option("servos", 38, "servos of each kind with each effect", quick=1),
         Option("seed", FIRST, "seed of the first servo with an effect"),
         Option("effects", DRAWN, "effects that are drawn", choices=DRAWN),

@@ -14,23 +14,25 @@ from typing import NamedTuple
 import numpy as np
 
 from haptic_wall.controller.experiments.identify.motion import taken
-from haptic_wall.controller.experiments.recorded.choice import error_of, predicted, start_with
+from haptic_wall.controller.experiments.recorded.choice import start_with
 from haptic_wall.controller.experiments.recorded.estimate import identify_record
-from haptic_wall.controller.experiments.recorded.friction import MEANING, MODELS
+from haptic_wall.controller.experiments.recorded.friction import MODELS
 from haptic_wall.controller.experiments.recorded.record import pieces_of, record_of
-from haptic_wall.controller.experiments.recorded.shooting import (
-    Shot,
-    first_terms,
-    fit,
-    fit_anywhere,
-)
+from haptic_wall.controller.experiments.recorded.shooting import Shot, first_terms, fit
 from haptic_wall.controller.theory.checks import FloatArray
-from scripts.recorded_motions import DRIVEN, DROPS, PENDULUM, columns, driven, drop, made
+from scripts.recorded_motions import (
+    DRIVEN,
+    DROPS,
+    PENDULUM,
+    driven,
+    drop,
+    error_of,
+    made,
+    predicted,
+)
 from scripts.study import Found, Given, Option, Part, Study, table
 
-EXTRA = {
-    "M1 + drag": ({"drag": 0.02}, "M1 and a drag with the square of the speed"),
-}
+EXTRA = {"M1 + drag": {"drag": 0.02}}
 """Models besides bam's, with what they add"""
 PREDICTING = ("M1", "M3")
 """Models that are tried where the motor is on"""
@@ -67,17 +69,17 @@ def swings(names: tuple[str, ...], model: str) -> Shot:
     first = np.unique(of, return_index=True)[1]
     near = fit(short, first_terms(stretches, weight=True), rounds=15)
     at = near.own[:, first]
-    shot = fit_anywhere(whole, near.terms, at, rounds=25)
+    shot = fit(whole, near.terms, at, rounds=25)
     if model == "M1":
         return shot
     found = []
     for terms in (shot.terms, near.terms):
-        start = start_with(model, terms) if model in MODELS else {**terms, **EXTRA[model][0]}
+        start = start_with(model, terms) if model in MODELS else {**terms, **EXTRA[model]}
         # from the plain fit, and from one to short pieces, where there are fewer minima
-        found.append(fit_anywhere(whole, start, shot.own, rounds=25))
+        found.append(fit(whole, start, shot.own, rounds=25))
         close = fit(short, start, rounds=15)
         at = close.own[:, first]
-        found.append(fit_anywhere(whole, close.terms, at, rounds=25))
+        found.append(fit(whole, close.terms, at, rounds=25))
     return min(found, key=lambda each: each.rms)
 
 
@@ -131,48 +133,6 @@ def drop_lines(found: Found[tuple[str, tuple[str, ...]], Drop]) -> list[str]:
     return table(head, *rows)
 
 
-class Condition(NamedTuple):
-    """Under what a drop was recorded."""
-
-    temperature: tuple[float, float]
-    """At its beginning and end [°C]"""
-    supply: float
-    """Mean [V]"""
-    begin: float
-    """Angle at its beginning [rad]"""
-    fastest: float
-    """[rad/s]"""
-
-
-def condition(name: str) -> Condition:
-    """Look at a drop."""
-    rows = columns(name)
-    free = rows["torque_enabled"] == 0.0
-    warm = rows["temperature_c"][free]
-    return Condition(
-        (float(warm[0]), float(warm[-1])),
-        float(rows["supply_v"][free].mean()),
-        float(rows["position_rad"][free][0]),
-        float(np.abs(rows["velocity_rad_s"][free]).max()),
-    )
-
-
-def condition_lines(found: Found[str, Condition]) -> list[str]:
-    """The table of conditions."""
-    rows = [
-        [
-            name.split("_")[0],
-            f"{row.temperature[0]:.0f} to {row.temperature[1]:.0f}",
-            f"{row.supply:.2f}",
-            f"{row.begin:.2f}",
-            f"{row.fastest:.1f}",
-        ]
-        for name, row in found
-    ]
-    head = ["drop", "temperature [°C]", "supply [V]", "let go at [rad]", "fastest [rad/s]"]
-    return table(head, *rows)
-
-
 class Left(NamedTuple):
     """Residuals of recordings in position mode."""
 
@@ -204,9 +164,7 @@ def out_of(name: str) -> dict[str, Left]:
         if found:
             starts.append((start_with(model, begun), None))
         for start, own in starts:
-            near = fit(pieces, start, own, rounds=15)
-            again = fit_anywhere(pieces, near.terms, near.own, rounds=12)
-            shots += [near, again]
+            shots.append(fit(pieces, start, own, rounds=25))
         shot = min(shots, key=lambda each: each.rms)
         terms, at = shot.terms, shot.own
         left = error_of(rest, predicted(rest, shot.names, shot.values))
@@ -243,11 +201,11 @@ def checked(case: tuple[str, int]) -> Check:
     found = identify_record(record_of(motion.columns), motion.pendulum)
     off, wide = {}, {}
     for name, true in motion.truth.items():
-        each = getattr(found, name)
+        each = found.known.get(name)
         if each is not None:
             off[name] = (each.value - true) / each.stderr
             wide[name] = each.stderr / true
-    return Check(off, wide, found.friction_model)
+    return Check(off, wide, found.chosen)
 
 
 KINDS = ("free swing", "known torque", "free swing, Stribeck")
@@ -280,21 +238,9 @@ def check_lines(found: Found[tuple[str, int], Check]) -> list[str]:
     return table(head, *rows)
 
 
-def model_lines(_found: Found[str, str]) -> list[str]:
-    """The list of models."""
-    rows = [*MEANING.items(), *((name, text) for name, (_, text) in EXTRA.items())]
-    return table(["name", "friction"], *rows)
-
-
-def _same(name: str) -> str:
-    return name
-
-
 STUDY = Study(
     "evidence/recordings.md",
     (
-        Part("models", lambda _given: ["all"], _same, model_lines),
-        Part("conditions", lambda _given: DROPS, condition, condition_lines),
         Part("drops", _cases, dropped, drop_lines, case_s=10.0),
         Part(
             "driven",

@@ -60,9 +60,9 @@ def test_an_error_is_an_object(
 
 
 def test_a_number_out_of_range_is_named_with_the_range(cli: Cli) -> None:
-    found = failed(cli, "sweep", "simulated", "--repeats=x")
-    assert found["field"] == "--repeats"
-    assert found["error"] == "--repeats: found x, wanted a whole number from 1, up to 100"
+    found = failed(cli, "sweep", "simulated", "--workers=x")
+    assert found["field"] == "--workers"
+    assert found["error"] == "--workers: found x, wanted a whole number from 1"
 
 
 def test_a_trip_that_ends_an_experiment_is_one_too(

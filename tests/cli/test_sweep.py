@@ -23,7 +23,7 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 PNG = b"\x89PNG\r\n\x1a\n"
 PLANT = ("--set", "loop.clock=simulated", "--set", "servo.coulomb=0", "--set",
          "servo.counts_per_rev=0", "--set", "servo.torque_step=0")  # fmt: skip
-POINTS = ("--virtual-damping=0.05,12", "--delay-steps=1,3", "--repeats=1", "--workers=1")
+POINTS = ("--virtual-damping=0.05,12", "--delay-steps=1,3", "--workers=1")
 
 
 @pytest.fixture(scope="module")
@@ -120,3 +120,14 @@ def test_wrong_input_is_named(
     cli: Cli, tmp_path: Path, arguments: tuple[str, ...], words: str
 ) -> None:
     assert words in cli.refused("sweep", "simulated", *PLANT, *arguments, "--out", tmp_path)
+
+
+def test_a_line_that_no_sweep_wrote_is_refused(
+    swept: tuple[Path, dict[str, Any], str], cli: Cli, tmp_path: Path
+) -> None:
+    kept = (swept[0] / "sweep.rows").read_text()
+    wrong: list[Any] = [{}, {"virtual_damping": 0.1}, []]
+    for line in wrong:
+        (tmp_path / "sweep.rows").write_text(f"{kept}{json.dumps(line)}\n")
+        told = cli.refused("sweep", "simulated", *PLANT, *POINTS, "--out", tmp_path)
+        assert "sweep.rows, line 6" in told and "delete that line" in told

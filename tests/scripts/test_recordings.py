@@ -1,17 +1,11 @@
-"""The page on a real servo's recordings is what is computed; synthetic bounds hold the truth."""
+"""A real servo's recordings predict each other; synthetic bounds hold the truth."""
 
 import numpy as np
 import pytest
 
-from haptic_wall.controller.experiments.recorded.choice import error_of, predicted
 from haptic_wall.controller.experiments.recorded.record import pieces_of
-from scripts.recorded_motions import DROPS, drop
-from scripts.studies.recordings import FIRST, KINDS, STUDY, checked, swings
-from tests.scripts.computed import stale
-
-
-def test_the_tables_are_what_is_computed() -> None:
-    assert stale(STUDY, ["models", "conditions"]) == [], "run scripts/study recordings"
+from scripts.recorded_motions import DROPS, drop, error_of, predicted
+from scripts.studies.recordings import FIRST, KINDS, checked, swings
 
 
 def test_the_small_swing_is_predicted_by_the_large_one() -> None:

@@ -26,7 +26,7 @@ from haptic_wall.controller.settings.config import Config
 
 DELAY_STEPS = (0, 5)
 """Inserted periods, in addition to the configured ones, that must be recovered"""
-OPTIONS = Options(kick=None, repeats=1, tolerance=0.02)
+OPTIONS = Options(kick=None, tolerance=0.02)
 _MORE = 3
 """Periods inserted in addition to the configured ones: the fit of the boundary's line needs a
 second delay"""

@@ -15,7 +15,7 @@ from haptic_wall.controller.guard.decision_report import decision_report
 from haptic_wall.controller.guard.delay_parts import SAMPLE_AGE, DelayParts
 from haptic_wall.controller.guard.evaluation import Evaluation
 from haptic_wall.controller.guard.guard import Situation, decide
-from haptic_wall.controller.guard.limits import Found, evaluate
+from haptic_wall.controller.guard.limits import evaluate, least_of
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.schedule import age_bins_ns
 from haptic_wall.controller.guard.types import Decision, GuardSettings, Request
@@ -74,25 +74,19 @@ class GuardQuestion:
         delays = [self.inserted + self.age]
         return decide(asked, self.settings, self.situation, delays, self.inserted)[0]
 
-    def limits(self, damping: FloatArray, capped: bool = True) -> Found:
-        """Return the limits over the virtual damping.
-
-        Args:
-            damping: [N·m·s/rad]
-            capped: By ``guard.damping_cap``, as commanded.
-        """
-        settings = self.settings if capped else replace(self.settings, mode="off")
+    def walls(self, damping: FloatArray) -> Evaluation:
+        """Return the walls over the virtual damping [N·m·s/rad], as it would be commanded."""
         plants = Plants.at_corner(self.situation, np.full(damping.size, self.inserted + self.age))
         request: Request = self.config.request()
-        return evaluate(Evaluation(request, settings, self.situation, plants, asked=damping))
+        return Evaluation(request, self.settings, self.situation, plants, asked=damping)
 
     def best_damping(self) -> float:
         """Return the virtual damping >= 0 with the highest allowed stiffness [N·m·s/rad]."""
-        low, high = 0.0, float(self.limits(np.array([1e12])).damping[0])
+        low, high = 0.0, float(self.walls(np.array([1e12])).damping[0])
         best = 0.0
         for _ in range(_ROUNDS):
             tried = np.linspace(low, high, _POINTS)
-            top = int(np.argmax(self.limits(tried).smallest()))
+            top = int(np.argmax(least_of(evaluate(self.walls(tried)))))
             best = float(tried[top])
             low, high = tried[max(top - 1, 0)], tried[min(top + 1, _POINTS - 1)]
         return best

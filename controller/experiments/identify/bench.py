@@ -130,7 +130,8 @@ class Bench:
     ) -> tuple[Played, Fit]:
         """Execute a program within the reach, and fit the model to its motion.
 
-        A motion is repeated if it was too large, too small, or does not fit.
+        A motion is repeated if it was too large or too small, or, unless the fit is rough, if it
+        does not fit.
 
         Args:
             name: Name of the log.
@@ -170,7 +171,7 @@ class Bench:
             if furthest > bounds.reach:
                 guess, amplitude = self.corrected(fit), _SOFTER * amplitude
                 continue
-            if best is not None or fit.smooth_part(rounding) <= SPOILT * rounding:
+            if rough or best is not None or fit.smooth_part(rounding) <= SPOILT * rounding:
                 return min((best or (played, fit), (played, fit)), key=lambda b: b[1].residual)
             best = (played, fit)
             self._tell(

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from haptic_wall.controller.experiments.identify.bench import Bench
-from haptic_wall.controller.experiments.identify.cruise import cruise_of, cruises, survey
+from haptic_wall.controller.experiments.identify.cruise import cruises
 from haptic_wall.controller.experiments.identify.excitation import Bounds
 from haptic_wall.controller.experiments.identify.fitting import Fit
 from haptic_wall.controller.experiments.identify.mode_fit import (
@@ -99,8 +99,7 @@ def find_mode(
     Returns:
         None: the cruises were too short to tell anything.
     """
-    cruise = cruise_of(fit, bounds, amplitude)
-    phases = cruises(cruise, survey(cruise), bench.corrected(fit), bounds)
+    phases = cruises(fit, bench.corrected(fit), bounds, amplitude)
     played = bench.play("mode", phases)
     rows = played.rows[played.rows["sampled_ns"] > 0]
     spans = []

@@ -53,8 +53,6 @@ class Cruises:
     """From the beginning of each cruise [s], shape (n,)"""
     torque: FloatArray
     """That acts, in steps of a quarter period from the beginning, shape (p, 4 n) [N·m]"""
-    way: FloatArray
-    """1.0 or -1.0, shape (p,)"""
     period: float
     """[s]"""
     decay: float
@@ -79,7 +77,7 @@ def cruises_of(
         decay: Viscous friction over inertia [1/s].
         effects: Dead band and friction by the gear's load are taken from the torque.
     """
-    positions, weights, torques, ways = [], [], [], []
+    positions, weights, torques = [], [], []
     cumulative = np.concatenate([[0.0], np.cumsum(motion.torque[:-1] * np.diff(motion.sent))])
     for begin, end, way in spans:
         kept = (motion.sampled >= begin + _SETTLED_S) & (motion.sampled < end)
@@ -100,20 +98,17 @@ def cruises_of(
         dead = max(effects.dead_band, 0.0)
         torque = torque - np.clip(torque, -dead, dead)
         torques.append(torque - way * max(effects.gear, 0.0) * np.abs(torque))
-        ways.append(way)
     longest = max((len(each) for each in positions), default=0)
 
     def padded(parts: list[FloatArray], length: int) -> FloatArray:
-        if not parts:
-            return np.zeros((0, length))
-        return np.array([np.pad(each, (0, length - each.size)) for each in parts])
+        found = [np.pad(each, (0, length - each.size)) for each in parts]
+        return np.array(found).reshape(-1, length)
 
     return Cruises(
         padded(positions, longest),
         padded(weights, longest),
         period * np.arange(longest, dtype=np.float64),
         padded(torques, _FINE * longest),
-        np.array(ways, np.float64),
         period,
         decay,
     )
@@ -138,14 +133,12 @@ class ModeModel:
         inertia: Inertia of motor and load by other motions, roughly [kg·m²].
 
     Attributes:
-        cruises: See above.
         on_motor: The encoder is on the motor's side.
-        samples: Number of samples that count.
     """
 
     def __init__(self, cruises: Cruises, encoder: str, inertia: float) -> None:
         self._gain = 1.0 / inertia
-        self.cruises = cruises
+        self._cruises = cruises
         self.on_motor = encoder == "motor"
         self._fine = cruises.period / _FINE
         span = cruises.time[-1] if cruises.time.size else 1.0
@@ -153,7 +146,6 @@ class ModeModel:
         self._polynomials = np.polynomial.legendre.legvander(each, _DEGREE)
         self._lagged = {lag: self._torque(lag) for lag in LAGS_S}
         self._rigid = {lag: self._rigid_motion(torque) for lag, torque in self._lagged.items()}
-        self.samples = float(cruises.weights.sum())
 
     def solved(
         self,
@@ -198,7 +190,7 @@ class ModeModel:
     def _torque(self, lag: float) -> FloatArray:
         from scipy.signal import lfilter
 
-        torque = self.cruises.torque
+        torque = self._cruises.torque
         if lag == 0.0:
             return torque
         kept = math.exp(-self._fine / lag)
@@ -212,7 +204,7 @@ class ModeModel:
         """Return position and speed at the samples, per 1 / J."""
         from scipy.signal import lfilter
 
-        h, decay = self._fine, max(self.cruises.decay, 1e-3)
+        h, decay = self._fine, max(self._cruises.decay, 1e-3)
         kept = math.exp(-decay * h)
         phi = (1.0 - kept) / decay
         psi = (h - phi) / decay
@@ -239,12 +231,12 @@ class ModeModel:
             plain: FloatArray = np.asarray(self._polynomials, np.float64)
             return plain
         rate, _ = _pole(hertz, ratio)
-        free: ComplexArray = np.exp(rate * self.cruises.time)
+        free: ComplexArray = np.exp(rate * self._cruises.time)
         return np.column_stack([self._polynomials, free.real, free.imag])
 
     def _least_squares(self, nuisance: FloatArray, shared: list[FloatArray]) -> Solved:
-        weights = self.cruises.weights[:, :, None]
-        lines = np.stack([self.cruises.position, *shared], axis=2)  # p, n, r
+        weights = self._cruises.weights[:, :, None]
+        lines = np.stack([self._cruises.position, *shared], axis=2)  # p, n, r
         weighted = weights * nuisance  # p, n, q
         gram = np.swapaxes(weighted, 1, 2) @ nuisance
         scale = np.trace(gram, axis1=1, axis2=2) / gram.shape[1] + _NOTHING

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from haptic_wall.controller.experiments.estimated import Estimated
 from haptic_wall.controller.experiments.identify.motion import Motion
 from haptic_wall.controller.experiments.identify.standard_errors import standard_covariance
-from haptic_wall.controller.experiments.recorded.choice import Judged, judged
+from haptic_wall.controller.experiments.recorded.choice import PIECE_S, Judged, judged
 from haptic_wall.controller.experiments.recorded.friction import (
     LONGEST_DELAY_S,
     MEANING,
@@ -23,24 +23,18 @@ from haptic_wall.controller.experiments.recorded.record import (
     pieces_of,
     row_interval,
 )
-from haptic_wall.controller.experiments.recorded.shooting import (
-    Shot,
-    first_terms,
-    fit,
-    fit_anywhere,
-)
+from haptic_wall.controller.experiments.recorded.shooting import Shot, first_terms, fit
 from haptic_wall.controller.theory.checks import FloatArray
 
 GRAVITY = 9.80665
 ARM_SHARE, ARM_SHARE_STDERR = 0.04, 0.04
 """Mass of a pendulum's arm over that of its weight: mean and standard error. Rhoban's arm of 0.1 m
 has 0.036 kg, for weights around 0.5 kg."""
-SPREAD: Mapping[str, float] = {"inertia": 0.007, "damping": 0.35, "coulomb": 0.08}
-"""Relative standard deviation of the values from swing to swing of one servo; that of the inertia
-counts all that turns. Source: docs/evidence/recordings.md"""
+SPREAD: Mapping[str, float] = {"inertia_total": 0.007, "damping": 0.35, "coulomb": 0.08}
+"""Relative standard deviation of the values from swing to swing of one servo. Source:
+docs/evidence/recordings.md"""
 FEW = 4
 """With fewer stretches than this the record does not show that spread itself"""
-_SHORT_S = 0.5
 _CORRELATED_S = 0.25
 """Correlation time of the errors of a swing [s]: what a friction model lacks lasts for a part of it
 """
@@ -50,7 +44,7 @@ _EXPLAINED = 1.2
 """Multiple of the rounding's residual up to which no richer friction is looked for"""
 _MUCH_LEFT = 4.0
 """Multiple of the rounding's residual from which something else moves the shaft"""
-_UNSCALED = frozenset({"delay", "gear", "fading"})
+_UNSCALED = ("delay", "gear", "fading")
 """Parameters that are the same per inertia"""
 
 
@@ -74,36 +68,40 @@ class Pendulum:
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """The estimates from a record; None: the record does not determine the value."""
+    """The estimates from a record."""
 
-    inertia: Estimated | None
-    """Inertia of the servo, without a given pendulum [kg·m²]"""
-    damping: Estimated | None
-    """[N·m·s/rad]"""
-    coulomb: Estimated | None
-    """[N·m]"""
-    delay: Estimated | None
-    """[s]"""
-    torque_gain: Estimated | None
-    torque_constant: Estimated | None
-    """Torque for each ampere recorded [N·m/A]"""
-    inertia_total: Estimated | None
-    """Inertia of all that turns [kg·m²]"""
-    hanging: Estimated | None
-    """Angle at which the load hangs [rad]"""
-    friction_model: str | None
-    friction: Mapping[str, Estimated]
-    """Further parameters of that model"""
+    known: Mapping[str, Estimated]
+    """What the record determines, in SI units: ``inertia`` of the servo without a given pendulum,
+    ``inertia_total`` of all that turns, ``damping``, ``coulomb``, ``delay``, ``torque_gain``,
+    ``torque_constant`` for each recorded ampere, ``hanging`` (angle at which the load hangs), and
+    further parameters of the friction model"""
     models: tuple[Judged, ...]
-    residual: float | None
-    """Root mean square of what is left [rad]"""
+    """Friction models that were tried"""
+    chosen: str | None
+    """Name of the model that was chosen"""
+    shot: Shot | None
+    """The fit; None: nothing can be determined"""
+    stretches: tuple[Motion, ...]
+    """What was fitted"""
     step: float
     """Encoder step [rad]; 0: none"""
-    seconds: float
-    """Length of what was fitted [s]"""
-    stretches: tuple[Motion, ...]
-    shot: Shot | None
     notes: tuple[str, ...]
+
+    @property
+    def friction(self) -> dict[str, Estimated]:
+        """Return the parameters of the friction model beside damping and Coulomb friction."""
+        terms = MODELS[self.chosen][2:] if self.chosen else ()
+        return {term.name: self.known[term.name] for term in terms if term.name in self.known}
+
+    @property
+    def residual(self) -> float | None:
+        """Return the root mean square of what is left [rad]."""
+        return None if self.shot is None else self.shot.rms
+
+    @property
+    def seconds(self) -> float:
+        """Return the length of what was fitted [s]."""
+        return float(sum(each.sampled[-1] - each.sampled[0] for each in self.stretches))
 
 
 def identify_record(record: Record, pendulum: Pendulum | None = None) -> Recorded:
@@ -113,49 +111,46 @@ def identify_record(record: Record, pendulum: Pendulum | None = None) -> Recorde
         record: The motion.
         pendulum: Pendulum on the shaft; None: not known.
     """
-    notes = list(record.notes)
-    if not record.stretches or is_too_slow(record):
-        notes.append(_why_nothing(record))
-        return _nothing(record, notes)
-    driven = any(stretch.driven for stretch in record.stretches)
-    first = _first_fit(record, weighed=pendulum is not None or not driven)
-    explained = first.rms <= _explained(record)
-    models, best = judged(record.stretches, first, ("M1",) if explained else tuple(MODELS))
-    whole, _ = pieces_of(record.stretches)
-    shot = first
-    name = next(each.name for each in models if each.chosen)
-    if name != "M1":
-        shot = fit_anywhere(whole, best, rounds=15)
-    interval = float(np.median(np.diff(whole.motion.sampled)))
-    spread = standard_covariance(shot.linear, interval, _CORRELATED_S)
-    return _told(record, pendulum, shot, spread, name, models, notes)
+    stretches = record.stretches
+    if not stretches or is_too_slow(record):
+        nothing = (*record.notes, _why_nothing(record))
+        return Recorded({}, (), None, None, (), record.step, nothing)
+    driven = any(stretch.driven for stretch in stretches)
+    pieces, _ = pieces_of(stretches, PIECE_S, PIECE_S)
+    whole, _ = pieces_of(stretches)
 
+    def fitted(weight: bool) -> tuple[Shot, Shot]:
+        near = fit(pieces, first_terms(stretches, weight=weight), rounds=20)
+        return near, fit(whole, near.terms, rounds=20)
 
-def _first_fit(record: Record, *, weighed: bool) -> Shot:
-    """Return the fit with Coulomb and viscous friction."""
-    short, of = pieces_of(record.stretches, _SHORT_S, _SHORT_S)
-    whole, _ = pieces_of(record.stretches)
-    firsts = np.unique(of, return_index=True)[1]
-
-    def fitted(weight: bool) -> Shot:
-        near = fit(short, first_terms(record.stretches, weight=weight), rounds=15)
-        at = None
-        if len(whole.sampled) == firsts.size:
-            at = near.own[:, firsts]
-        return fit_anywhere(whole, near.terms, at, rounds=20, enough=_explained(record))
-
-    with_weight = fitted(True)
-    if weighed:
-        return with_weight
-    without = fitted(False)
-    if with_weight.rms**2 < _WEIGHED * without.rms**2:
-        return with_weight
-    return without
-
-
-def _explained(record: Record) -> float:
-    """Return the residual that rounding explains [rad]."""
-    return _EXPLAINED * record.step / math.sqrt(12.0)
+    near, shot = fitted(True)
+    if pendulum is None and driven:
+        others = fitted(False)
+        if shot.rms**2 >= _WEIGHED * others[1].rms ** 2:
+            near, shot = others
+    chosen = Judged("M1", near)
+    models: tuple[Judged, ...] = (chosen,)
+    if shot.rms > _EXPLAINED * record.step / math.sqrt(12.0):
+        begun = first_terms(stretches, weight="sine" in near.terms)
+        chosen, models = judged(pieces, near, begun)
+        again = fit(whole, chosen.shot.terms, rounds=20)
+        shot = again if chosen.name != "M1" or again.rms < shot.rms else shot
+    few = len(stretches) < FEW and not (driven and len(shot.pieces.sampled) >= FEW)
+    scale = _Scale(shot.names, record.unit if driven else None, pendulum)
+    known = _known(scale, shot, few)
+    notes = [*record.notes, *_notes(scale, shot, chosen.name, record.step, few)]
+    inertia = known.get("inertia")
+    if inertia is not None and 2.0 * inertia.stderr >= inertia.value:
+        notes.append(
+            f"the servo's own inertia cannot be determined: {inertia.value:.2g} kg·m² with a"
+            f" standard error of {inertia.stderr:.2g}"
+            + ("" if pendulum is None else "; check the pendulum's mass and length")
+        )
+        del known["inertia"]
+    if driven and shot.terms["gain"] <= 0.0:
+        notes.append("the torque acts against its sign: check the sign of its column")
+        known = {name: each for name, each in known.items() if name == "hanging"}
+    return Recorded(known, models, chosen.name, shot, stretches, record.step, tuple(notes))
 
 
 def _why_nothing(record: Record) -> str:
@@ -171,198 +166,105 @@ def _why_nothing(record: Record) -> str:
     )
 
 
-def _nothing(record: Record, notes: list[str]) -> Recorded:
-    return Recorded(*(None,) * 9, {}, (), None, record.step, 0.0, (), None, tuple(notes))
-
-
 @dataclass(frozen=True, slots=True)
 class _Scale:
     """From values per inertia to SI units."""
 
-    record: Record
-    pendulum: Pendulum | None
     names: tuple[str, ...]
-    driven: bool
+    """Of the values"""
+    unit: str | None
+    """Unit of the recorded torque; None: the motor is off"""
+    pendulum: Pendulum | None
 
-    def total(self, values: FloatArray, arm: float) -> float | None:
-        """Return the inertia of all that turns [kg·m²]; None: not known."""
-        terms = self._terms(values)
-        if self.pendulum is not None:
-            pull = math.hypot(terms.get("sine", 0.0), terms.get("cosine", 0.0))
-            return self.pendulum.weight(arm) / pull if pull > 0.0 else None
-        if self.driven and self.record.unit == "N·m" and terms["gain"] > 0.0:
-            return 1.0 / terms["gain"]
-        return None
-
-    def value(self, name: str, values: FloatArray, arm: float) -> float:
-        """Return one quantity in SI units; NaN: not known."""
-        terms = self._terms(values)
-        if name == "hanging":
-            return math.atan2(-terms.get("cosine", 0.0), terms.get("sine", 0.0))
-        if name in _UNSCALED:
-            return terms.get(name, math.nan)
-        total = self.total(values, arm)
-        if total is None:
-            return math.nan
-        if name == "inertia_total":
-            return total
-        if name == "inertia":
-            return total - (0.0 if self.pendulum is None else self.pendulum.inertia(arm))
-        return terms.get(name, math.nan) * total
-
-    def _terms(self, values: FloatArray) -> dict[str, float]:
-        return {name: float(value) for name, value in zip(self.names, values, strict=True)}
-
-    def estimated(self, name: str, shot: Shot, spread: FloatArray, more: float) -> Estimated | None:
-        """Return one quantity with its standard error; None: not known.
-
-        Args:
-            name: Name of the quantity.
-            shot: The fit.
-            spread: Covariance of its parameters.
-            more: A further, independent standard error, relative to the value (that of the
-                inertia to the inertia of all that turns).
-        """
-        arm = ARM_SHARE
-        value = self.value(name, shot.values, arm)
-        if not math.isfinite(value):
-            return None
-        gradient = np.empty(shot.values.size)
-        for at, each in enumerate(shot.values):
-            small = 1e-5 * max(abs(float(each)), 1e-3)
-            sides = [shot.values.copy() for _ in range(2)]
-            sides[0][at] += small
-            sides[1][at] -= small
-            up, down = (self.value(name, side, arm) for side in sides)
-            gradient[at] = (up - down) / (2.0 * small)
-        error = math.sqrt(max(float(gradient @ spread @ gradient), 0.0))
-        of_arm = self.value(name, shot.values, arm + ARM_SHARE_STDERR) - value
-        size = self.value("inertia_total", shot.values, arm) if name == "inertia" else value
-        return Estimated(value, math.sqrt(error**2 + of_arm**2 + (more * size) ** 2))
-
-
-def _told(
-    record: Record,
-    pendulum: Pendulum | None,
-    shot: Shot,
-    spread: FloatArray,
-    name: str,
-    models: tuple[Judged, ...],
-    notes: list[str],
-) -> Recorded:
-    driven = any(stretch.driven for stretch in record.stretches)
-    scale = _Scale(record, pendulum, shot.names, driven)
-    few = len(record.stretches) < FEW and not (driven and len(shot.pieces.sampled) >= FEW)
-
-    def found(quantity: str) -> Estimated | None:
-        more = SPREAD.get(quantity.removesuffix("_total"), 0.0) if few else 0.0
-        return scale.estimated(quantity, shot, spread, more)
-
-    known = {each: found(each) for each in ("inertia", "damping", "coulomb", "inertia_total")}
-    hanging = found("hanging") if "sine" in shot.names else None
-    delay, gain, constant = None, None, None
-    terms = shot.terms
-    if driven:
-        delay = found("delay")
-        gain = found("gain") if pendulum is not None else None
-        if record.unit == "A":
-            gain, constant = None, gain
-    inertia = known["inertia"]
-    if inertia is not None and 2.0 * inertia.stderr >= inertia.value:
-        notes.append(
-            f"the servo's own inertia cannot be determined: {inertia.value:.2g} kg·m² with a"
-            f" standard error of {inertia.stderr:.2g}"
-            + ("" if pendulum is None else "; check the pendulum's mass and length")
-        )
-        known["inertia"] = None
-    notes += _notes(record, pendulum, shot, models, driven=driven, few=few)
-    if driven and terms["gain"] <= 0.0:
-        notes.append("the torque acts against its sign: check the sign of its column")
-        known = dict.fromkeys(known)
-        gain = constant = delay = None
-    more = {}
-    for term in MODELS[name][2:]:
-        each = found(term.name)
-        if each is not None:
-            more[term.name] = each
-    return Recorded(
-        known["inertia"],
-        known["damping"],
-        known["coulomb"],
-        delay,
-        gain,
-        constant,
-        known["inertia_total"],
-        hanging,
-        name,
-        more,
-        models,
-        shot.rms,
-        record.step,
-        float(sum(each.sampled[-1] - each.sampled[0] for each in record.stretches)),
-        record.stretches,
-        shot,
-        tuple(notes),
-    )
-
-
-def _notes(
-    record: Record,
-    pendulum: Pendulum | None,
-    shot: Shot,
-    models: tuple[Judged, ...],
-    *,
-    driven: bool,
-    few: bool,
-) -> list[str]:
-    """Return notes on values that the record does not determine, with the reason."""
-    notes = []
-    terms = shot.terms
-    name = next(each.name for each in models if each.chosen)
-    if not driven:
-        notes.append(
-            "the motor is off in all fitted parts: delay and torque gain cannot be determined"
-        )
-        if pendulum is None:
-            notes.append(
-                "without torque or a known pendulum there is no scale: inertia, damping and Coulomb"
-                " friction cannot be determined, only damping / inertia ="
-                f" {terms['damping']:.3g} 1/s and Coulomb friction / inertia ="
-                f" {terms['coulomb']:.3g} rad/s²"
-            )
-    elif pendulum is None:
-        if record.unit == "N·m":
-            notes.append(
-                "without a known pendulum the torque gain cannot be determined: all values are in"
-                " the unit of the recorded torque"
-            )
+    def quantities(self, values: FloatArray, arm: float) -> dict[str, float]:
+        """Return all that is known, in SI units, for values of shape (names,)."""
+        terms = dict(zip(self.names, values.tolist(), strict=True))
+        found = {name: terms[name] for name in _UNSCALED if name in terms}
+        sine, cosine, gain = (terms.pop(name, 0.0) for name in ("sine", "cosine", "gain"))
+        pull, own = math.hypot(sine, cosine), 0.0
+        if "sine" in self.names:
+            found["hanging"] = math.atan2(-cosine, sine)
+        if self.pendulum is not None and pull > 0.0:
+            own, total = self.pendulum.inertia(arm), self.pendulum.weight(arm) / pull
+            if self.unit is not None:
+                found["torque_constant" if self.unit == "A" else "torque_gain"] = gain * total
+        elif self.pendulum is None and self.unit == "N·m" and gain > 0.0:
+            total = 1.0 / gain
         else:
-            notes.append(
-                "without a known pendulum a current has no scale: inertia, damping and Coulomb"
-                " friction cannot be determined"
-            )
-    if pendulum is not None:
-        notes.append(
+            return found
+        scaled = {name: total * each for name, each in terms.items() if name not in _UNSCALED}
+        return {**found, **scaled, "inertia": total - own, "inertia_total": total}
+
+
+def _known(scale: _Scale, shot: Shot, few: bool) -> dict[str, Estimated]:
+    """Return all quantities that are known, with their standard errors.
+
+    Args:
+        scale: Has the pendulum, whose arm is uncertain too.
+        shot: The fit.
+        few: The spread from swing to swing is added.
+    """
+    interval = float(np.median(np.diff(shot.pieces.motion.sampled)))
+    count = shot.values.size
+    covariance = np.zeros((count + 1, count + 1))
+    covariance[:count, :count] = standard_covariance(shot.linear, interval, _CORRELATED_S)
+    covariance[count, count] = ARM_SHARE_STDERR**2
+    at = np.append(shot.values, ARM_SHARE)
+    steps = 1e-5 * np.maximum(np.abs(at), 1e-3)
+    here = scale.quantities(shot.values, ARM_SHARE)
+    slopes = {name: np.zeros(count + 1) for name in here}
+    for n, step in enumerate(steps):
+        up, down = (at + side * step * (np.arange(count + 1) == n) for side in (1.0, -1.0))
+        more, less = (scale.quantities(each[:-1], float(each[-1])) for each in (up, down))
+        for name, slope in slopes.items():
+            slope[n] = (more.get(name, math.nan) - less.get(name, math.nan)) / (2.0 * step)
+    found = {}
+    for name, slope in slopes.items():
+        # Of the inertia counts the spread of all that turns.
+        of = "inertia_total" if name == "inertia" else name
+        spread = SPREAD.get(of, 0.0) * here[of] if few else 0.0
+        variance = max(float(slope @ covariance @ slope), 0.0) + spread**2
+        found[name] = Estimated(here[name], math.sqrt(variance))
+    return found
+
+
+def _notes(scale: _Scale, shot: Shot, model: str, step: float, few: bool) -> Iterator[str]:
+    """Yield notes on values that the record does not determine, with the reason."""
+    terms, unscaled = shot.terms, "inertia, damping and Coulomb friction cannot be determined"
+    if scale.unit is None:
+        yield "the motor is off in all fitted parts: delay and torque gain cannot be determined"
+    if scale.pendulum is not None:
+        yield (
             f"the arm's own mass is assumed to be {100 * ARM_SHARE:.0f} ±"
             f" {100 * ARM_SHARE_STDERR:.0f} % of the pendulum's"
         )
-    if few:
-        shares = ", ".join(
-            f"{100 * share:g} % of the {'whole inertia' if each == 'inertia' else each}"
-            for each, share in SPREAD.items()
+    elif scale.unit is None:
+        yield (
+            f"without torque or a known pendulum there is no scale: {unscaled}, only damping /"
+            f" inertia = {terms['damping']:.3g} 1/s and Coulomb friction / inertia ="
+            f" {terms['coulomb']:.3g} rad/s²"
         )
-        notes.append(
+    elif scale.unit == "N·m":
+        yield (
+            "without a known pendulum the torque gain cannot be determined: all values are in the"
+            " unit of the recorded torque"
+        )
+    else:
+        yield f"without a known pendulum a current has no scale: {unscaled}"
+    if few:
+        words = {"inertia_total": "whole inertia", "coulomb": "Coulomb friction"}
+        shares = ", ".join(
+            f"{100 * share:g} % of the {words.get(name, name)}" for name, share in SPREAD.items()
+        )
+        yield (
             f"there are too few swings to measure the variation between them: {shares} are added"
             " to the standard errors, as measured on an XL330"
         )
-    if models[0].predicted is None and len(models) > 1:
-        notes.append("the record is too short to decide which friction model predicts better")
-    rounding = record.step / math.sqrt(12.0)
-    if rounding > 0.0 and shot.rms > _MUCH_LEFT * rounding:
-        notes.append(
+    rounding = step / math.sqrt(12.0)
+    if 0.0 < _MUCH_LEFT * rounding < shot.rms:
+        yield (
             f"the residual is {1e3 * shot.rms:.2g} mrad rms, of which rounding explains"
-            f" {1e3 * rounding:.2g} mrad: {MEANING[name]} do not explain all"
+            f" {1e3 * rounding:.2g} mrad: {MEANING[model]} do not explain all"
         )
-    if driven and terms["delay"] >= 0.98 * LONGEST_DELAY_S:
-        notes.append(f"the delay is {LONGEST_DELAY_S:g} s or more: it cannot be determined")
-    return notes
+    if terms.get("delay", 0.0) >= 0.98 * LONGEST_DELAY_S:
+        yield f"the delay is {LONGEST_DELAY_S:g} s or more: it cannot be determined"

@@ -27,8 +27,6 @@ class Term:
     """Least size for its numerical derivative"""
     most: float = np.inf
     least: float = 0.0
-    spread: float = 0.5
-    """Relative spread of the starts that are drawn around one"""
 
 
 COULOMB = Term("coulomb", "N·m", 1.0, 0.2, 1e4)
@@ -39,10 +37,10 @@ LOAD = Term("gear", "", 0.03, 0.02, 0.9)
 LONGEST_DELAY_S = 0.1
 _OTHERS = (
     Term("drag", "N·m·s²/rad²", 0.02, 0.05, 1e3),
-    Term("sine", "N·m", 1.0, 1.0, least=-np.inf, spread=0.02),
-    Term("cosine", "N·m", 1.0, 1.0, least=-np.inf, spread=0.3),
-    Term("gain", "", 1.0, 1.0, least=-np.inf, spread=0.05),
-    Term("delay", "s", 5e-4, 1e-3, LONGEST_DELAY_S, spread=0.2),
+    Term("sine", "N·m", 1.0, 1.0, least=-np.inf),
+    Term("cosine", "N·m", 1.0, 1.0, least=-np.inf),
+    Term("gain", "", 1.0, 1.0, least=-np.inf),
+    Term("delay", "s", 5e-4, 1e-3, LONGEST_DELAY_S),
 )
 
 MODELS: dict[str, tuple[Term, ...]] = {

@@ -41,7 +41,7 @@ _FEWEST = 8
 """Least number of steps of a piece"""
 _STEP_S, _BEFORE_S = 0.0085, 1e-6
 """Longest step of the simulation [s]; from the end of a stretch until its torque ceases [s]"""
-DRIVEN_S, FREE_S = 2.0, 12.0
+DRIVEN_S, FREE_S = 1.0, 12.0
 """Longest piece that is moved in one go [s]"""
 MOST_PIECES = 80
 _MOST_TOLD = 5

@@ -20,8 +20,6 @@ from haptic_wall.controller.experiments.recorded.friction import GAUSSIAN, TERMS
 from haptic_wall.controller.theory.checks import FloatArray
 
 _ROUNDS = 40
-_TRIES, _REFINED, _AT_ONCE = 48, 2, 8
-"""Number of starts that are drawn, of those that a fit begins at, and of those moved at once"""
 _SMOOTHED_S, _DELAYS_S = 0.07, (0.0, 0.002, 0.005, 0.01, 0.02, 0.04)
 """For the first start: window of the smoothing, and delays of the torque [s]"""
 _BEGINNING_S = 0.05
@@ -111,56 +109,3 @@ def fit(
     model = model_of(pieces, start)
     values, own = model.fitted(beginnings(pieces) if own is None else own, rounds=rounds)
     return Shot(model.names, values, own, model.linear(values, own), pieces)
-
-
-def fit_anywhere(
-    pieces: Pieces,
-    start: Mapping[str, float],
-    own: FloatArray | None = None,
-    rounds: int = _ROUNDS,
-    enough: float = 0.0,
-) -> Shot:
-    """Fit as ``fit``, from the best of starts that are drawn around the given one.
-
-    A long swing has several minima of its squares: the shaft comes to rest one half-cycle earlier
-    or later.
-
-    Args:
-        pieces: The record.
-        start: As ``fit``.
-        own: As ``fit``.
-        rounds: Largest number of rounds of each.
-        enough: Residual at which no further start is tried [rad].
-    """
-    names = tuple(start)
-    values = np.array([start[name] for name in names])
-    random = np.random.default_rng(1)
-    spread = np.array([TERMS[name].spread for name in names])
-    drawn = values * np.exp(spread * random.standard_normal((_TRIES, values.size)))
-    away = np.array([0.3 * TERMS[name].size if v == 0.0 else 0.0 for name, v in start.items()])
-    drawn += away * np.abs(random.standard_normal(drawn.shape))
-    drawn[0] = values
-    model = model_of(pieces, start)
-    drawn = np.clip(drawn, model.low, model.high)
-    own = beginnings(pieces) if own is None else own
-    tried = np.array_split(drawn, math.ceil(_TRIES / _AT_ONCE))
-    costs = np.concatenate([_costs(model, each, own) for each in tried])
-    order = np.argsort(np.where(np.isfinite(costs), costs, np.inf))
-    chosen = [0, *(at for at in order.tolist() if at != 0)][: _REFINED + 1]
-    if order[0] != 0:
-        chosen = chosen[1:] if costs[chosen[1]] < 0.5 * costs[0] else chosen[:_REFINED]
-    found: list[Shot] = []
-    for each in chosen:
-        begun = dict(zip(names, drawn[each].tolist(), strict=True))
-        found.append(fit(pieces, begun, own, rounds=rounds))
-        if found[-1].rms <= enough:
-            break
-    return min(found, key=lambda shot: shot.rms)
-
-
-def _costs(model: OutputError, values: FloatArray, own: FloatArray) -> FloatArray:
-    left = model.left(values, np.tile(own[:, None], (1, len(values), 1)))
-    left = np.where(model.pieces.held, left, 0.0)
-    with np.errstate(over="ignore", invalid="ignore"):
-        squares: FloatArray = np.einsum("vpr,vpr->v", left, left)
-    return squares

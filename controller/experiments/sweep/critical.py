@@ -45,9 +45,7 @@ _BACK = 0.6
 """Factor on a stiffness that tripped, for the next start"""
 _SOFTEST = 1e-2
 """Lower end of the search, in predicted stiffnesses"""
-_BATCHES = 12
-_REPEATS = 6
-"""Further batches of trials that bus or machine disturbed"""
+_BATCHES = 14
 _TRIPS = 3
 """Number of trips by overspeed or oscillation that end a point; other trips end the search"""
 _MOST_OFFSET = 2.0
@@ -76,7 +74,7 @@ class PointSearch:
     Args:
         bed: The servo.
         setting: The point.
-        options: Kick, repeats, tolerance.
+        options: Kick and tolerance.
         tell: Called with each trial.
     """
 
@@ -92,7 +90,7 @@ class PointSearch:
         self._longest_age = sample_age(bed.config)
         self._ages: list[float] = []
         self._cap = math.inf
-        self._too_stiff = self._lost = self._repeat = 0
+        self._too_stiff = self._lost = self._made = 0
         self.result = PointResult(
             setting.virtual_damping, setting.delay_steps, 0.0, 0.0, 0.0, options.kick
         )
@@ -143,7 +141,6 @@ class PointSearch:
         self._reach = reach(self._device, self._setting, self.result.delay_s, kick)
         self._kick = self.result.kick_rad = self._reach.kick
         self._trials = Trials(self._kick)
-        self._again: list[_Asked] = []
         self._offset = {1.0: 0.0, -1.0: 0.0}
 
     def _may_be_smaller(self) -> bool:
@@ -156,42 +153,38 @@ class PointSearch:
     def _search(self) -> Balance | None:
         """Return the balance of one kick; None: its trials do not tell it."""
         trials, options = self._trials, self._options
-        fine = idle = repeats = 0
-        for number in range(_BATCHES + _REPEATS):
+        fine = idle = 0
+        for _ in range(_BATCHES):
             found = trials.estimate()
-            if number - repeats == _BATCHES or idle == _IDLE:
+            if idle == _IDLE:
                 break
             if trials.is_narrow if found is None else is_enough(found, fine, options.tolerance):
                 break
-            near = is_close(found)
-            if self._again and repeats < _REPEATS:
-                batch, near = self._again, False
-                repeats += 1
-            elif found is not None:
-                batch = self._possible(around(found), options.repeats if near else 1)
+            fine += is_close(found)
+            if found is not None:
+                batch = self._possible(around(found))
             else:
                 first = self._reach.predicted if self._cap == math.inf else _BACK * self._cap
                 batch = self._possible(trials.following(first, min(self._reach.top, self._cap)))
-            fine += near
             usable = trials.usable
             if not batch or not self._play(batch):
                 break
             idle = idle + 1 if trials.usable == usable else 0
         return trials.estimate()
 
-    def _possible(self, wanted: Sequence[float], repeats: int = 1) -> list[_Asked]:
-        """Return trials at the stiffnesses within reach, softest first, each once or repeated.
+    def _possible(self, wanted: Sequence[float]) -> list[_Asked]:
+        """Return trials at the stiffnesses within reach, softest first.
 
         They are on alternating sides, at slightly different places.
         """
         lowest, highest = _SOFTEST * self._reach.predicted, min(self._reach.top, self._cap)
         step = max(self._device.position_step, 0.02 * self._kick)
         asked = []
-        for stiffness in sorted({k for k in wanted if lowest <= k <= highest}) * repeats:
-            self._repeat += 1
+        for stiffness in sorted({k for k in wanted if lowest <= k <= highest}):
+            self._made += 1
             # The golden ratio spreads any number of places evenly.
-            dither = (self._repeat * 0.618034) % 1.0 - 0.5
-            sign = 1.0 if self._repeat % 2 else -1.0
+            dither = (self._made * 0.618034) % 1.0 - 0.5
+            sign = 1.0 if self._made % 2 else -1.0
             asked.append(_Asked(stiffness, sign, self._kick + dither * step))
         return asked
 
@@ -233,12 +226,9 @@ class PointSearch:
             rows = rows[:0] if error.fault else rows
         over = int(rows["phase"][-1]) if rows.size else -1
         missed: dict[float, list[float]] = {1.0: [], -1.0: []}
-        self._again = []
         for n, asked in enumerate(batch):
             phase = 2 * n + 1
             if phase > over or (tripped is not None and phase == over):
-                if tripped is not None and tripped.passing:
-                    self._again += batch[n:]
                 break
             seen = watch(rows, phase, phases[phase], self._device, kick)
             if seen is not None:
@@ -277,7 +267,6 @@ class PointSearch:
         low, high = _STARTED
         if low * asked.aim <= start <= high * asked.aim:
             if seen.disturbed:
-                self._again.append(asked)
                 self.result.disturbed += 1
             else:
                 self._trials.made.append(seen.trial)
@@ -297,7 +286,6 @@ class PointSearch:
             result.kick_rad, result.larger_grows = found.amplitude, found.larger_grows
             if result.exact > 0.0:
                 result.predicted_with_friction = device.sustained(damping, delay, found.amplitude)
-                result.onset_rad = device.onset(damping, delay, found.stiffness, found.amplitude)
             if not found.low <= found.stiffness <= found.high:
                 result.reason = "extrapolated: on one side of the limit there is no trial"
             elif found.uncertainty > 2.0 * self._options.tolerance * found.stiffness:

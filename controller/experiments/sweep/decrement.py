@@ -46,8 +46,6 @@ class Growth:
     """Logarithm of the ratio of successive amplitudes, shape (n,)"""
     amplitude: FloatArray
     """Geometric mean of the two [rad]"""
-    number: NDArray[np.int64]
-    """Index of its first turning point; neighbours share an amplitude and its error"""
 
 
 def turning_points(time: FloatArray, position: FloatArray, least: float) -> Turns:
@@ -86,7 +84,7 @@ def growth(turns: Turns, sound: NDArray[np.bool_]) -> Growth:
     """
     x = turns.position
     if x.size < 4:
-        return Growth(np.empty(0), np.empty(0), np.empty(0, np.int64))
+        return Growth(np.empty(0), np.empty(0))
     amplitude = 0.5 * np.abs(x[1:-1] - 0.5 * (x[:-2] + x[2:]))
     first = min(int(_SETTLING * x.size), _SETTLED) - 1
     number = np.arange(first, amplitude.size - 1)
@@ -94,7 +92,7 @@ def growth(turns: Turns, sound: NDArray[np.bool_]) -> Growth:
     good &= (amplitude[number] > 0.0) & (amplitude[number + 1] > 0.0)
     number = number[good]
     before, after = amplitude[number], amplitude[number + 1]
-    return Growth(np.log(after / before), np.sqrt(before * after), number)
+    return Growth(np.log(after / before), np.sqrt(before * after))
 
 
 def reversals(position: FloatArray, least: float) -> list[tuple[int, int]]:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from haptic_wall.controller.experiments.holding import torque_limit_of
 from haptic_wall.controller.experiments.linear_loop import LinearLoop
 from haptic_wall.controller.guard.belief import HEAVIEST, Belief
@@ -16,8 +14,6 @@ from haptic_wall.controller.theory.harmonic import Lossy, kick_limit
 
 _ROUNDS = 6
 """Rounds in which the damping of friction and the frequency are found that belong together"""
-_ONSETS = np.geomspace(0.1, 10.0, 17)
-"""Amplitudes that are tried for the onset, over the kick"""
 
 
 def believed_loop(config: Config, inertia: float, damping: float, gain: float) -> LinearLoop:
@@ -132,25 +128,3 @@ class Device:
         loop = virtual_damping, self.period, delay, amplitude, self.loop.samples
         found = kick_limit(servo, *loop)
         return found if math.isfinite(found) else None
-
-    def onset(
-        self, virtual_damping: float, delay: float, stiffness: float, kick: float
-    ) -> float | None:
-        """Return the amplitude that a stiffness sustains [rad], 0: all grow; None: none near.
-
-        Args:
-            virtual_damping: B [N·m·s/rad].
-            delay: Total [s].
-            stiffness: K [N·m/rad].
-            kick: An amplitude near it [rad].
-        """
-        if self.coulomb == 0.0:
-            return 0.0 if stiffness > self.exact(virtual_damping, delay) else None
-        tried = kick * _ONSETS
-        found = [self.sustained(virtual_damping, delay, each) or np.inf for each in tried.tolist()]
-        limits = np.minimum.accumulate(found)[::-1]
-        if not limits[0] <= stiffness <= limits[-1]:
-            return None
-        known = np.isfinite(limits)
-        at = np.interp(math.log(stiffness), np.log(limits[known]), np.log(tried[::-1][known]))
-        return math.exp(float(at))

@@ -46,7 +46,6 @@ class Options:
 
     kick: float | None = None
     """[rad]; None: chosen for each point"""
-    repeats: int = 2
     tolerance: float = 0.005
     """Wanted relative standard error"""
 

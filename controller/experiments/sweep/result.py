@@ -33,11 +33,9 @@ class PointResult:
     larger_grows: bool | None = None
     """At the measured stiffness larger motion grows (true), or dies down to a cycle of about the
     kick (false); None: the trials do not tell"""
-    onset_rad: float | None = None
-    """Onset amplitude at the measured stiffness; None: below the limit nothing grows"""
     trials: int = 0
     disturbed: int = 0
-    """Further trials in which too much was lost to tell growth from decay; they were made again"""
+    """Further trials in which too much was lost to tell growth from decay"""
     reason: str | None = None
     """Why there is no figure, or a remark"""
     trips: list[str] = field(default_factory=list)
@@ -115,7 +113,7 @@ def nothing_text(
         text = "too few undisturbed half-cycles to separate growth from decay"
     if found.disturbed:
         text += (
-            f"; {found.disturbed} trials lost too many readings or periods, and were repeated: end"
-            " other programs on this machine, or see haptic-wall doctor"
+            f"; {found.disturbed} trials lost too many readings or periods: end other programs on"
+            " this machine, or see haptic-wall doctor"
         )
     return text

@@ -6,15 +6,11 @@ run at a time.
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
-
-from pydantic import TypeAdapter
+from typing import Any
 
 from haptic_wall.controller.experiments.kept import Kept
 from haptic_wall.controller.experiments.processes import cores, processes, results
@@ -37,9 +33,8 @@ from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.signals import interrupting
 
-_POINT: Final = TypeAdapter(PointResult)
-_TRIALS = 8, 4
-"""Number of trials of a point: in a typical sweep, and for each repeat more"""
+_TRIALS = 16
+"""Number of trials of a point in a typical sweep"""
 _RUNS, _START_S = 3, 4.0
 """Number of runs of a point, and duration of each without its trials [s]"""
 _SETTLE_S = 1.2
@@ -72,14 +67,8 @@ class Sweep:
         """
 
         def read(line: dict[str, Any]) -> tuple[PlanePoint, PointResult]:
-            point = _POINT.validate_json(json.dumps(line), strict=True)
-            found = PlanePoint(point.virtual_damping, point.delay_steps)
-            figures = (value for value in asdict(point).values() if isinstance(value, float))
-            if found not in self.settings or not all(map(math.isfinite, figures)):
-                raise ValueError(found)
-            if min(point.measured or 0.0, point.uncertainty or 0.0) < 0.0:
-                raise ValueError("no stiffness")
-            return found, point
+            point = PointResult(**line)
+            return PlanePoint(point.virtual_damping, point.delay_steps), point
 
         described = {
             "config": self.config.model_dump(mode="json"),
@@ -162,9 +151,8 @@ def measure(config: str, folder: Path, setting: PlanePoint, options: Options) ->
 def expected_s(config: Config, settings: tuple[PlanePoint, ...], options: Options) -> float:
     """Return the approximate duration of the points in real time [s]."""
     device = Device.of(config)
-    trials = _TRIALS[0] + _TRIALS[1] * options.repeats
     return sum(
-        _RUNS * _START_S + trials * (phase.seconds + _SETTLE_S)
+        _RUNS * _START_S + _TRIALS * (phase.seconds + _SETTLE_S)
         for _, _, phase in _predicted(device, settings, options)
     )
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from haptic_wall.controller.experiments.commission.steps import Plot, Step
 from haptic_wall.controller.experiments.commission.verdict import GuardQuestion
+from haptic_wall.controller.guard.limits import evaluate, least_of
 from haptic_wall.controller.report import style
 from haptic_wall.controller.report.delay import plot_delay
 from haptic_wall.controller.report.identify import plot_identification
@@ -38,11 +39,11 @@ def draw_allowed(question: GuardQuestion, report: Mapping[str, Any], path: Path)
     """
     verdict = report["verdict"]
     best = verdict["best"]["commanded"]
-    capped = float(question.limits(np.array([1e12])).damping[0])
+    capped = float(question.walls(np.array([1e12])).damping[0])
     last = min(max(_BEYOND * best["damping"], 0.02 * capped), capped)
     damping = np.linspace(0.0, last, _POINTS)
-    found = question.limits(damping)
-    least = found.smallest()
+    limits = evaluate(question.walls(damping))
+    least = least_of(limits)
     with style.picture(path, style.PAGE, 3.2) as figure:
         ax = figure.subplots()
         ax.fill_between(
@@ -53,7 +54,7 @@ def draw_allowed(question: GuardQuestion, report: Mapping[str, Any], path: Path)
             linewidth=0,
             label=f"allowed: {verdict['margin']:g} of the smallest",
         )
-        draw_limits(ax, damping, found.limits, np.inf)
+        draw_limits(ax, damping, limits, np.inf)
         top = float(np.max(least))
         top = max(top, _measured(ax, report, last))
         _walls(ax, verdict)

@@ -30,7 +30,6 @@ from haptic_wall.controller.guard.belief import Bounded
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
-from tests.controller.experiments.ordinary_servos import Effects
 from tests.typed import not_none
 
 SMALL = (
@@ -59,11 +58,6 @@ def far_off(found: Identified, config: Config) -> list[float]:
     """In standard errors."""
     estimates = [getattr(found, name) for name in NAMES]
     return [abs(e.value - t) / e.stderr for e, t in zip(estimates, truth(config), strict=True)]
-
-
-def only_thorough(thorough: bool) -> None:
-    if not thorough:
-        pytest.skip("seconds; --thorough runs it")
 
 
 @pytest.fixture
@@ -114,11 +108,9 @@ def test_what_a_stall_has_left_unrecorded_spoils_nothing(usual: tuple[Config, Id
 
 @pytest.mark.whole
 @pytest.mark.usefixtures("rigid")
-@pytest.mark.parametrize("play", [0.0005, 0.01])
-def test_play_is_seen_and_measured(tmp_path: Path, play: float, thorough: bool) -> None:
-    """A third of a count, and more; taken for delay it would be 0.2 ms and more."""
-    if play > 0.001:
-        only_thorough(thorough)
+def test_play_is_seen_and_measured(tmp_path: Path) -> None:
+    """A third of a count; taken for delay it would be 0.2 ms."""
+    play = 0.0005
     config = config_of("servo.delay=0.001", f"servo.backlash={play}")
     found = identify(config, tmp_path)
     assert not_none(found.backlash).value == pytest.approx(play, rel=0.2)
@@ -174,37 +166,23 @@ def test_a_reversed_torque_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 def test_what_else_pushes_both_ways_is_told(tmp_path: Path) -> None:
     """More than friction holds: the shaft would not have stayed where it was."""
-    weight = Effects(gravity=0.1, hanging=math.pi / 2)
+    weight = ("servo.gravity=0.1", f"servo.gravity_angle={math.pi / 2}")
     with pytest.raises(UnidentifiableError, match="a weight, a spring or a hand moves it too"):
-        identify(weight.on(config_of()), tmp_path)
+        identify(config_of(*weight), tmp_path)
 
 
 @pytest.mark.whole
-@pytest.mark.parametrize(
-    ("effects", "said"),
-    [
-        (Effects(load_friction=0.1, backward=0.8), "the gear adds 10 % of its load"),
-        (Effects(backward=0.8), "N·m·s/rad backwards; the smaller value is used"),
-        (Effects(cogging=0.0042, periods=30), "cogging: an amplitude of 0.0042 N·m, about "),
-        (
-            Effects(gravity=0.012, hanging=0.5),
-            "0.012 N·m depends on the angle: a weight that hangs at 0.5",
-        ),
-    ],
-    ids=["load and direction", "direction", "a period per turn", "an angle"],
-)
-def test_an_ordinary_servo_is_found_and_the_misfit_named(
-    tmp_path: Path, effects: Effects, said: str, thorough: bool
-) -> None:
-    if effects.load_friction == 0.0:
-        only_thorough(thorough)
-    config = effects.on(config_of("servo.delay=0.002", "servo.kick=0.0005"))
+def test_an_ordinary_servo_is_found_and_the_misfit_named(tmp_path: Path) -> None:
+    back = 0.8 * 0.0036617
+    sets = ("servo.load_friction=0.1", f"servo.damping_back={back}")
+    config = config_of("servo.delay=0.002", "servo.kick=0.0005", *sets)
     found = identify(config, tmp_path)
-    (warning,) = (warning for warning in found.warnings if said in warning)
-    assert warning.endswith("the model lacks it")
+    for said in ("the gear adds 10 % of its load", "backwards; the smaller value is used"):
+        (warning,) = (warning for warning in found.warnings if said in warning)
+        assert warning.endswith("the model lacks it")
     model = identified_model(found, config)
     for name, true in zip(NAMES, truth(config), strict=True):
-        least = true * (effects.backward if name == "damping" else 1.0)
+        least = back if name == "damping" else true
         assert model[name]["low"] <= least <= model[name]["high"]
     for name, ideal in (("inertia", 0.04), ("damping", 0.1)):
         width = model[name]["high"] - model[name]["low"]

@@ -7,11 +7,9 @@ from typing import TypeVar
 import numpy as np
 import pytest
 
-from haptic_wall.controller.experiments.maps.walls import Loop, wall_of
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.controller.theory.harmonic import Lossy, kick_limit
-from haptic_wall.hw.truth import TrueServo
 from tests.support.simulated_limits import simulated_critical_stiffness
 
 T = TypeVar("T")
@@ -80,84 +78,6 @@ def test_play_costs_stiffness_and_small_motion_most() -> None:
         *SMALL, 0.05, 1e-3, 2e-3, backlash=0.002, kick=[0.004, 0.05, 0.5], tolerance=1e-3
     )
     assert found[0] < found[1] < found[2] < free
-
-
-def after_long(
-    loop: FiveOf[FloatArray | float],
-    stiffness: FloatArray,
-    kick: FloatArray | float,
-    coulomb: FloatArray | float,
-    play: FloatArray | float,
-    turns: int = 80,
-) -> FloatArray:
-    """Amplitude that the motion after a kick has come to, in kicks; two-sided walls."""
-    found = []
-    for m, b, virtual, period, delay, k, start, c, slack in zip(
-        *(each.tolist() for each in np.broadcast_arrays(*loop, stiffness, kick, coulomb, play)),
-        strict=True,
-    ):
-        servo = TrueServo(m, b, c, backlash=slack, torque_limit=np.inf)
-        wall = wall_of(servo, period=period, delay=delay, virtual_damping=virtual)
-        turn = int(2 * np.pi * np.sqrt(m / k) / period)
-        long = Loop(wall, k, start)
-        course: list[float] = []
-        for _ in range(turns):
-            course = long.run(turn)[:, 0].tolist() + course[: 10 * turn]
-            if max(map(abs, course)) > 1e3 * start:
-                break
-        found.append(max(map(abs, course[: 10 * turn])) / start)
-    return np.array(found)
-
-
-def both_sides(
-    loop: FiveOf[FloatArray | float],
-    share: float,
-    found: FloatArray,
-    kick: FloatArray,
-    coulomb: FloatArray | float,
-    play: FloatArray | float,
-) -> list[FloatArray]:
-    """The amplitudes this share below and above the critical stiffness, of one simulation."""
-
-    def twice(value: FloatArray | float) -> FloatArray:
-        return np.tile(np.broadcast_to(value, found.shape), 2)
-
-    stiffness = np.concatenate([(1.0 - share) * found, (1.0 + share) * found])
-    m, b, virtual, period, delay = map(twice, loop)
-    return np.split(
-        after_long(
-            (m, b, virtual, period, delay), stiffness, twice(kick), twice(coulomb), twice(play)
-        ),
-        2,
-    )
-
-
-@pytest.mark.whole
-def test_with_play_motion_comes_to_less_than_the_kick_below_and_to_more_above(
-    thorough: bool,
-) -> None:
-    rng = np.random.default_rng(11)
-    n = 60 if thorough else 3
-    m = 10 ** rng.uniform(-3, -1.7, n)
-    b, delay = m * rng.uniform(0.5, 4, n), rng.uniform(0.5, 7, n) * 1e-3
-    virtual = rng.uniform(0.02, 0.4, n) * max_virtual_damping(m, b, 1e-3, delay)
-    # Blocks hold walls that all have friction, or all have none.
-    coulomb = 10 ** rng.uniform(-4, -3, n)
-    play = rng.choice([0.002, 0.004, 0.008], n)
-    kick = play * 10 ** rng.uniform(0.5, 1.4, n)
-    loop = (m, b, virtual, 1e-3, delay)
-    found = [
-        simulated_critical_stiffness(
-            *loop, coulomb=friction, position_step=COUNT, backlash=play, kick=kick, tolerance=1e-3
-        )
-        for friction in (0.0, coulomb)
-    ]
-    m, b, virtual, delay, kick, play = (np.tile(a, 2) for a in (m, b, virtual, delay, kick, play))
-    frictions = np.concatenate([0.0 * coulomb, coulomb])
-    loop = (m, b, virtual, 1e-3, delay)
-    below, above = both_sides(loop, 0.07, np.concatenate(found), kick, frictions, play)
-    assert np.all(below < 1.02)
-    assert np.all(above > 0.98)
 
 
 def test_above_the_damping_ceiling_no_stiffness_is_stable_and_the_answer_is_zero() -> None:

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.cli.main import main
-from haptic_wall.controller.experiments.maps import loop, search, walls
+from haptic_wall.controller.experiments.maps import search, walls
 from haptic_wall.controller.experiments.maps.bounce import returned
-from haptic_wall.controller.experiments.maps.compiled import _fingerprint, compiled
+from haptic_wall.controller.experiments.maps.compiled import compiled
 from haptic_wall.controller.experiments.maps.maps import MapQuestion, critical_map
 from haptic_wall.controller.experiments.maps.servo import MapSettings
 from haptic_wall.controller.experiments.maps.walls import Loop, buffers, noise_of, wall_of
@@ -211,13 +211,3 @@ def test_contacts_of_a_load_return_what_the_theory_says() -> None:
         at = (np.full(phases.size, stiffness), np.full(phases.size, loop_of[0]))
         ratio = chain_returned(every, PERIOD, PERIOD, *at, phases, 1, 10_000)
         assert math.exp(found) == pytest.approx(float(np.max(ratio)), abs=STATED_RATIO)
-
-
-# What is compiled
-
-
-def test_changed_sources_have_another_key(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    before, changed = _fingerprint(), tmp_path / "loop.py"
-    changed.write_text(Path(str(loop.__file__)).read_text() + "# more")
-    monkeypatch.setattr(loop, "__file__", str(changed))
-    assert _fingerprint() != before
