@@ -5,8 +5,8 @@ A real servo is never replaced by a simulated one: a port that cannot be opened 
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING, Final
@@ -19,8 +19,6 @@ from haptic_wall.hw.settings import ServoSettings
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
-
-    from haptic_wall.hw.serialport.users import PortUsers
 
 GROUP: Final = "haptic_wall.servos"
 """The entry point group in which a distribution registers its backends, ``NAME =
@@ -113,18 +111,15 @@ def open_port(settings: ServoSettings) -> int | None:
     return backend(settings.backend).open_port(settings)
 
 
-def port_users(descriptor: int) -> PortUsers | None:
-    """Reserve an open port, and return the search for other programs that use it.
+def reserved(descriptor: int) -> AbstractContextManager[None]:
+    """Return what keeps other programs off an open port, in a block that ends before it is closed.
 
     Args:
-        descriptor: Descriptor from ``open_port``; stays open.
-
-    Returns:
-        The search, to be closed before the port; None where it is no serial port.
+        descriptor: Descriptor from ``open_port``.
     """
-    from haptic_wall.hw.serialport.users import PortUsers
+    from haptic_wall.hw.serialport import users
 
-    return PortUsers(descriptor) if os.isatty(descriptor) else None
+    return users.reserved(descriptor)
 
 
 def cut_torque(settings: ServoSettings, descriptor: int | None, clock: Clock) -> bool:

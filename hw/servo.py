@@ -24,12 +24,10 @@ class Outcome(IntEnum):
     """Bytes arrived that are not a valid reply."""
     REFUSED = 3
     """A valid reply with a position that the servo cannot have reached; only the loop says so."""
-    WAITING = 4
-    """No reply yet, and none was due: replies take several periods here. Not a loss."""
 
 
 class Reading(NamedTuple):
-    """The answer to one request; the position is NaN if it failed or is not due."""
+    """The answer to one request; the position is NaN if it failed."""
 
     outcome: Outcome
     position: float
@@ -97,9 +95,6 @@ class Traffic:
     """Of each servo; begin anew with each ``start``"""
     waited_ns: int = 0
     """Wait of the last ``collect``, without its own work [ns]"""
-    reply_s: float = 0.0
-    """Time of a reply, where that is several periods [s]; 0: replies come in time. Known after
-    ``start``"""
     longest_s: float = 0.0
     """Usual time of a reply at the worst phase of an adapter's timer [s]; 0: not known. Known after
     ``start``"""
@@ -128,9 +123,6 @@ class Bus(Protocol):
     number of cycles, ``stop``, ``close``. A cycle is ``request``, ``collect``, ``write``. The
     request may be sent in the period before the one that collects it (the replies then travel while
     the loop sleeps). Lists have one item a servo, always in the same order.
-
-    Where a reply takes several periods (``traffic.reply_s``) a request stays outstanding until it
-    is answered: until then ``request`` has no effect, and ``collect`` does not wait.
     """
 
     @property

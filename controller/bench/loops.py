@@ -65,23 +65,17 @@ Loop = Callable[[str, float, float], Ran]
 
 
 @contextmanager
-def emulated_bus(
-    *, ids: Sequence[int] = (1,), cores: set[int] | None = None, **plan: object
-) -> Iterator[str]:
-    """Start an emulated bus in a process of its own; yield the path of its pseudo-terminal.
+def emulated_bus(**plan: object) -> Iterator[str]:
+    """Start an emulated bus on the cores that a loop does not use; yield its terminal's path.
 
     Args:
-        ids: Ids of its servos.
-        cores: Cores on which it runs; None: those that a loop does not use.
         plan: Further fields of its ``Plan``.
 
     Raises:
         ServoError: It did not start.
     """
-    servos = [f"XM430-W350:{i}" for i in ids]
-    arguments = [PROGRAM, json.dumps({"servos": servos, "baud": BAUD, **plan})]
-    apart = pick_cores()[1] if cores is None else cores
-    with emulator.emulated_bus(arguments, apart) as (_, path):
+    arguments = [PROGRAM, json.dumps({"servos": ["XM430-W350:1"], "baud": BAUD, **plan})]
+    with emulator.emulated_bus(arguments, pick_cores()[1]) as (_, path):
         assert path is not None
         yield path
 

@@ -22,7 +22,7 @@ from haptic_wall.controller.bench.loops import BAUD, emulated_bus, ours
 from haptic_wall.controller.bench.rows import Measurement, Section
 from haptic_wall.controller.emulated_bus.record import BusRow, read_rows
 from haptic_wall.controller.errors import PlatformError
-from haptic_wall.controller.runtime.cycle import COLLECT_SHARE
+from haptic_wall.controller.settings.shares import COLLECT_SHARE
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.codec import Instruction
 from haptic_wall.hw.dynamixel.exchange import Exchange

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import click
 
 from haptic_wall.controller.cli.experiment import Asked, carry_out, experiment, folder_option
 from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import say
-
-if TYPE_CHECKING:
-    pass
 
 
 @click.command()

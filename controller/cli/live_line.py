@@ -76,8 +76,7 @@ def live_line(telemetry: Telemetry) -> Iterator[None]:
         rows, tail = telemetry.read(tail)
         if not len(rows):
             return ""
-        fine = np.isin(rows["outcome"], (Outcome.OK, Outcome.WAITING))
-        failed = len(rows) - int(np.count_nonzero(fine))
+        failed = int(np.count_nonzero(rows["outcome"] != Outcome.OK))
         lost += failed
         return line_of(rows[-1], lost, loses=failed > 0, columns=columns)
 

@@ -16,7 +16,7 @@ from haptic_wall.controller.doctor.search import (
     scan,
     search,
 )
-from haptic_wall.controller.runtime.cycle import COLLECT_SHARE
+from haptic_wall.controller.settings.shares import COLLECT_SHARE
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.register_access import PATIENCE_NS, Table, write_all
 from haptic_wall.hw.dynamixel.registers import BAUD_RATES

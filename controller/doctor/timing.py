@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from haptic_wall.controller.doctor.replies import Replies, percentile
-from haptic_wall.controller.runtime.cycle import COLLECT_SHARE
+from haptic_wall.controller.settings.shares import COLLECT_SHARE
 from haptic_wall.hw.dynamixel.wire import cycle_s
 from haptic_wall.hw.errors import wiring
 from haptic_wall.hw.servo import Check
@@ -107,7 +107,10 @@ def _advice(replies: Replies, wanted: Wanted) -> str:
     needed_ns = 1e9 * cycle_s(wanted.baud) + wanted.return_delay_ns
     held_ns = percentile(replies.took_ns, 0.5) - needed_ns
     if held_ns > _TIMER_NS:
-        return _about_the_timer(replies, wanted)
+        return (
+            f"replies are held back for {_ms(replies.in_row_ns)}, as by an adapter's latency timer "
+            "(factory setting 16 ms): set it to 1 ms"
+        )
     if wanted.return_delay_ns:
         return "set the return delay to 0, as --fix and a run do, then examine again"
     disturbed = wanted.stalls or replies.disturbed
@@ -125,17 +128,6 @@ def _advice(replies: Replies, wanted: Wanted) -> str:
     if lower is not None:
         ways.append(f"set loop.rate_hz={lower}")
     return ", or ".join(ways) or "examine again: with such replies no rate is sustainable"
-
-
-def _about_the_timer(replies: Replies, wanted: Wanted) -> str:
-    text = (
-        f"replies are held back for {_ms(replies.in_row_ns)}, as by an adapter's latency timer "
-        "(factory setting 16 ms): set it to 1 ms"
-    )
-    periods = round(replies.in_row_ns * 1e-9 * wanted.rate_hz)
-    if periods < 2:
-        return text
-    return f"{text}; until then a run has one sample in {periods} periods, and a softer wall"
 
 
 def _reply_time(replies: Replies, wanted: Wanted, advice: str) -> Check:

@@ -74,7 +74,7 @@ class MarkFinder:
             origin_ns: Zero of the time [ns].
         """
         time = (rows["deadline_ns"] - origin_ns) * 1e-9
-        fine = (rows["outcome"] == Outcome.OK) | (rows["outcome"] == Outcome.WAITING)
+        fine = rows["outcome"] == Outcome.OK
         off = (rows["flags"] & (FLAG_WARM_UP | FLAG_OFF)) != 0
         before = np.concatenate(([self._stiffness], rows["stiffness"][:-1]))
         stepped = (rows["stiffness"] != before) & ~np.isnan(before)

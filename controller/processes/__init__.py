@@ -1,1 +1,1 @@
-"""The processes of a run: supervisor, loop and recorder."""
+"""The processes of a run: supervisor, loop, recorder, door, emulated bus."""

@@ -15,13 +15,13 @@ from typing import Any, Final
 from haptic_wall.controller.live.run_socket import MODULE, remove_if_dead, socket_of
 from haptic_wall.controller.processes.children import Child
 from haptic_wall.controller.processes.hold import gone_texts
+from haptic_wall.controller.processes.loop_watch import END_S
 from haptic_wall.controller.processes.plan import Plan, Tell
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.hw.hand import SharedHand
 
 MOST_KEPT: Final = 1000
 """Number of changes that the report lists: the last ones"""
-_END_S: Final = 2.0
 _MOST_BYTES: Final = 60_000
 
 
@@ -139,7 +139,7 @@ class Door:
             self._send({"ended": words})
         if self._child is not None:
             self._child.send(signal.SIGTERM)
-            self._child.wait(_END_S)
+            self._child.wait(END_S)
             self.look()
             self._child.dismiss(0.0)
             remove_if_dead(self._path)

@@ -13,15 +13,11 @@ from typing import Any
 
 from haptic_wall.controller.emulated_bus.bus import PROGRAM
 from haptic_wall.controller.processes.children import Child, first_line
+from haptic_wall.controller.processes.loop_watch import END_S, START_S
 from haptic_wall.controller.runtime.telemetry import Word
 from haptic_wall.hw.elastic import PLACE, SENT, TAKEN
 from haptic_wall.hw.errors import Problem, ServoError
 from haptic_wall.hw.settings import ServoSettings
-
-START_S = 60.0
-"""How long the bus may take to start [s]"""
-END_S = 2.0
-"""How long it may take to end when asked to [s]"""
 
 
 def emulator_arguments(
@@ -59,7 +55,6 @@ def emulated_bus(
     arguments: list[str],
     cores: set[int],
     stopped: Callable[[], bool] = lambda: False,
-    start_s: float = START_S,
     descriptors: Sequence[int] = (),
 ) -> Iterator[tuple[Child, str | None]]:
     """Run an emulated bus in a separate process during the block.
@@ -68,7 +63,6 @@ def emulated_bus(
         arguments: As from ``emulator_arguments``.
         cores: Cores on which it may run.
         stopped: Called during the start; true: the bus is no longer wanted.
-        start_s: How long it may take to start [s].
         descriptors: Inherited by it.
 
     Yields:
@@ -79,7 +73,7 @@ def emulated_bus(
     """
     bus = Child("emulator", arguments, None, descriptors, cores)
     try:
-        path = first_line(bus, start_s, stopped)
+        path = first_line(bus, START_S, stopped)
         if path is None and stopped():
             bus.send(signal.SIGKILL)  # one that hangs need not heed anything else
         elif path is None:

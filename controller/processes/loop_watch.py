@@ -5,7 +5,7 @@ from __future__ import annotations
 from haptic_wall.controller.runtime.telemetry import LoopState, Word
 
 START_S = 60.0
-"""Time allowed for the loop to start [s]: the checked start-up, and the guard's mathematics."""
+"""Time allowed for a process to start [s]: the loop does the guard's mathematics meanwhile."""
 END_S = 2.0
 """Time allowed for a process to end after a request [s]."""
 REPORT_S = 15.0

@@ -19,11 +19,11 @@ from haptic_wall.controller.processes.door import Door
 from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments, failure_of
 from haptic_wall.controller.processes.hold import gone_texts
 from haptic_wall.controller.processes.loop_process import Orders
-from haptic_wall.controller.processes.loop_watch import END_S, START_S, LoopWatch
-from haptic_wall.controller.processes.outside import Outside
+from haptic_wall.controller.processes.loop_watch import END_S, LoopWatch
 from haptic_wall.controller.processes.plan import Ended, Plan, Tell
 from haptic_wall.controller.processes.recorder_monitor import RecorderMonitor, recorder_starter
 from haptic_wall.controller.processes.row_count import RowCount
+from haptic_wall.controller.processes.suspension_watch import SuspensionWatch
 from haptic_wall.controller.processes.torque_cut import TorqueCut
 from haptic_wall.controller.runtime.idle_window import until_idle_window
 from haptic_wall.controller.runtime.realtime import pick_cores
@@ -38,7 +38,7 @@ from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.hw.clock import MonotonicClock, ready
 from haptic_wall.hw.elastic import PATIENCE_S
 from haptic_wall.hw.errors import Problem, ServoError
-from haptic_wall.hw.open import open_port, port_users
+from haptic_wall.hw.open import open_port, reserved
 
 POLL_S = 0.02
 """Period of the checks of the heartbeat [s]"""
@@ -69,7 +69,7 @@ class Supervisor:
         self._settings = plan.config.servo_settings()
         self._cut = TorqueCut(self._settings, self._words)
         self._key: int | None = None
-        self._outside = Outside(MonotonicClock(), plan.config.servo.kind == "hardware")
+        self._suspension = SuspensionWatch(MonotonicClock(), plan.config.servo.kind == "hardware")
         self._core, self._others = pick_cores(plan.config.realtime.core)
 
     def run(self) -> Ended:
@@ -99,11 +99,11 @@ class Supervisor:
             children.callback(log.close)
             self._open_key(children)
             loop = self._start_loop(children)
-            reason, found = self._outside.verdict(self._watch(loop, emulator, log))
+            reason, found = self._suspension.verdict(self._watch(loop, emulator, log))
             self._cause = "; ".join(filter(None, (found, self._cause)))
             # First: its last events go into the log.
             self._door.close("; ".join(filter(None, (str(reason), self._cause))))
-            self._warnings += [*log.end(), *self._outside.notes()]
+            self._warnings += [*log.end(), *self._suspension.notes()]
             if self._door.trouble:
                 self._warnings.append(self._door.trouble)
         self._rows.end()
@@ -134,7 +134,7 @@ class Supervisor:
             arguments = emulator_arguments(settings, plan.witness, hand=hand, elastic=shared)
             inherited = [each for each in (hand, shared) if each is not None]
             bus = emulated_bus(
-                arguments, self._others, lambda: bool(self._words[Word.STOP]), START_S, inherited
+                arguments, self._others, lambda: bool(self._words[Word.STOP]), inherited
             )
             emulator, path = children.enter_context(bus)
             if path is None:  # stopped before
@@ -143,9 +143,7 @@ class Supervisor:
         self._cut.port = port = open_port(settings)
         if port is not None:
             children.callback(os.close, port)
-            self._outside.users = users = port_users(port)
-            if users is not None:
-                children.callback(users.close)
+            children.enter_context(reserved(port))
         return emulator
 
     def _hand(self) -> int | None:
@@ -201,7 +199,7 @@ class Supervisor:
             pause_s = until_idle_window(self._words, self._plan.config.period_ns, POLL_S)
             news = bool(ready((loop.pidfd, loop.output), pause_s))
             now = time.monotonic()
-            if self._outside.look():
+            if self._suspension.look():
                 self._words[Word.STOP] = 1
             overdue = watch.overdue(now)
             if not news and overdue is None and now < looked + LOOK_S:

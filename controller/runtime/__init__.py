@@ -1,1 +1,1 @@
-"""One run: deadlines, tick, gains, safety, telemetry, real-time settings, lateness."""
+"""One session: deadlines, cycle and axes, gains, safety, telemetry, real-time settings."""

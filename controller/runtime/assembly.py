@@ -1,4 +1,4 @@
-"""Builds the parts of a tick from a configuration: wall, guard, safety, oscillation watch."""
+"""Builds an axis from a configuration: law, guard's decisions, safety, oscillation watch."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.runtime.handover import Inbox, KnownServo
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.runtime.watch_settings import watch_settings
-from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.config import MOST_KICK, Config
 from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.boundary import chain_peak
 from haptic_wall.controller.theory.chain import one_mass
@@ -43,8 +43,6 @@ from haptic_wall.hw.servo import Facts
 
 RAMP_S = 0.05
 """Duration of a ramp to a lower stiffness [s]; a step would be felt as a knock."""
-MEANT_KICK = 0.25 * math.tau
-"""Largest ``servo.kick`` whose energy may drive the shaft at any speed [rad]"""
 _BEFORE = 0.999
 """Fraction of a damping from which the critical stiffness must still rise to it"""
 SLOWEST = 0.05
@@ -83,8 +81,7 @@ def guard_decisions(
     intervals_ns = interval_bins_ns(config.period_ns, situation.belief.is_flexible)
     inside = servo.simulated and servo.traffic is None  # the same process: samples have zero age
     least_ns = round(config.guard.sample_age * 1e9)
-    slowest_ns = max(round(servo.reply_s * 1e9), least_ns)
-    ages_ns = [0] if inside else age_bins_ns(config.period_ns, slowest_ns)
+    ages_ns = [0] if inside else age_bins_ns(config.period_ns, least_ns)
     if inside and program:
         intervals_ns = intervals_ns[:1]
     ages_ns = [max(age, least_ns) for age in ages_ns]
@@ -144,7 +141,6 @@ def situation_of(config: Config, servo: KnownServo) -> Situation:
         period=config.period_ns * 1e-9,
         torque_limit=servo.facts.torque_limit,
         position_step=servo.facts.position_step,
-        slow_replies=servo.reply_s > 0.0,
     )
 
 
@@ -246,7 +242,7 @@ def assembled(
                 inertia=belief.inertia.low / gain,
                 damping=belief.damping.low / gain,
                 coulomb=belief.coulomb.low / gain,
-                kicked=kick is not None and abs(kick) <= MEANT_KICK,
+                kicked=kick is not None and abs(kick) <= MOST_KICK,
             )
         ),
         watch=Watch(watch_settings(config, facts, law)),

@@ -42,7 +42,6 @@ SHORTEST: Final = 0.5
 encoder count would give a high speed."""
 _OK: Final = Outcome.OK  # looking up an enum member is slow: a plain name is many times faster
 _REFUSED: Final = Outcome.REFUSED
-_WAITING: Final = Outcome.WAITING
 _HEAD, _OFFERED, _WITHDRAWN = int(Word.HEAD), int(Word.OFFERED), int(Word.WITHDRAWN)
 
 
@@ -176,13 +175,10 @@ class Axis:
                 self.trip = verdict
                 self._move(position, sampled_ns)
         self.outcome = outcome
-        if outcome is not _OK and outcome is not _WAITING:
+        if outcome is not _OK:
             # The last position again, so dx = 0. Before the first good reading the torque is zero.
             self.velocity = self.damped = 0.0
             self.trip = self.safety.failed(tick.read_ns)
-        # While no reply is due the velocity is held until the next sample: a loop with a longer
-        # period, as in the theory. With dx = 0 in between the damping would act in one tick of
-        # many.
         change, missed = self.inbox.change, tick.missed
         flags = 0 if change is None else self._change(change)
         law, watch, position, wall_torque = self.law, self.watch, self.position, 0.0
@@ -247,7 +243,7 @@ class Axis:
             flags |= FLAG_SATURATED
         age_ns = 0
         interval_ns = 0  # to the next tick with a sample: a lost reading is part of the interval
-        if outcome is _OK or outcome is _WAITING:
+        if outcome is _OK:
             interval_ns = tick.woke_ns - self._served_ns if self._served_ns else self.period_ns
             self._served_ns = tick.woke_ns
         if self.sampled_ns is not None:
@@ -377,7 +373,7 @@ class Axis:
             gate.restart()
             self.ring.clear()
             law.settle(position)  # what it has stored is lost with its torque
-        if self.outcome is _OK or self.outcome is _WAITING:  # a slow reply: the last position
+        if self.outcome is _OK:
             gate.sample(self.gains.coming, law.elongation(position))
         if not (self.gains.in_force and gate.ready and held):
             return False

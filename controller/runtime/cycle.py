@@ -8,16 +8,13 @@ from typing import Final, Literal
 from haptic_wall.controller.runtime.axis import Axis, Tick
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.telemetry import Word
+from haptic_wall.controller.settings.shares import COLLECT_SHARE
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.servo import Bus, Outcome, Reading, Traffic
 from haptic_wall.hw.settings import Schedule
 
-COLLECT_SHARE: Final = 0.8
-"""Fraction of a period after which a missing reply is given up [1]. A pipelined tick that waits
-sends its next request later, until a phase of the adapter's timer comes in which the replies are in
-time. A loop that does not wait misses every reply at some phases."""
 LONGER_SHARE: Final = 1.05
-"""The same fraction after a pipelined reply was lost, until another one is lost [1]. An adapter
+"""``COLLECT_SHARE`` after a pipelined reply was lost, until another one is lost [1]. An adapter
 flushes its buffer periodically. A request sent after giving up can then miss each tick by the time
 that it takes itself, for ever. With the first fraction that happens at phases of 0.8 to about 0.95
 periods, with this one at 0.05 to 0.2, so that changing the fraction leaves either."""
@@ -37,10 +34,8 @@ def is_pipelined(
         traffic: Of the bus after its start; None: there is none.
         period_s: The sampling period [s].
     """
-    if schedule == "auto":  # where a reply takes several periods, neither is better
-        if traffic is None or traffic.reply_s:
-            return False
-        return traffic.longest_s > COLLECT_SHARE * period_s
+    if schedule == "auto":
+        return traffic is not None and traffic.longest_s > COLLECT_SHARE * period_s
     return schedule == "pipelined"
 
 

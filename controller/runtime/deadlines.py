@@ -11,6 +11,7 @@ from haptic_wall.hw.elastic import ElasticClock
 
 SPIN_MIN_NS = 50_000
 SPIN_MAX_NS = 300_000
+_NAP_NS = 300_000
 PLACE_SHARE = 0.6
 """Phase of the deadlines in a millisecond of the monotonic clock, or in a shorter period"""
 
@@ -93,17 +94,16 @@ def spinning(margin_ns: int, clock: Clock) -> Wait:
     return wait
 
 
-def measured_spin_margin_ns(naps: int = 200, nap_ns: int = 300_000) -> int:
+def measured_spin_margin_ns(naps: int = 200) -> int:
     """Measure the margin with which 95 % of sleeps end before the deadline [ns], within bounds.
 
     Args:
         naps: Number of sleeps to try.
-        nap_ns: Duration of each [ns].
     """
     overshoots = []
     for _ in range(naps):
-        wanted = time.monotonic_ns() + nap_ns
-        time.sleep(nap_ns * 1e-9)
+        wanted = time.monotonic_ns() + _NAP_NS
+        time.sleep(_NAP_NS * 1e-9)
         overshoots.append(time.monotonic_ns() - wanted)
     overshoots.sort()
     return min(max(overshoots[int(0.95 * naps)] + 10_000, SPIN_MIN_NS), SPIN_MAX_NS)

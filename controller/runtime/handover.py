@@ -32,11 +32,6 @@ class KnownServo:
     simulated: bool
     """Whether the loop runs on the simulated clock"""
 
-    @property
-    def reply_s(self) -> float:
-        """Return how long a reply takes, where it takes several periods [s]; else 0."""
-        return 0.0 if self.traffic is None else self.traffic.reply_s
-
 
 @dataclass(slots=True)
 class Change:

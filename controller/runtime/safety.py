@@ -34,8 +34,6 @@ class Trip(StrEnum):
     """The servo's supply or temperature is out of its limits, or a second servo has its id."""
     SERVO_LOST = "trip:servo_lost"
     """The port vanished."""
-    PORT_SHARED = "trip:port_shared"
-    """Another program has opened the port."""
     SUSPENDED = "trip:suspended"
     """The computer was suspended."""
     LOOP_HUNG = "trip:loop_hung"
@@ -128,10 +126,6 @@ EXPLANATIONS: Final[Mapping[Trip, Problem]] = {
     Trip.SERVO_LOST: Problem(
         "the port is gone, or the servo no longer answers",
         advice="check that both are plugged in and powered",
-    ),
-    Trip.PORT_SHARED: Problem(
-        "two programs on one bus corrupt each other's frames",
-        advice="end the other program, and keep it away from this port",
     ),
     Trip.SUSPENDED: Problem(
         "meanwhile the servo's Bus Watchdog dropped the torque, and no loop watched the shaft",

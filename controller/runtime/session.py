@@ -50,9 +50,6 @@ from haptic_wall.hw.open import open_servo
 from haptic_wall.hw.servo import Bus, Check, Facts, Traffic
 from haptic_wall.hw.settings import ServoSettings
 
-_REPLIES = 3.0
-"""Least number of replies in the warm-up"""
-
 
 @dataclass(frozen=True, slots=True)
 class Result:
@@ -195,12 +192,7 @@ class _Session:
             if isinstance(self._clock, ElasticClock):
                 self._clock.engage()
             (self._checks,) = bus.start()
-            if bus.traffic is not None and bus.traffic.reply_s:
-                # Replies take longer than assumed: decisions for older samples take seconds.
-                bus.stop()
-                self._decide()
-                (self._checks,) = bus.start()
-            elif bus.facts[0].torque_limit != limit:  # its own Current Limit: decided at once
+            if bus.facts[0].torque_limit != limit:  # its own Current Limit: decided at once
                 self._decide()
             passed = f", {len(self._checks)} start-up checks passed" if self._checks else ""
             self._around.tell(f"{bus.facts[0].name}: torque is on{passed}")
@@ -372,9 +364,7 @@ def _run(
     try:
         reason = None
         if traffic or config.loop.clock == "monotonic":
-            # Where replies take long, until some have come: age and position are then known.
-            least_s = _REPLIES * traffic.reply_s if traffic else 0.0
-            reason = loop.serve(max(config.loop.warm_up_s, least_s))
+            reason = loop.serve(config.loop.warm_up_s)
         if reason is None:
             reason = waiting(duration_s)
         loop.cycle.wall_on()

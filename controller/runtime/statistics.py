@@ -85,9 +85,7 @@ class RunStatistics:
         after_first = on & (rows["seq"] > 0)
         self.work.add(rows["work_ns"][after_first])
         self.bus.add(rows["bus_ns"][after_first])
-        outcomes = rows["outcome"]
-        answered = (outcomes == Outcome.OK) | (outcomes == Outcome.WAITING)
-        self.age.add(rows["age_ns"][on & answered])
+        self.age.add(rows["age_ns"][on & (rows["outcome"] == Outcome.OK)])
         self.max_torque = max(self.max_torque, float(np.abs(rows["torque"][on]).max()))
         saturated = (rows["flags"] & FLAG_SATURATED) != 0
         self.saturated += int(np.count_nonzero(on & saturated))

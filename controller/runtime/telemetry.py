@@ -184,23 +184,20 @@ class Telemetry:
         self._head = int(self.words[Word.HEAD])
 
     @classmethod
-    def create(cls, *, mapped: bool = False) -> Self:
+    def create(cls) -> Self:
         """Return new, empty shared memory; the caller closes it.
 
-        Args:
-            mapped: See the class. The process of a loop that inherits the memory maps it anew.
+        Its pages are not mapped yet: the process of a loop that inherits the memory maps it anew.
         """
         descriptor = os.memfd_create("haptic-wall-telemetry")
         os.ftruncate(descriptor, _size(CAPACITY))
-        return cls(descriptor, mapped=mapped)._without_dead_man()
+        made = cls(descriptor, mapped=False)
+        made.words[Word.HELD_NS] = NO_DEAD_MAN
+        return made
 
     def close(self) -> None:
         """Close the descriptor; the memory stays mapped while it is in use."""
         os.close(self.descriptor)
-
-    def _without_dead_man(self) -> Self:
-        self.words[Word.HELD_NS] = NO_DEAD_MAN
-        return self
 
     def write(self, *values: float) -> None:
         """Append one row; only the loop does.

@@ -37,7 +37,8 @@ Made = TypeVar("Made")
 APPROACH = 0.1
 """Default distance of a simulated servo's start from a one-sided wall [rad]."""
 MOST_KICK = math.tau / 4.0
-"""Largest displacement of a simulated or emulated servo at which the wall comes on at once [rad]"""
+"""Largest displacement of a simulated or emulated servo at which the wall comes on at once, and may
+drive the shaft at any speed [rad]"""
 RUNS: Final = {"runs": True}
 """Context of the validation of what a process runs: its laws are imported, see ``laws.own``"""
 MOVED_BY_START = math.radians(1.0)

@@ -15,7 +15,7 @@ from haptic_wall.controller.laws.table import LAWS, SUM, shape_of
 from haptic_wall.controller.settings.model import MOST_LAG, LawNumbers, Wall
 from haptic_wall.controller.settings.sections import Sections
 from haptic_wall.controller.settings.servo import TRUTH_FIELDS
-from haptic_wall.controller.settings.shares import SPIN_SHARE
+from haptic_wall.controller.settings.shares import COLLECT_SHARE, SPIN_SHARE
 from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.names import did_you_mean
 from haptic_wall.hw.open import backend
@@ -41,8 +41,6 @@ _MOST_PERIODS = 5000
 """Longest delay [periods]; the theory counts contacts up to 10,000 late"""
 _MOST_STEPS = {"monotonic": 2e4, "simulated": 1e5}
 """Most steps of a motion with masses in a second: one takes 20 to 200 µs"""
-_CYCLE_SHARE = 0.8
-"""Largest fraction of a period for a cycle on the wire: later replies count as lost"""
 SILENCE_SHARE = 0.5
 """Fraction of the Bus Watchdog's time after which a run without good readings ends"""
 WARM_UP_AGES = 20
@@ -194,13 +192,13 @@ def _times(config: Sections) -> Iterator[Problem]:
     make, at = backend(servo.backend), f"at loop.rate_hz {config.loop.rate_hz:g}"
     if make.cycle_s is not None and servo.baud is not None:
         cycle = make.cycle_s(servo.baud)
-        if cycle > _CYCLE_SHARE * period:
+        if cycle > COLLECT_SHARE * period:
             yield Problem(
                 f"found {servo.baud}, at which a cycle takes {1e3 * cycle:.3g} ms on the wire, more"
-                f" than {_CYCLE_SHARE:g} of a period of {1e3 * period:.3g} ms",
+                f" than {COLLECT_SHARE:g} of a period of {1e3 * period:.3g} ms",
                 field="servo.baud",
                 advice="use a faster bus (set the servo's rate first) or loop.rate_hz below "
-                f"{_CYCLE_SHARE / cycle:.3g}",
+                f"{COLLECT_SHARE / cycle:.3g}",
             )
     two = f"at least two periods ({2 * period:g} s {at}), else"
     if make.has_watchdog and servo.watchdog_s < 2 * period:

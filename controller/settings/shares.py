@@ -4,6 +4,11 @@ from __future__ import annotations
 
 from typing import Final
 
+COLLECT_SHARE: Final = 0.8
+"""Fraction of a period after which a missing reply is given up [1], so that a cycle takes at most
+that on the wire. A pipelined tick that waits sends its next request later, until a phase of the
+adapter's timer comes in which the replies are in time. A loop that does not wait misses every reply
+at some phases."""
 SPIN_SHARE: Final = 0.6
 """Largest fraction of a period for spinning: Linux halts a real-time process that holds its core
 for more than 0.95 of a second, and the tick's own work adds to it."""

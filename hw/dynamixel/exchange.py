@@ -28,7 +28,7 @@ In a fast sync read a missing servo silences those after it, so it is requested 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 from haptic_wall.hw.dynamixel.codec import Frame, Instruction, Parser, SyncWrite
@@ -75,9 +75,6 @@ class Exchange:
         """Of the next request"""
         self.waited_ns = 0
         """Waiting time of the last ``collect`` [ns]"""
-        self.patience_ns = 0
-        """How long a request may stay outstanding, over several calls of ``collect`` [ns]; 0: over
-        one"""
         self.kept = b""
         """Sent before an instruction to one servo: zero goals, so that no Bus Watchdog trips"""
         self._now_ns = line.clock.now_ns
@@ -89,7 +86,7 @@ class Exchange:
         self._missing: Sequence[Station] = ()
         """Servos whose answers it waits for"""
         self._found: dict[Station, Sample] = {}
-        """Answers since the last ``collect``"""
+        """Its answers"""
         self._sent_ns = 0
         self._broken = 0
         """Broken frames, and refusals, that had come when the last request was sent"""
@@ -114,11 +111,6 @@ class Exchange:
         """The frames of a single servo by its goal; there are as many as current units"""
         self._calm = True
         """All have replied to the last request"""
-
-    @property
-    def waiting(self) -> bool:
-        """Whether a request is outstanding."""
-        return self._asked is not None
 
     def wire_ns(self, count: int) -> int:
         """Return the time of ``count`` bytes on the wire [ns]."""
@@ -174,7 +166,7 @@ class Exchange:
             raise RuntimeError("collect() without a request(): call request() first")
         parser, order, expected, now_ns = self.parser, self._missing, asked.expected, self._now_ns
         self.waited_ns = 0
-        if expected is None or not parser.idle or order is not self._order:
+        if expected is None or not parser.idle:
             return self._search(deadline_ns)
         began_ns = now_ns()
         come = self.line.wait(deadline_ns)
@@ -232,10 +224,7 @@ class Exchange:
             deadline_ns: ``_NO_TIME``: nothing more is read.
         """
         self._gather(deadline_ns)
-        broken = self.parser.corrupt + self._refusals - self._broken
-        if self._missing and not broken and self._now_ns() - self._sent_ns < self.patience_ns:
-            return self._samples({})
-        return self._close(broken)
+        return self._close(self.parser.corrupt + self._refusals - self._broken)
 
     def _gather(self, deadline_ns: int) -> None:
         """Process received bytes until all have answered or time is up."""
@@ -305,10 +294,5 @@ class Exchange:
             station.silent = 0
         self._calm = not missing
         self._order = (*heard, *missing[1:], *missing[:1])
-        return self._samples(lost)
-
-    def _samples(self, lost: Mapping[Station, Sample]) -> list[Sample]:
-        """Return the samples since the last ``collect``, and those that are lost."""
         found, self._found = self._found, {}
-        none = Sample(Outcome.WAITING, 0, 0, False, self._sent_ns)
-        return [found.get(each) or lost.get(each) or none for each in self._selected]
+        return [lost.get(each) or found[each] for each in self._selected]

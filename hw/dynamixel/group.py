@@ -25,9 +25,6 @@ from haptic_wall.hw.servo import BusCounts, Check, Facts, Outcome, Reading, Traf
 from haptic_wall.hw.settings import DriverSettings
 
 _OK: Final = Outcome.OK
-_REPLY_PATIENCE: Final = 1.5
-"""Factor on the usual reply time after which a slow adapter's reply is given up: one that has just
-missed the timer comes with its next expiry"""
 _NAN: Final = math.nan
 _TRIES: Final = 3
 _PATIENCE_NS: Final = 100_000_000
@@ -68,8 +65,6 @@ class DynamixelGroup:
         self.traffic = Traffic([one.station.counts for one in self.servos])
         self._polls = self._plan()
         self._now_ns = line.clock.now_ns
-        self._reply_ns = 0
-        """Time of a reply, where that is several periods [ns]; 0: replies are in time"""
         self.running = False
         self.left_on: list[Driven] = self.servos
         """Servos whose torque off was not read back since the last start"""
@@ -102,7 +97,6 @@ class DynamixelGroup:
         """
         exchange, servos = self.exchange, self.servos
         self.left_on = servos
-        self._reply_ns = exchange.patience_ns = 0
         ready = []
         for one in servos:
             one.forget()
@@ -126,16 +120,10 @@ class DynamixelGroup:
         except BaseException:
             self._off()
             raise
-        self._reply_ns = max(each.reply_ns for each in ready)
-        if self._reply_ns:
-            jitter_ns = 2e9 * self._period_s
-            exchange.patience_ns = round(_REPLY_PATIENCE * self._reply_ns + jitter_ns)
         traffic = self.traffic
-        traffic.reply_s = self._reply_ns * 1e-9
         traffic.longest_s = max(each.longest_ns for each in ready) * 1e-9
         traffic.counts = []
         for one in servos:
-            one.silence_ns += exchange.patience_ns
             one.station.counts = BusCounts()
             traffic.counts.append(one.station.counts)
         self.running = True
@@ -150,16 +138,13 @@ class DynamixelGroup:
             TorqueLostError: A Bus Watchdog has ended a torque.
         """
         now_ns = self._now_ns()
-        exchange = self.exchange
-        if self._reply_ns and exchange.waiting:
-            return
         for one in self.servos:
             if now_ns - one.heard_ns > one.silence_ns:
                 one.resume(now_ns)
         polls = self._polls
         polls.asked = 0
         wide = polls.length(now_ns) if now_ns >= polls.due_ns and self.running else 0
-        exchange.request(wide)
+        self.exchange.request(wide)
 
     def collect(self, deadline_ns: int) -> list[Reading]:
         """Return the replies to the last ``request``; wait until ``deadline_ns`` [ns] at most.
@@ -169,8 +154,7 @@ class DynamixelGroup:
                 driven any longer.
         """
         exchange, polls, readings = self.exchange, self._polls, []
-        # Do not wait within a period for replies that take several.
-        samples = exchange.collect(0 if self._reply_ns else deadline_ns)
+        samples = exchange.collect(deadline_ns)
         self.traffic.waited_ns = exchange.waited_ns
         for one, sample in zip(self.servos, samples):  # noqa: B905 - quicker
             outcome, counts, current, alert, sampled_ns = sample

@@ -81,7 +81,7 @@ _X330_NEW_LAYOUT = 53
 """First firmware that has the X330's Indirect Data at 224"""
 _TIME_BASED_PROFILE = 42
 """First firmware with bit 2 of Drive Mode; the X330 always had it"""
-_WATCHDOG = 38
+WATCHDOG_FIRMWARE: Final = 38
 """First firmware with Bus Watchdog and Drive Mode; the X330 always had them"""
 
 # name, address, size, writable, default, (minimum, maximum)
@@ -216,7 +216,7 @@ def _not_yet(family: Family, firmware: int) -> set[str]:
     missing = set()
     if firmware < fast_read_firmware(family):
         missing |= {"startup_configuration", "backup_ready"}
-    if firmware < _WATCHDOG and family != "X330":
+    if firmware < WATCHDOG_FIRMWARE and family != "X330":
         missing |= {"bus_watchdog", "drive_mode"}
     return missing
 

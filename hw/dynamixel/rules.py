@@ -13,12 +13,11 @@ from typing import Final, NamedTuple
 from haptic_wall.hw.dynamixel.codec import MAX_ID
 from haptic_wall.hw.dynamixel.health import DrivingRange
 from haptic_wall.hw.dynamixel.register_access import Table
+from haptic_wall.hw.dynamixel.registers import WATCHDOG_FIRMWARE
 from haptic_wall.hw.dynamixel.tables import Model, model_by_number
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw, torque_law
 from haptic_wall.hw.servo import Check
 
-WATCHDOG_FIRMWARE: Final = 38
-"""First firmware with a Bus Watchdog"""
 STATUS_LEVEL: Final = 2
 """Status Return Level at which the servo replies to everything"""
 _FIX: Final = "`haptic-wall doctor CONFIG --fix`"

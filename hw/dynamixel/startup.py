@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 from haptic_wall.hw.dynamixel.probe import prove_the_sign
-from haptic_wall.hw.dynamixel.register_access import Table
+from haptic_wall.hw.dynamixel.register_access import UNHELD, Table
 from haptic_wall.hw.dynamixel.registers import CURRENT_MODE, POSITION_UNIT
 from haptic_wall.hw.dynamixel.rules import (
     STATUS_LEVEL,
@@ -45,8 +45,6 @@ class Ready(NamedTuple):
     checks: list[Check]
     seen: Seen
     """What it is set to"""
-    reply_ns: int
-    """Time of a reply, if longer than the schedules allow [ns]; else 0"""
     longest_ns: int
     """Usual time of a reply at the worst phase of an adapter's timer [ns]"""
 
@@ -95,7 +93,7 @@ class Startup:
         self._set_up()
         self._judge_constant(seen.law)
         self._report("position", f"{self._sample().counts * POSITION_UNIT:.3f} rad", "known")
-        longest_ns, reply_ns = self._measure_reply()
+        longest_ns = self._measure_reply()
         self._refuse_if_unfit()
         advice = "check its supply voltage and Hardware Error Status (70)"
         self._settle("torque_enable", 1, "torque", advice=advice)  # the goal is zero
@@ -104,7 +102,7 @@ class Startup:
             prove_the_sign(settings, seen.law, seen["current_limit"], table, self._name)
         )
         self._refuse_if_unfit()
-        return Ready(self._checks, seen, reply_ns, longest_ns)
+        return Ready(self._checks, seen, longest_ns)
 
     def _report_adapter(self) -> None:
         """Report how long the adapter holds short replies; the samples' age shows the effect."""
@@ -185,8 +183,8 @@ class Startup:
         found = f"{self._constant:.3g} N·m/A, {origin}"
         self._checks.append(Verdict(found, "measured", *told).check("torque per current"))
 
-    def _measure_reply(self) -> tuple[int, int]:
-        """Return the time of a reply [ns], and again if longer than the schedules allow; else 0.
+    def _measure_reply(self) -> int:
+        """Return the time of a reply [ns], and check that the schedules allow it.
 
         Each is requested right after another has come, when an adapter's timer has just started, so
         that it takes the longest possible time. The median is used, because a machine may stall.
@@ -198,15 +196,15 @@ class Startup:
         middle = sorted(times)[_REPLIES // 2]
         most_ns = _IN_TIME * self._settings.period_s * 1e9
         found = f"{middle * 1e-6:.1f} ms, longest {max(times) * 1e-6:.1f} ms"
-        slow = middle > most_ns
-        if slow:
-            periods = round(middle * 1e-9 / self._settings.period_s)
-            found += (
-                f": one sample in {periods} periods, so a softer wall; set the adapter's latency "
-                "timer to 1 ms"
+        told: tuple[str, ...] = ()
+        if middle > most_ns:
+            told = (
+                f"Its replies take {middle * 1e-6:.1f} ms, more than {_IN_TIME:g} periods",
+                f"{UNHELD}, or lower loop.rate_hz",
             )
-        self._report("adapter reply", found, f"at most {most_ns * 1e-6:.1f} ms")
-        return middle, middle if slow else 0
+        verdict = Verdict(found, f"at most {most_ns * 1e-6:.1f} ms", *told)
+        self._checks.append(verdict.check("adapter reply"))
+        return middle
 
     def _report(self, name: str, found: str, wanted: str) -> None:
         self._checks.append(Check(name, True, found, wanted))

@@ -1,9 +1,9 @@
 """Finds other users of a port, and keeps them off it while it is in use.
 
-A second program on the bus garbles frames and takes replies away. The kernel refuses further
-openings (TIOCEXCL), but not those of root, and not on a pseudo-terminal: its users do not close it
-last, so that it would stay refused. So the open files of all processes that this user may see are
-searched too, a few processes at each look.
+A second program on the bus garbles frames and takes replies away. Before a port is opened, the open
+files of all processes that this user may see are searched. Then the kernel refuses further openings
+(TIOCEXCL), but not those of root, and not on a pseudo-terminal: its users do not close it last, so
+that it would stay refused.
 """
 
 from __future__ import annotations
@@ -13,13 +13,10 @@ import os
 import stat
 import termios
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-LOOKS: Final = 24
-"""Number of looks to search all processes: a second at one look per 40 ms, as with the slowest
-loop, and usually half of that"""
 _PTMX: Final = os.makedev(5, 2)
 """The device behind the controlling end of every pseudo-terminal"""
 _PTS_MAJORS: Final = range(136, 144)
@@ -81,56 +78,21 @@ def holder(pid: int, device: int) -> str | None:
     return None
 
 
-class PortUsers:
-    """Reserves a port for this process and its children, and finds other users.
+@contextmanager
+def reserved(descriptor: int) -> Iterator[None]:
+    """Have the kernel refuse further openings of a port, except by root, for the time of a block.
 
     Args:
-        descriptor: The open port; it stays open.
-    """
-
-    def __init__(self, descriptor: int) -> None:
-        self._descriptor = descriptor
-        self._device = os.fstat(descriptor).st_rdev
-        self._path = os.readlink(f"/proc/self/fd/{descriptor}")  # noqa: PTH115
-        self._left: list[int] = []
-        """Processes that this round has not searched yet"""
-        self._at_once = 1
-        if not is_pseudo(self._device):
-            exclusive(descriptor, True)
-
-    def look(self) -> str:
-        """Search some processes; return a text about other users of the port, or an empty one."""
-        if not self._left:
-            self._left = _processes()
-            self._at_once = -(-len(self._left) // LOOKS)
-        some, self._left = self._left[: self._at_once], self._left[self._at_once :]
-        return self._search(some)
-
-    def look_everywhere(self) -> str:
-        """Search all processes at once; see ``look``."""
-        return self._search(_processes())
-
-    def close(self) -> None:
-        """Release the port for others."""
-        exclusive(self._descriptor, False)
-
-    def _search(self, pids: list[int]) -> str:
-        for pid in pids:
-            program = holder(pid, self._device)
-            if program is not None and not _descends(pid, os.getpid()):
-                return f"{program} (pid {pid}) has opened {self._path}"
-        return ""
-
-
-def exclusive(descriptor: int, wanted: bool) -> None:
-    """Make the kernel refuse further openings of a port (except by root), or allow them again.
-
-    Args:
-        descriptor: The open port; no effect if its adapter is gone.
-        wanted: Whether further openings are to be refused.
+        descriptor: The open port; no effect if its adapter is gone, or on a pseudo-terminal.
     """
     with suppress(OSError):
-        fcntl.ioctl(descriptor, termios.TIOCEXCL if wanted else termios.TIOCNXCL)
+        if not is_pseudo(os.fstat(descriptor).st_rdev):
+            fcntl.ioctl(descriptor, termios.TIOCEXCL)
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            fcntl.ioctl(descriptor, termios.TIOCNXCL)
 
 
 def _processes() -> list[int]:
@@ -149,16 +111,3 @@ def _target(entry: str) -> int | None:
     except OSError:
         return None
     return found.st_rdev if stat.S_ISCHR(found.st_mode) else None
-
-
-def _descends(pid: int, ancestor: int) -> bool:
-    """Whether a process is a descendant of another."""
-    while pid > 1:
-        try:
-            fields = Path(f"/proc/{pid}/stat").read_bytes()
-            pid = int(fields.rpartition(b")")[2].split()[1])
-        except (OSError, ValueError, IndexError):
-            return False  # it has ended
-        if pid == ancestor:
-            return True
-    return False

@@ -24,7 +24,6 @@ def a_run() -> NDArray[np.void]:
     rows = rows_of(1000)
     rows["flags"][:50] = FLAG_WARM_UP
     rows["outcome"][[100, 103, 160, 700]] = Outcome.LOST
-    rows["outcome"][200:220] = Outcome.WAITING
     rows["missed"][300] = 3
     rows["oscillation"][400:450] = State.DECAYING
     rows["oscillation"][450:] = State.GROWING

@@ -43,7 +43,7 @@ def opened(plan: Plan, told: list[str], monkeypatch: pytest.MonkeyPatch, code: s
 def test_a_stopped_door_is_told_and_killed_after_its_time(
     plan: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(door, "_END_S", 0.1)
+    monkeypatch.setattr(door, "END_S", 0.1)
     told: list[str] = []
     made = opened(plan, told, monkeypatch, "import time; time.sleep(60)")
     child = made._child

@@ -42,7 +42,6 @@ from tests.support.buses import TRUE, emulated_bus
 
 PERIOD_NS = 1_000_000
 LOST = object()
-WAITING = object()
 
 
 def bin_of(stiffness: float, damping: float, delay: float) -> Allowed:
@@ -50,7 +49,7 @@ def bin_of(stiffness: float, damping: float, delay: float) -> Allowed:
 
 
 class ScriptedBus:
-    """Answers with the positions it is given; LOST is no reply, WAITING none yet.
+    """Answers with the positions it is given; LOST is no reply.
 
     Each servo has a script of its own.
     """
@@ -83,9 +82,8 @@ class ScriptedBus:
         return [self._reading(script.pop(0)) for script in self.scripts]
 
     def _reading(self, position: object) -> Reading:
-        if position in (LOST, WAITING):
-            outcome = Outcome.LOST if position is LOST else Outcome.WAITING
-            return Reading(outcome, math.nan, 0, self.asked_ns, math.nan, False)
+        if position is LOST:
+            return Reading(Outcome.LOST, math.nan, 0, self.asked_ns, math.nan, False)
         began_ns = self.clock.now_ns()
         self.clock.wait_until(self.asked_ns + self.age_ns)
         self.traffic.waited_ns = self.clock.now_ns() - began_ns
@@ -328,16 +326,6 @@ def test_a_request_to_raise_is_handed_to_the_watch_and_raises_nothing_in_contact
     assert rig.watch.asked == 1
     assert set(rig.rows["stiffness"]) == {5.0}
     assert set(rig.rows["damping"]) == {0.01}
-
-
-def test_while_no_reply_is_due_the_torque_is_held_and_nothing_is_lost() -> None:
-    """Held with its damping: else that would act in one tick of several."""
-    rig = on(Rig([0.1, 0.12, *[WAITING] * 4, 0.12], stiffness=10.0, damping=0.02)).run(7)
-    held = -1.2 - 0.02 * 20.0
-    assert rig.bus.sent == pytest.approx([-1.0, *[held] * 5, -1.2])
-    assert rig.cycle.trip is None  # four losses in a row would have tripped
-    assert list(rig.rows["outcome"][2:6]) == [Outcome.WAITING] * 4
-    assert list(rig.rows["age_ns"][1:6]) == [k * PERIOD_NS for k in range(5)]
 
 
 def lets_go(rig: Rig) -> Rig:

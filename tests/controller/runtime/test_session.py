@@ -4,17 +4,15 @@ import gc
 import json
 import math
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from haptic_wall.controller.cli import main as cli
-from haptic_wall.controller.runtime.assembly import Decided, guard_decisions
 from haptic_wall.controller.runtime.cycle import Cycle
 from haptic_wall.controller.runtime.gains import Gains
-from haptic_wall.controller.runtime.handover import KnownServo
 from haptic_wall.controller.runtime.session import Result, Surroundings, run_session
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_OFF,
@@ -24,13 +22,11 @@ from haptic_wall.controller.runtime.telemetry import (
     Telemetry,
     Word,
 )
-from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.group import DynamixelGroup
-from haptic_wall.hw.servo import Check
 from tests.cases import sampled
 from tests.typed import not_none, status_of
 
@@ -287,35 +283,6 @@ def test_a_wall_that_waits_comes_on_without_a_blow_when_the_shaft_is_brought_to_
     assert result.wall_came_on
     assert result.ticks == 1800, "time counts from when the wall comes on"
     assert abs(rows["torque"][0]) <= 0.2 + 0.02 * 5.0, "the spring's part, and the damper's"
-
-
-def test_decisions_for_slow_replies_are_computed_with_the_torque_off(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """The decisions take up to seconds. Only a start shows how long a reply takes."""
-    real_start, real_stop = DynamixelGroup.start, DynamixelGroup.stop
-    torque_on, when = [False], []
-
-    def start(group: DynamixelGroup) -> list[list[Check]]:
-        checks = real_start(group)
-        group.traffic.reply_s = 0.016
-        torque_on[0] = True
-        return checks
-
-    def stop(group: DynamixelGroup) -> bool:
-        torque_on[0] = False
-        return real_stop(group)
-
-    def decided(config: Config, servo: KnownServo, **given: Any) -> Decided:
-        when.append(torque_on[0])
-        return guard_decisions(config, servo, **given)
-
-    monkeypatch.setattr(DynamixelGroup, "start", start)
-    monkeypatch.setattr(DynamixelGroup, "stop", stop)
-    monkeypatch.setattr("haptic_wall.controller.runtime.session.guard_decisions", decided)
-    result, _ = session("emulated-ideal", "loop.clock=simulated", duration=0.2)
-    assert when == [False, False]
-    assert result.wall_came_on
 
 
 @pytest.mark.parametrize(

@@ -371,24 +371,6 @@ def test_a_collect_that_comes_too_late_still_finds_the_reply(shape: tuple[int, W
     assert all(sample.outcome is Outcome.OK for sample in samples)
 
 
-def test_a_request_may_stay_outstanding_over_several_collects(shape: tuple[int, Way]) -> None:
-    """Replies that take three periods are waited for, and lost ones given up in time."""
-    bench = Bench(lambda n, reply: [] if n == 3 else [(3 * PERIOD_NS, reply)], shape)
-    bench.exchange.patience_ns = 5 * PERIOD_NS
-    rows = []
-    for _ in range(40):
-        if not bench.exchange.waiting:
-            bench.exchange.request()
-        samples = bench.exchange.collect(0)
-        bench.are_their_own(samples)
-        rows.append(samples[0].outcome)
-        assert len({sample.outcome for sample in samples}) == 1
-        bench.clock.wait_until(bench.clock.now_ns() + PERIOD_NS)
-    assert rows[:5] == [Outcome.WAITING] * 4 + [Outcome.OK]
-    assert rows.count(Outcome.LOST) == 1
-    bench.assert_counts(1, 0, 0)
-
-
 def test_a_wider_block_is_read_around_each_sample(shape: tuple[int, Way]) -> None:
     bench = Bench(shape=shape)
     wide = bench.exchange.widen(64, 147)

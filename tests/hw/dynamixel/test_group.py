@@ -367,31 +367,17 @@ def test_a_short_absence_costs_the_servo_its_own_readings_alone() -> None:
         bench.assert_true(rows[-1])
 
 
-@pytest.mark.parametrize("timer_ms", [4, 16])
-def test_behind_an_adapter_that_holds_replies_for_periods_nothing_is_lost(timer_ms: int) -> None:
-    bench = Bench([48] * 3, watchdog_s=1.0)
-    bench.bus._adapter = Adapter(timer_ms * PERIOD_NS, 62, 0)
-    bench.group.start()
-    rows = [bench.cycle([0.1, 0.1, 0.1]) for _ in range(200)]
-    for row in zip(*rows, strict=True):
-        outcomes = [reading.outcome for reading in row]
-        assert set(outcomes) == {Outcome.OK, Outcome.WAITING}
-        assert outcomes.count(Outcome.OK) >= 200 // (timer_ms + 2)
-    assert bench.group.stop() is True
-
-
 @pytest.mark.parametrize(
     ("count", "timer_ms", "watchdog_s"), [(2, 16, 0.1), (3, 16, 0.2), (6, 4, 0.1)]
 )
 def test_while_one_is_examined_no_watchdog_of_another_trips(
     count: int, timer_ms: int, watchdog_s: float
 ) -> None:
-    bench = Bench([48] * count, watchdog_s=watchdog_s, period_ns=2 * PERIOD_NS)
+    bench = Bench([48] * count, watchdog_s=watchdog_s, period_ns=2 * timer_ms * PERIOD_NS)
     bench.bus._adapter = Adapter(timer_ms * PERIOD_NS, 62, 0)
     bench.group.start()
-    rows = [bench.cycle([0.1] * count) for _ in range(300)]
-    assert all(reading.outcome is not Outcome.LOST for row in rows for reading in row)
-    assert sum(row[-1].outcome is Outcome.OK for row in rows) >= 300 // (timer_ms // 2 + 2)
+    _first, *rows = (bench.cycle([0.1] * count) for _ in range(100))  # it looks at watchdogs
+    assert all(reading.outcome is Outcome.OK for row in rows for reading in row)
     assert bench.group.stop() is True
 
 
