@@ -1,4 +1,4 @@
-"""Splits a delay into named parts, finds the largest, and estimates how short it could become."""
+"""Splits a delay into named parts, and finds the largest."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 HOLD, SAMPLE_AGE = "hold", "sample_age"
 """Names of the delay's parts."""
-SHORT_TIMER = 1e-3
-"""Shortest latency timer of common USB adapters that is safe to set [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,22 +36,6 @@ class DelayParts:
     def largest(self) -> tuple[str, float]:
         """Return name and size [s] of the largest part, the hold included."""
         return next(iter(self.sizes().items()))
-
-
-def shorter(parts: DelayParts, slow_replies: bool) -> float:
-    """Estimate to which size the largest part of a delay could be reduced [s].
-
-    It is half of most parts. A sample's age, where replies take several periods, could be one
-    period and ``SHORT_TIMER``: the greatest age with an adapter set to that timer.
-
-    Args:
-        parts: The delay.
-        slow_replies: Replies take several periods.
-    """
-    name, size = parts.largest()
-    if slow_replies and name == SAMPLE_AGE:
-        return min(size / 2, parts.period + SHORT_TIMER)
-    return size / 2
 
 
 def ms(seconds: float) -> str:

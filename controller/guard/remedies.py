@@ -16,10 +16,8 @@ from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.delay_parts import (
     HOLD,
     SAMPLE_AGE,
-    SHORT_TIMER,
     DelayParts,
     ms,
-    shorter,
 )
 from haptic_wall.controller.guard.evaluation import Evaluation
 from haptic_wall.controller.guard.limits import evaluate, least_of
@@ -125,15 +123,15 @@ def _changed(change: str, wall: Wall, work: Work) -> tuple[Wall, str] | None:
 
 
 def _largest_part(wall: Wall) -> tuple[Wall, str]:
-    parts, slow = wall.parts, wall.situation.slow_replies
+    parts = wall.parts
     name, size = parts.largest()
-    least = shorter(parts, slow)
+    least = size / 2
     share = f"{100 * size / parts.total:.0f} % of the total delay (period/2 + delay ="
     share += f" {ms(parts.total)})"
     if name == HOLD:
-        text = f"a period of {ms(2.0 * least)} instead of {ms(2.0 * size)}, half of which is"
-        faster = replace(wall.situation, period=2.0 * least)
-        shorter_hold = replace(parts, period=2.0 * least)
+        text = f"a period of {ms(size)} instead of {ms(2.0 * size)}, half of which is"
+        faster = replace(wall.situation, period=size)
+        shorter_hold = replace(parts, period=size)
         return wall._replace(situation=faster, parts=shorter_hold), f"{text} {share}"
     what = {
         SAMPLE_AGE: "a sample's age",
@@ -141,8 +139,6 @@ def _largest_part(wall: Wall) -> tuple[Wall, str]:
         "device": "a lag of the device",
     }.get(name, f"a delay ({name})")
     text = f"{what} of {ms(least)} instead of {ms(size)}, {share}"
-    if slow and name == SAMPLE_AGE:
-        text += f": the adapter holds back replies; set its latency timer to {ms(SHORT_TIMER)}"
     return wall._replace(parts=replace(parts, named={**parts.named, name: least})), text
 
 

@@ -80,10 +80,6 @@ class Situation:
     """[N·m]"""
     position_step: float
     """Encoder step [rad]; 0: the position is not quantised"""
-    slow_replies: bool = False
-    """A reply takes several periods, as with a long latency timer of the adapter; only the reasons
-    use it"""
-
     inserted: float = 0.0
     """The part of the delay that is not the sample's age, without the device's own lag [s]: an age
     may be shorter than what is counted"""

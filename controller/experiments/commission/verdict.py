@@ -56,7 +56,6 @@ class GuardQuestion:
             period=config.period_ns * 1e-9,
             torque_limit=torque_limit_of(config),
             position_step=step,
-            slow_replies=age > 2.0 * config.period_s,
         )
         settings = config.guard_settings()
         if settings.mode == "off":

@@ -9,9 +9,7 @@ import pytest
 
 from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.delay_parts import (
-    SAMPLE_AGE,
     DelayParts,
-    shorter,
 )
 from haptic_wall.controller.guard.limits import OneSided
 from haptic_wall.controller.guard.remedies import Remedy, Wall, remedies
@@ -67,19 +65,3 @@ def test_each_remedy_is_the_limit_with_that_one_thing_changed() -> None:
         (remedy,) = bought(where, delay, change)
         assert remedy.stiffness == pytest.approx(stiffness, rel=0.02), change  # the table's jags
     assert bought(where, delay, "encoder") == []
-
-
-@pytest.mark.parametrize(
-    ("named", "slow", "least"),
-    [
-        ({SAMPLE_AGE: 30e-3}, True, T + 1e-3),
-        ({SAMPLE_AGE: 30e-3}, False, 15e-3),
-        ({SAMPLE_AGE: 3e-3}, True, 1.5e-3),
-        ({SAMPLE_AGE: 2e-3, "device": 5e-3}, True, 2.5e-3),
-    ],
-)
-def test_a_sample_kept_back_would_be_a_short_timer_old(
-    named: dict[str, float], slow: bool, least: float
-) -> None:
-    """Elsewhere half is tried; with 1 ms of period and timer each the age is 2 ms at most."""
-    assert shorter(DelayParts(T, named), slow) == pytest.approx(least)
