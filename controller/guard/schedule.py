@@ -7,8 +7,8 @@ executed ticks. The tick only picks the pair of bins.
 The interval takes the place of the sampling period in the theory: ``sum(D²) / sum(D)``, where D is
 the time from one tick with a reading to the next. With a sample age a, the mean age of the acting
 torque is then ``a + sum(D²) / (2 sum(D))``. Skipped periods, late ticks and failed readings
-lengthen D. A tick in which no reply is due yet does not: it raises the age. Long intervals may
-always come at the worst phase of an oscillation; ``ServedInterval`` counts that.
+lengthen D. Long intervals may always come at the worst phase of an oscillation; ``ServedInterval``
+counts that.
 
 A longer age or interval lowers the gains, at once if it lasts; a single old sample has no effect.
 Beyond the last age and the last interval the wall fades out: it gets no stiffness and no damping.
@@ -60,8 +60,8 @@ IRREGULAR_CAP = 0.5
 weighted interval exceeds the ceiling of the longest intervals, and some repeated patterns then grow
 at 0.8 of the limit."""
 OLDEST = 3
-"""Oldest age that gets gains, over a period, or over the time that a reply takes where that is
-longer: a pipelined sample is one old, and two after a lost reply"""
+"""Oldest age that gets gains, over a period, or over ``guard.sample_age`` where that is longer: a
+pipelined sample is one old, and two after a lost reply"""
 
 
 def age_bins_ns(period_ns: int, slowest_ns: int = 0) -> list[int]:
