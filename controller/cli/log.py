@@ -106,5 +106,5 @@ def _text(found: dict[str, Any], log: Path) -> str:
         return "\n".join([*lines, *entry("run", "not ended: it goes on, or was killed")])
     try:
         return "\n".join([*lines, report_text(found["report"] | {"changes": found["changes"]})])
-    except (LookupError, TypeError, ValueError, AttributeError) as error:
+    except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise refusal(log, "its report is not that of a run") from error

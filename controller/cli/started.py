@@ -194,7 +194,7 @@ def run(
             folder = scope.enter_context(tempfile.TemporaryDirectory(prefix="haptic-wall-"))
             log = Path(folder) / "run.hwlog"
         arguments = ["run", os.fspath(config), "--json", "--no-plot", "--log", os.fspath(log)]
-        arguments += [f"--duration={math.inf if duration_s is None else duration_s!r}"]
+        arguments += [f"--duration={math.inf if duration_s is None else float(duration_s)!r}"]
         arguments += [f"--set={change}" for change in sets]
         wall = RunningWall(Path(log), arguments)
         scope.callback(wall.close)
@@ -205,7 +205,12 @@ def run(
 
 
 def _texts(changes: Mapping[str, Any]) -> list[str]:
-    return [f"{path}={json.dumps(value)}" for path, value in changes.items()]
+    return [f"{path}={json.dumps(value, default=_plain)}" for path, value in changes.items()]
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401 - JSON
+    """Return what JSON has no word for as what it has: NumPy's numbers and arrays, and paths."""
+    return value.tolist() if hasattr(value, "tolist") else os.fspath(value)
 
 
 if __name__ == "__main__":  # a command that ends with its starter

@@ -9,6 +9,8 @@ from typing import Any
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.system.wrapping import wrapped
 
+_WITHOUT_END = ("incomplete", "missing")
+"""States of a log that may lack the report"""
 _UNCONFIRMED = (
     "the servo did not confirm that its torque is off: without a supply it has none, otherwise its "
     "Bus Watchdog ends it; switch its power off before you touch it"
@@ -36,10 +38,16 @@ def report_text(report: Mapping[str, Any], *, brief: bool = False) -> str:
         more = [f"{count} {what}{'s' * (count > 1)}" for count, what in others if count > 0]
         log = report.get("log")
         where = f"haptic-wall log {shlex.quote(str(log))}" if log else "run -v"
-        told += [("why", text) for text in reasons[:1]]
-        told += [*_ticks(report), *_bus(report.get("bus"))]
-        told += [("note", text) for text in notes[-1:]]
-        told += [("more", f"{', '.join(more)}: `{where}`")] if more else []
+        if str(report.get("log_state")) in _WITHOUT_END:  # nothing else has them
+            told += [*_ticks(report), *_bus(report.get("bus"))]
+            told += [("why", text) for text in reasons]
+            told += [("change", _change(each)) for each in changes]
+            told += [("note", text) for text in notes]
+        else:
+            told += [("why", text) for text in reasons[:1]]
+            told += [*_ticks(report), *_bus(report.get("bus"))]
+            told += [("note", text) for text in notes[-1:]]
+            told += [("more", f"{', '.join(more)}: `{where}`")] if more else []
     else:
         told += [*_limits(guard), *_ticks(report), *_timing(report), *_bus(report.get("bus"))]
         told += [*_delay(report), *_realtime(report.get("realtime"))]
@@ -59,7 +67,7 @@ def _ending(report: Mapping[str, Any]) -> Lines:
     if trip := Trip.of(reason):
         how = f"ENDED BY A SAFETY TRIP: {trip.label}"
     log = str(report.get("log_state"))
-    flaw = f", AND ITS LOG IS {log.upper()}" if log in ("incomplete", "missing") else ""
+    flaw = f", AND ITS LOG IS {log.upper()}" if log in _WITHOUT_END else ""
     off = report.get("torque_off")
     torque = ""
     if off is not None:

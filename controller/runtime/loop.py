@@ -95,7 +95,8 @@ class Loop:
         served = woke = ended = deadline
         block = BLOCK
         try:
-            while deadline < end:
+            # A stall beyond the end hides no trip: one more tick tells it.
+            while deadline < end or (missed and served < end):
                 woke = wait(deadline)
                 if words[stop] or words[cut]:
                     ended = woke

@@ -9,6 +9,7 @@ import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from haptic_wall.controller.cli.started import RunError, RunningWall, run
@@ -101,8 +102,9 @@ def test_a_wall_that_cannot_start_says_why() -> None:
 
 
 def test_a_run_on_the_simulated_clock_is_over_and_has_a_report(tmp_path: Path) -> None:
-    changes = {"loop.clock": "simulated", "wall.stiffness": 4.0}
-    with run("simulated", changes, duration_s=0.5, log=tmp_path / "run.hwlog") as wall:
+    changes = {"loop.clock": "simulated", "wall.stiffness": np.int64(4)}
+    half: float = np.float64(0.5)
+    with run("simulated", changes, duration_s=half, log=tmp_path / "run.hwlog") as wall:
         assert not wall.running()
         assert wall.report()["guard"]["requested"]["stiffness"] == 4.0
         with pytest.raises(UserError, match="has ended"):

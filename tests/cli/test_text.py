@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from haptic_wall.controller.cli.options import as_json
 from haptic_wall.controller.report.run_text import report_text
@@ -161,3 +162,11 @@ def test_the_default_report_has_about_eight_lines_and_the_first_reason() -> None
     assert lines[7] == "note        note 8"
     assert lines[8] == "more        8 notes: `haptic-wall log 'runs/a long way/run.hwlog'`"
     assert lines[9:] == ["log         runs/a long way/run.hwlog", "picture     runs/run.png"]
+
+
+@pytest.mark.parametrize("state", ["incomplete", "missing"])
+def test_a_log_without_the_report_is_not_where_its_notes_are(state: str) -> None:
+    many = {"warnings": [f"note {k}" for k in range(9)], "log_state": state}
+    text = report_text(REPORT | many, brief=True)
+    assert all(f"note        note {k}\n" in text for k in range(9))
+    assert "more" not in text and "haptic-wall log" not in text

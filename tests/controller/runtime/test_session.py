@@ -197,9 +197,25 @@ def test_every_period_is_a_tick_or_missed(stalled: int, monkeypatch: pytest.Monk
     assert result.ticks + result.missed == round(result.elapsed_s * result.grid_hz)
     assert (result.missed > 0) is (stalled >= 500)
     rows, _ = telemetry.read(0)
-    last = stalled == 999  # no tick follows that could tell it
-    told = [] if last else [result.missed or 6]
-    assert [row for row in rows["missed"] if row] == told
+    assert [row for row in rows["missed"] if row] == [result.missed or 6]
+
+
+def test_a_torque_lost_in_a_stall_beyond_the_end_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = Gains.follow
+    seen = []
+
+    def stalling(self: Gains, age_ns: int, interval_ns: int, may_raise: bool) -> bool:
+        seen.append(0)
+        if len(seen) == 2400:
+            clock.wait_until(clock.now_ns() + 3_000_000_000)
+        return plain(self, age_ns, interval_ns, may_raise)
+
+    monkeypatch.setattr(Gains, "follow", stalling)
+    config = load_config("emulated-ideal", ["loop.clock=simulated"]).config
+    clock = SimulatedClock()
+    result = run_session(config, clock, Telemetry.create(), 2.0)
+    assert len(seen) == 2400 and result.missed > 2900
+    assert result.stop_reason == "trip:torque_lost"
 
 
 def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it() -> None:
