@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Final, Protocol
+
+SHORTEST: Final = 0.5
+"""The shortest time that a velocity spans [periods]: over a very short one, after a late tick, one
+encoder count would give a high speed. A shorter interval counts with the one before: divided by
+more than has passed, the velocity would be too low while a late tick's torque is held longest."""
 
 
 class VelocityEstimator(Protocol):
@@ -11,8 +16,8 @@ class VelocityEstimator(Protocol):
     def update(self, position: float, periods: float) -> float:
         """Return the velocity [rad/s] at a new position [rad], ``periods`` after the last good one.
 
-        ``periods`` is greater than 0 and need not be whole: a tick may be late. The first call has
-        no history and returns 0.
+        ``periods`` is at least 0 and need not be whole: a tick may be late. The first call has no
+        history and returns 0.
         """
         ...
 
@@ -20,7 +25,8 @@ class VelocityEstimator(Protocol):
 class BackwardDifference:
     """Computes ``(x[k] - x[k-1]) / T``: the estimator that the stability theory assumes.
 
-    After lost readings it divides the difference by the periods that really passed.
+    After lost readings it divides the difference by the periods that really passed; after less than
+    ``SHORTEST`` it is ``(x[k] - x[k-2])`` over both intervals.
 
     Args:
         period: Sampling period T [s].
@@ -29,11 +35,21 @@ class BackwardDifference:
     def __init__(self, period: float) -> None:
         self._period = period
         self._last: float | None = None
+        self._before: float | None = None
+        self._periods = 0.0  # between these two
 
     def update(self, position: float, periods: float) -> float:
         """Return the velocity; see ``VelocityEstimator``."""
-        last, self._last = self._last, position
-        return 0.0 if last is None else (position - last) / (periods * self._period)
+        first, last, span = self._before, self._last, periods
+        if last is None:
+            self._last = position
+            return 0.0
+        if periods >= SHORTEST or first is None:
+            first = last
+        else:
+            span += self._periods
+        self._before, self._last, self._periods = last, position, periods
+        return (position - first) / (max(span, SHORTEST) * self._period)
 
 
 class SampleDifference:
@@ -63,7 +79,7 @@ class SampleDifference:
         index, oldest = history[0]
         if index == self._index:
             return 0.0
-        return (position - oldest) / ((self._index - index) * self._period)
+        return (position - oldest) / (max(self._index - index, SHORTEST) * self._period)
 
 
 class Biquad:

@@ -37,9 +37,6 @@ JITTER: Final = 0.1
 """Largest distance from whole periods at which an interval between samples counts as whole
 [periods]. A loop that serves a tick every 1.5 periods is far from it: with a division by 2, its
 velocity would omit a quarter of the damping."""
-SHORTEST: Final = 0.5
-"""The shortest interval for a velocity [periods]: over a very short one, after a late tick, one
-encoder count would give a high speed."""
 _OK: Final = Outcome.OK  # looking up an enum member is slow: a plain name is many times faster
 _REFUSED: Final = Outcome.REFUSED
 _HEAD, _OFFERED, _WITHDRAWN = int(Word.HEAD), int(Word.OFFERED), int(Word.WITHDRAWN)
@@ -222,7 +219,7 @@ class Axis:
             if not -JITTER <= passed - 1.0 <= JITTER:
                 whole = round(passed)
                 near = abs(passed - whole) <= JITTER and whole
-                periods = whole if near else max(passed, SHORTEST)
+                periods = whole if near else max(passed, 0.0)
         self.position, self.sampled_ns = position, sampled_ns
         self.velocity = self.damped = self.velocities.update(position, periods)
         if self.velocity_filter is not None:

@@ -8,6 +8,7 @@ from haptic_wall.controller.laws.velocity import (
     BackwardDifference,
     Biquad,
     SampleDifference,
+    velocity_estimator,
 )
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
@@ -29,6 +30,27 @@ def test_after_losses_the_difference_is_divided_by_the_periods_that_passed() -> 
     estimator = BackwardDifference(T)
     estimator.update(1.0, 1)
     assert estimator.update(1.006, 3) == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("samples", [1, 3])
+def test_a_short_interval_counts_with_the_one_before(samples: int) -> None:
+    estimator = velocity_estimator(T, samples)
+    x = 0.0
+    velocities = []
+    for periods in (1.0, 1.98, 0.02, 1.7, 0.3, 1.0, 1.49, 1.49, 0.02, 1.98):
+        x += 5.0 * periods * T
+        velocities.append(estimator.update(x, periods))
+    assert velocities[1:] == pytest.approx([5.0] * 9)
+
+
+@pytest.mark.parametrize("samples", [1, 3])
+def test_a_count_after_hardly_any_time_gives_no_high_speed(samples: int) -> None:
+    estimator = velocity_estimator(T, samples)
+    estimator.update(0.0, 1.0)
+    assert estimator.update(0.001, 0.01) <= 2.0, "not the 100 rad/s of a hundredth of a period"
+    assert estimator.update(0.002, 1.0) == pytest.approx(
+        0.001 / T if samples == 1 else 2.0, rel=0.1
+    )
 
 
 @pytest.mark.parametrize("samples", [2, 3, 8])

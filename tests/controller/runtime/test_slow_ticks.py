@@ -1,5 +1,6 @@
 """Ticks that cost more than a period: the guard counts the interval that is really served."""
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from typing import Any, cast
@@ -112,6 +113,16 @@ def test_the_wall_of_a_slow_loop_is_that_of_its_true_rate(cost: float) -> None:
 def test_ticks_of_random_cost_keep_the_wall_stable(seed: int) -> None:
     result, rows = run(drawn([0.3, 1.3, 2.2], [0.5, 0.3, 0.2], seed))
     assert not_none(result.guard)["interval_s"] > PERIOD
+    first, last = heights(rows)
+    assert last < 0.75 * first
+
+
+@pytest.mark.parametrize("samples", [1, 2])
+@pytest.mark.parametrize("cost", [1.75, 1.95])
+def test_the_damping_stays_whole_where_every_second_tick_is_late(cost: float, samples: int) -> None:
+    """The torque of the late tick is held longest: its velocity is over hardly any time."""
+    sets = [f"wall.velocity_samples={samples}"]
+    _, rows = run(itertools.cycle([cost, 0.01]), *sets)
     first, last = heights(rows)
     assert last < 0.75 * first
 
