@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import click
 
 from haptic_wall.controller.cli.experiment import Asked, carry_out, experiment, folder_option
 from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import say
-
-if TYPE_CHECKING:
-    pass
 
 
 @click.command()
@@ -29,7 +24,7 @@ if TYPE_CHECKING:
 def command(asked: Asked, steps: list[int] | None) -> None:
     """Measure the delay of CONFIG's loop from torque command to motion, and its parts.
 
-    The shaft moves as for ``identify``. Runs with an inserted delay check the method: the result
+    The shaft moves as for identify. Runs with an inserted delay check the method: the result
     must contain that delay.
     """
     from haptic_wall.controller.experiments.delay import (
