@@ -24,7 +24,7 @@ from haptic_wall.controller.cli.options import say
 def command(asked: Asked, steps: list[int] | None) -> None:
     """Measure the delay of CONFIG's loop from torque command to motion, and its parts.
 
-    The shaft moves as for ``identify``. Runs with an inserted delay check the method: the result
+    The shaft moves as for identify. Runs with an inserted delay check the method: the result
     must contain that delay.
     """
     from haptic_wall.controller.experiments.delay import (

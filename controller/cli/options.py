@@ -42,7 +42,7 @@ def config_argument(
     """
     return click.argument(
         "config",
-        metavar="CONFIG" if default is None else "[CONFIG]",
+        metavar="CONFIG" if default is None and needed else "[CONFIG]",
         required=default is None and needed,
         default=default,
     )

@@ -50,7 +50,7 @@ class Desk(Protocol):
         ...
 
     def obstacle(self) -> str:
-        """Return why it waits, as words; empty: it does not."""
+        """Return why it waits, as words; empty: it does not, or the loop has not looked yet."""
         ...
 
     def withdraw(self) -> None:
@@ -184,7 +184,7 @@ class Dial:
         elif time.monotonic() > self._began_s + TOLD_S:
             obstacle = desk.obstacle()
             kind = _NUMBERS.sub("", obstacle)  # the same obstacle, of another size
-            if kind != self._told:
+            if obstacle and kind != self._told:
                 self._told = kind
                 self._say({"waits": obstacle})
 

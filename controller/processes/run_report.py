@@ -155,7 +155,8 @@ def warnings_of(ended: Ended) -> list[str]:
                 + (f"; to grant it: {setting['fix']}" if setting["fix"] else "")
             )
     if ended.missed and (why := _why_missed(ended)):
-        warnings.append(f"the loop missed {ended.missed} periods: {why}")
+        periods = "1 period" if ended.missed == 1 else f"{ended.missed} periods"
+        warnings.append(f"the loop missed {periods}: {why}")
     if ended.statistics.unread:
         warnings.append(f"{ended.statistics.unread} rows were not read in time for the statistics")
     return warnings

@@ -94,7 +94,7 @@ def _stiffest(found: Mapping[str, Any]) -> Iterator[str]:
     )
     yield f"limit    {_name(design['binding'])}, {design['stiffness']:.4g} N·m/rad"
     if found["encoder_damping"] is None:
-        yield "not examined, because not given: the encoder (--counts-per-rev, --torque-limit)"
+        yield "not examined: the encoder, for which counts per turn and torque limit must be given"
 
 
 def _aligned(rows: Sequence[Sequence[str]]) -> Iterator[str]:

@@ -25,6 +25,7 @@ from tests.typed import not_none
 
 _IMPORTED = re.compile(r"^(?:>>> )?from (haptic_wall[\w.]*) import (\([\w\s,]+\)|[\w, ]+)$", re.M)
 
+CHANGES = ROOT / "docs" / "changelog.md"
 MOST_WORDS = 1500
 """On a page"""
 
@@ -91,6 +92,21 @@ def test_names_that_are_imported_in_examples_exist() -> None:
             for name in re.findall(r"\w+", names):
                 found = hasattr(there, name) or importlib.util.find_spec(f"{module}.{name}")
                 assert found, f"{name_of(page)}: {module}.{name}"
+
+
+def test_names_with_an_underscore_are_those_of_the_sources() -> None:
+    """Functions, fields and files; decisions, evidence and changes also name what has gone."""
+    kinds = {".py", ".js", ".yaml", ".html", ".toml", ".conf"}
+    rooms = ("controller", "hw", "scripts", "src", "docs/examples", "tests")
+    files = [file for room in rooms for file in (ROOT / room).rglob("*") if file.suffix in kinds]
+    known = {word for file in files for word in re.findall(r"\w+", file.read_text("utf-8"))}
+    for page in PAGES:
+        if page.parent.name in ("decisions", "evidence", "xl330-pendulum") or page == CHANGES:
+            continue
+        text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.S)
+        named = set(re.findall(r"`(?:\w+\.)*([A-Za-z]*_[a-z_]+)`", text))
+        lost = sorted(named - known)
+        assert lost == [], name_of(page)
 
 
 def test_every_trip_has_its_section() -> None:

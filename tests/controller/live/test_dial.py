@@ -39,6 +39,8 @@ class ScriptedDesk:
         self.looks = looks
         self.asked: list[list[str]] = []
         self.withdrawn = 0
+        self.unseen = -1
+        """Looks that are left when the loop does not say why it waits"""
         self._left = 0
 
     def begin(self, sets: list[str], wait_s: float, peer: Peer) -> dict[str, Any] | None:
@@ -53,6 +55,8 @@ class ScriptedDesk:
         return {"applied": True, "changed": {}, "waited_s": 0.0} if self._left <= 0 else None
 
     def obstacle(self) -> str:
+        if self._left == self.unseen:
+            return ""
         return f"the torque would jump by {self._left}e-3 N·m"
 
     def withdraw(self) -> None:
@@ -134,6 +138,16 @@ def test_what_is_refused_is_an_error_with_its_status(served: Served) -> None:
     assert (str(client.answer), client.answer.exit_status) == ("refused: x: y", 2)
     problem = client.answer.problem
     assert (problem.field, problem.remedy) == ("x", "wanted y"), "as --json names them"
+
+
+def test_a_client_is_told_why_it_waits_where_that_is_known(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "TOLD_S", 0.0)
+    served.desk.looks, served.desk.unseen = 10, 8
+    client = Client(served.run, "wall.stiffness=4")
+    served.until(lambda: client.answer)
+    assert client.told == ["waits: the torque would jump by 9e-3 N·m"]
 
 
 def test_only_the_owner_may_connect(served: Served) -> None:

@@ -48,6 +48,7 @@ def test_on_a_pseudo_terminal_lost_replies_are_the_emulators(
         (0, False, True, ""),
         (7, False, True, "the loop missed 7 periods: it had no real-time priority"),
         (7, True, True, "the loop missed 7 periods: this is a virtual machine"),
+        (1, True, True, "the loop missed 1 period: this is a virtual machine"),
         (7, True, False, ""),
     ],
 )
