@@ -13,7 +13,7 @@ from haptic_wall.controller.cli.options import as_json
 from haptic_wall.controller.report.run_text import report_text
 
 TIMES = {"p50": 0.123456, "p99": 15.1, "p99_9": 31.9, "max": 310.0}
-REPORT = {
+REPORT: dict[str, Any] = {
     "ticks": 4998,
     "duration_s": 5.0,
     "missed_ticks": 2,
@@ -144,7 +144,7 @@ def test_json_is_what_json_is() -> None:
     }
 
 
-REASON = REPORT["guard"]["reasons"][0]  # type: ignore[index]
+REASON = REPORT["guard"]["reasons"][0]
 
 
 def test_the_default_report_has_about_eight_lines_and_the_first_reason() -> None:
