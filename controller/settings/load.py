@@ -16,7 +16,7 @@ from haptic_wall.controller.errors import ConfigError, UserError
 from haptic_wall.controller.settings import yaml_text as config_yaml
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.fields import fields, sections
-from haptic_wall.controller.settings.model import IN_WORDS
+from haptic_wall.controller.settings.model import IN_WORDS, Part
 from haptic_wall.controller.settings.rules import BrokenRulesError
 from haptic_wall.controller.system import files
 from haptic_wall.controller.system.printable import in_line
@@ -240,6 +240,9 @@ def _wrong(path: str, value: Any, kind: str) -> Problem:  # noqa: ANN401
 def _known_instead(where: list[str]) -> str:
     """Return advice on an unknown key: the nearest known one, or what there is."""
     name, section = where[-1], sections().get(where[0])
+    if where[:2] == ["wall", "parts"]:
+        near = did_you_mean(name, Part.model_fields)
+        return near or f"a part has {', '.join(Part.model_fields)}"
     if len(where) > 2:
         return "wanted value, low and high"
     if homes := [path for path in fields() if path.endswith(f".{name}")]:

@@ -135,7 +135,7 @@ def test_what_a_log_has_besides_is_not_looked_at(
         ({"message": {}}, "message is not what a run writes in its report"),
         ({"guard": {"reasons": [{}]}}, "reasons is not what a run writes in its report's guard"),
         ({"warnings": "text"}, "warnings is not what a run writes in its report"),
-        ({"guard": REPORT["guard"] | {"margin": 10**400}}, "its report is not that of a run"),
+        ({"torque": {"max": 10**400, "saturated_ticks": 0}}, "its report is not that of a run"),
     ],
 )
 def test_a_report_that_no_run_writes_is_refused(

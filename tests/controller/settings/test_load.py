@@ -161,6 +161,8 @@ def test_every_field_refuses_what_is_not_a_number_or_a_name() -> None:
         ("guard.xyz=1", "guard has mode, margin"),
         ("qqq=1", "sections are loop, realtime"),
         ("model.delay={value: 0, low: 0, high: 0, mean: 0}", "wanted value, low and high"),
+        ("wall.parts=[{law: spring, widht: 1}]", "did you mean width?"),
+        ("wall.parts=[{law: spring, parts: []}]", "a part has law, "),
     ],
 )
 def test_an_unknown_name_comes_with_a_suggestion(change: str, suggestion: str) -> None:
