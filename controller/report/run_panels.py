@@ -87,7 +87,9 @@ def position(ax: Axes, run: DrawnRun) -> None:
     times, surfaces = run.over_time(run.surface)
     if np.isnan(surfaces).all():
         return
-    ax.plot(times, surfaces, color=_WALL, linewidth=1.2, label="wall's surface")
+    walls = all(config.wall.law == "wall" for config, _ in run.parts())
+    label = "wall's surface" if walls else "wall.position"
+    ax.plot(times, surfaces, color=_WALL, linewidth=1.2, label=label)
     low, high = ax.get_ylim()
     margin = 0.12 * (high - low)
     sides = run.over_time(lambda config: SIGNS[config.wall.acting_side])[1]

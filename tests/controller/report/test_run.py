@@ -144,3 +144,15 @@ def test_a_long_run_is_drawn_as_its_envelope(
     drawn = np.concatenate([line.get_ydata() for line in pieces])
     assert len(drawn) < 10_000
     assert max(drawn) == 0.7
+
+
+@pytest.mark.parametrize(
+    ("sets", "label"),
+    [((), "wall's surface"), (("wall.law=detents", "wall.count=24"), "wall.position")],
+)
+def test_only_a_wall_has_a_surface(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, sets: tuple[str, ...], label: str
+) -> None:
+    figure = draw(monkeypatch, tmp_path, run_rows(), metadata("simulated", *sets), saved=False)
+    labels = {str(line.get_label()) for line in figure.axes[0].get_lines()}
+    assert labels & {"wall's surface", "wall.position"} == {label}
