@@ -18,6 +18,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -49,7 +50,7 @@ class RunError(HapticWallError):
 
 
 class RunningWall:
-    """A running wall. It ends with the thread that has started it.
+    """A running wall. It ends with the process that has started it.
 
     Args:
         log: Path of its log.
@@ -64,8 +65,8 @@ class RunningWall:
         self.log = log
         self._answer = tempfile.TemporaryFile()  # noqa: SIM115 - closed in close()
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", __name__, str(os.getpid()), *arguments],
-            stdin=subprocess.DEVNULL,
+            [sys.executable, "-P", "-m", __name__, *arguments],
+            stdin=subprocess.PIPE,  # closed by the kernel when the starter ends
             stdout=self._answer,
             stderr=said,
             process_group=0,  # a Ctrl-C is for the starter, which ends the run as it leaves
@@ -150,7 +151,9 @@ class RunningWall:
             self._process.wait(END_S)
         self._process.kill()
         self._process.wait()
-        self._answer.close()
+        for stream in (self._process.stdin, self._answer):
+            if stream is not None:
+                stream.close()
 
 
 @contextlib.contextmanager
@@ -213,9 +216,15 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 - JSON
     return value.tolist() if hasattr(value, "tolist") else os.fspath(value)
 
 
-if __name__ == "__main__":  # a command that ends with its starter
-    from haptic_wall.controller.cli.main import main
-    from haptic_wall.controller.runtime.realtime import die_with_parent
+def _end_with(starter: int) -> None:
+    os.read(starter, 1)
+    os.kill(os.getpid(), signal.SIGTERM)
 
-    die_with_parent(int(sys.argv[1]), signal.SIGTERM)
-    sys.exit(main(sys.argv[2:]))
+
+if __name__ == "__main__":  # a command that ends when its standard input closes
+    from haptic_wall.controller.cli.main import main
+
+    pipe = os.dup(0)
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    threading.Thread(target=_end_with, args=(pipe,), daemon=True).start()
+    sys.exit(main())

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -112,6 +113,15 @@ def test_a_run_on_the_simulated_clock_is_over_and_has_a_report(tmp_path: Path) -
 
 
 @pytest.mark.whole
+def test_a_wall_outlives_the_thread_that_started_it() -> None:
+    with contextlib.ExitStack() as scope, ThreadPoolExecutor(1) as starter:
+        walls = starter.submit(scope.enter_context, run("simulated", ["realtime.profile=off"]))
+        wall = walls.result()
+        starter.shutdown()
+        time.sleep(0.5)
+        assert wall.running()
+
+
 def test_a_wall_ends_with_its_starter() -> None:
     code = (
         "from haptic_wall.controller.cli.started import run\n"
