@@ -119,8 +119,8 @@ def draw_controlled(random: np.random.Generator, plant: str) -> Case:
         wrong = random.uniform(0.8, 1.2, 4).tolist()
         least = float(critical_stiffness(m, b, damping, PERIOD, delay))
         top = chain_peak(one_mass(m, b)[0], PERIOD, delay)
-        stable = min(float(top.virtual_damping), max(counted, damping))
-        allowed = min(float(top.stiffness), float(critical_stiffness(m, b, stable, PERIOD, delay)))
+        stable = min(top.virtual_damping.item(), max(counted, damping))
+        allowed = min(top.stiffness.item(), float(critical_stiffness(m, b, stable, PERIOD, delay)))
         low, high = 1.2 * least, 0.9 * allowed
         if not 0.0 < low < high:
             continue

@@ -174,7 +174,7 @@ def test_the_emulated_servo_is_identified_as_it_is_shipped() -> None:
 def test_servos_inside_the_belief_lose_no_stiffness(
     thorough: bool, record_property: Callable[[str, object], None]
 ) -> None:
-    cases = [case_of(believed_servo(seed)) for seed in range(40 if thorough else 2)]
+    cases = [case_of(believed_servo(seed)) for seed in range(40 if thorough else 1)]
     missed = {seed: case.holds for seed, case in enumerate(cases) if not all(case.holds.values())}
     record_property("seeds whose bounds do not hold", str(missed))
     known = np.array([[a / b for a, b in zip(c.after, c.known, strict=True)] for c in cases])
