@@ -142,7 +142,11 @@ def test_it_is_what_the_program_does(tmp_path: Path) -> None:
 
 
 @pytest.mark.whole
-@pytest.mark.parametrize("kinds", KINDS[1::2], ids=lambda kinds: " ".join(sorted(kinds)))
+@pytest.mark.parametrize(
+    "kinds",
+    [*(pytest.param(each, marks=pytest.mark.thorough) for each in KINDS[1:-2:2]), KINDS[-1]],
+    ids=lambda kinds: " ".join(sorted(kinds)),
+)
 def test_compiled_walls_move_to_the_last_bit_as_the_source_does(
     kinds: set[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
