@@ -27,7 +27,7 @@ _state = {_JSON: False, _ANSWERED: False}
 
 
 def begin(json: bool) -> None:
-    """Note that the command has printed no answer yet, and owes an object if ``json``."""
+    """Note whether ``--json`` is given, and that nothing is printed yet."""
     _state.update({_JSON: json, _ANSWERED: False})
 
 
@@ -150,7 +150,7 @@ def answer(report: Mapping[str, Any], text: Callable[[], str]) -> None:
 
 
 def answer_error(error: Mapping[str, Any]) -> None:
-    """Print the object that stands for an answer, if one is owed."""
+    """Print an error's object where ``--json`` is given and no answer has been printed."""
     if wants_json() and not _state[_ANSWERED]:
         put(as_json(error))
 

@@ -36,7 +36,7 @@ class Bins:
     intervals_ns: Sequence[int]
     """Upper ends of the bins of the interval, rising, the period first [ns]"""
     work: Work = field(default_factory=Work)
-    """What was evaluated before for the same asker"""
+    """Results of earlier evaluations"""
 
     def decide(self) -> list[Decision]:
         """Decide for all bins, without reasons but the last.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -17,6 +17,7 @@ from haptic_wall.controller.guard.evaluation import (
 from haptic_wall.controller.guard.limits import BY_NAME, PASSIVE, evaluate, least_of, smallest
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
+from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory import linear_limit
 from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling, chain_peak
@@ -67,6 +68,8 @@ class Question:
     friction are those of the motor's side"""
     velocity_filter: VelocityFilter | None = None
     """Of the velocity that damps; only for two-sided walls"""
+    work: Work = field(default_factory=Work, compare=False, repr=False)
+    """Results of earlier evaluations"""
 
     @property
     def request(self) -> Request:
@@ -143,7 +146,8 @@ def curve(question: Question, virtual_damping: Sequence[float] | FloatArray) -> 
     request = question.request
     if not question.situation.belief.is_flexible and filtered is None:
         request = replace(request, side="above")  # with a load the limit differs between the sides
-    wall = Evaluation(request, EVERY_DAMPING, question.situation, p, exact=True, asked=damping)
+    situation, known = question.situation, question.work
+    wall = Evaluation(request, EVERY_DAMPING, situation, p, exact=True, asked=damping, work=known)
     passive = unknown if filtered else PASSIVE.stiffness(wall)
     return Curve(damping, evaluate(wall), passive, exact.frequency)
 
@@ -157,7 +161,8 @@ def ceiling(question: Question) -> float:
 
 
 def _evaluation(question: Question) -> Evaluation:
-    return Evaluation(question.request, EVERY_DAMPING, question.situation, question.plants(1))
+    asked = (question.request, EVERY_DAMPING, question.situation, question.plants(1))
+    return Evaluation(*asked, work=question.work)
 
 
 def highest(question: Question) -> dict[str, float]:

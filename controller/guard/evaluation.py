@@ -46,7 +46,7 @@ class Evaluation:
         exact: Whether contacts are simulated for the one-sided limit, to 1e-4; else it is looked
             up, up to 5 % lower.
         asked: Requested damping of each corner; None: that of the request [N·m·s/rad].
-        work: What was evaluated before for the same asker.
+        work: Results of earlier evaluations.
     """
 
     def __init__(

@@ -59,7 +59,7 @@ def decide(
         inserted: The inserted part of each delay [s].
         explained: Whether to also give the reasons, which takes several times as long.
         least_inserted: Shortest inserted part, where it varies [s]; None: ``inserted``.
-        work: What was evaluated before for the same asker; None: nothing.
+        work: Results of earlier evaluations; None: nothing.
 
     Returns:
         One decision per delay, in order.

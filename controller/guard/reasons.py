@@ -28,7 +28,7 @@ def reasons(decision: Decision, wall: Wall, work: Work) -> tuple[str, ...]:
     Args:
         decision: The decision to explain.
         wall: The wall that it decided, with the parts of its delay.
-        work: What was evaluated before for the same asker.
+        work: Results of earlier evaluations.
     """
     if wall.settings.mode == "off":
         return tuple(_off(decision))

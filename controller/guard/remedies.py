@@ -67,7 +67,7 @@ def remedies(wall: Wall, changes: Sequence[str], work: Work) -> list[Remedy]:
             of a flexible transmission; ``stiffer``, that transmission's vibration at twice its
             frequency; ``belief`` the servo known exactly, at its believed values. Those that do not
             apply are left out (a two-sided wall in place of one).
-        work: What was evaluated before for the same asker.
+        work: Results of earlier evaluations.
     """
     found = []
     for change in changes:

@@ -186,7 +186,7 @@ class _Session:
     def start(self) -> None:
         """Check the servo, switch its torque on, and build the cycle; the loop then runs."""
         config, bus, telemetry = self._config, self.bus, self._telemetry
-        limit, period_s = self._servo.facts.torque_limit, config.period_ns * 1e-9
+        limit, asked = self._servo.facts.torque_limit, config.servo.schedule
         if not telemetry.words[Word.STOP]:  # no torque is switched on for a session that is to stop
             self._started = True
             if isinstance(self._clock, ElasticClock):
@@ -196,13 +196,10 @@ class _Session:
                 self._decide()
             passed = f", {len(self._checks)} start-up checks passed" if self._checks else ""
             self._around.tell(f"{bus.facts[0].name}: torque is on{passed}")
-            traffic = bus.traffic
-            automatic = config.servo.schedule == "auto" and is_pipelined("auto", traffic, period_s)
-            if traffic is not None and automatic:
-                self._around.tell(
-                    "schedule pipelined: the adapter holds replies for "
-                    f"{traffic.longest_s * 1e3:.2g} ms"
-                )
+        self._pipelined = is_pipelined(asked, bus.traffic, config.period_ns * 1e-9)
+        if self._pipelined and asked == "auto" and bus.traffic is not None:
+            held_ms = bus.traffic.longest_s * 1e3
+            self._around.tell(f"schedule pipelined: the adapter holds replies for {held_ms:.2g} ms")
         self._servo = replace(self._servo, facts=bus.facts[0])
         self._axis = assembled(
             config,
@@ -213,10 +210,9 @@ class _Session:
         )
         self._axis.inbox.tell(self._servo)
         self._health = bus if isinstance(bus, HasHealth) else None
-        pipelined = is_pipelined(config.servo.schedule, bus.traffic, period_s)
         words, period_ns = telemetry.words, config.period_ns
         self._loop = Loop(
-            Cycle(self._clock, bus, [self._axis], words, period_ns, pipelined=pipelined),
+            Cycle(self._clock, bus, [self._axis], words, period_ns, pipelined=self._pipelined),
             self._wait,
             self._clock,
             telemetry,
@@ -269,7 +265,7 @@ class _Session:
             guard=None,
             oscillation=None,
             delay=None,
-            bus=_bus(self._config, self._servo.traffic, axis.safety.refused),
+            bus=_bus(self._servo.traffic, axis.safety.refused, pipelined=self._pipelined),
             torque_off=self._torque_off,
             checks=self._checks,
             facts=_facts(facts),
@@ -314,11 +310,10 @@ def _stop(bus: Bus, clock: Clock, telemetry: Telemetry) -> bool:
     return torque_off
 
 
-def _bus(config: Config, traffic: Traffic | None, refused: int) -> dict[str, Any] | None:
+def _bus(traffic: Traffic | None, refused: int, *, pipelined: bool) -> dict[str, Any] | None:
     """Return the counts of a bus, and the schedule that ``auto`` has chosen or that was set."""
     if traffic is None:
         return None
-    pipelined = is_pipelined(config.servo.schedule, traffic, config.period_ns * 1e-9)
     schedule = "pipelined" if pipelined else "immediate"
     return asdict(traffic.counts[0]) | {"refused": refused, "schedule": schedule}
 

@@ -1,4 +1,4 @@
-"""What a contact with a wall that never pulls returns: a judge of limits."""
+"""Simulated contacts with a wall that never pulls, to check limits by exit over entry speed."""
 
 import numpy as np
 from numpy.typing import ArrayLike

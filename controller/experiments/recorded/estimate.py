@@ -82,7 +82,7 @@ class Recorded:
     shot: Shot | None
     """The fit; None: nothing can be determined"""
     stretches: tuple[Motion, ...]
-    """What was fitted"""
+    """Stretches of the record to which the model was fitted"""
     step: float
     """Encoder step [rad]; 0: none"""
     notes: tuple[str, ...]

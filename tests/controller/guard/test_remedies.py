@@ -38,7 +38,7 @@ def situation(position_step: float = 0.0, **changes: Any) -> Situation:
 
 
 def bought(where: Situation, delay: dict[str, float], change: str) -> list[Remedy]:
-    """What a change makes of a one-sided wall with B = 0.1."""
+    """Limits of a one-sided wall with B = 0.1 after a change."""
     wall = Wall(Request(0.0, 0.1, "above"), EVERY, where, DelayParts(where.period, delay))
     return remedies(wall, [change], Work())
 

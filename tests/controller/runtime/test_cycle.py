@@ -148,14 +148,14 @@ class Rig:
 
 def made_axis(
     steps: int = 0,
-    rungs: Sequence[Allowed] | None = None,
+    allowed: Sequence[Allowed] | None = None,
     ages: Sequence[int] = (0,),
     refusals: int = 0,
     **wall: Any,
 ) -> Axis:
     telemetry = Telemetry.create()
-    rungs = rungs or [bin_of(wall.get("stiffness", 10.0), wall.get("damping", 0.0), 0.0)]
-    schedule = GainSchedule(GainTable(rungs), list(ages), [PERIOD_NS], 90.0, 100)
+    allowed = allowed or [bin_of(wall.get("stiffness", 10.0), wall.get("damping", 0.0), 0.0)]
+    schedule = GainSchedule(GainTable(allowed), list(ages), [PERIOD_NS], 90.0, 100)
     law = wall.get("law") or Wall(
         0.0, 0.0, 0.0, wall.get("side", "both"), wall.get("clip", math.inf)
     )
@@ -288,8 +288,8 @@ def test_stiffer_again_only_where_that_loads_the_spring_with_no_more_than_a_smal
     side: str, position: float, raised: bool
 ) -> None:
     """10 N·m/rad more, and 0.1 N·m is small."""
-    rungs = [bin_of(20.0, 0.0, 0.0), bin_of(10.0, 0.0, 1e-3)]
-    rig = on(Rig([position] * 900, rungs=rungs, ages=(0, 500_000), side=side))
+    allowed = [bin_of(20.0, 0.0, 0.0), bin_of(10.0, 0.0, 1e-3)]
+    rig = on(Rig([position] * 900, allowed=allowed, ages=(0, 500_000), side=side))
     rig.bus.age_ns = 400_000
     rig.run(100)
     rig.bus.age_ns = 0
@@ -318,7 +318,7 @@ def test_the_watch_scales_stiffness_and_damping_from_the_tick_in_which_it_says_s
 
 
 def test_a_request_to_raise_is_handed_to_the_watch_and_raises_nothing_in_contact() -> None:
-    rig = on(Rig([0.1] * 300, rungs=[bin_of(20.0, 0.02, 0.0)], ages=(0,)))
+    rig = on(Rig([0.1] * 300, allowed=[bin_of(20.0, 0.02, 0.0)], ages=(0,)))
     reduced(rig, 0.25, 0.5).run(20)
     rig.telemetry.words[Word.RAISE] += 1
     rig.run(100)
@@ -378,7 +378,7 @@ def test_friction_comes_on_again_after_a_pause() -> None:
 
 
 def test_what_an_alarm_took_stays_taken_over_a_pause() -> None:
-    rig = on(Rig([0.0] * 200, rungs=[bin_of(20.0, 0.02, 0.0)]))
+    rig = on(Rig([0.0] * 200, allowed=[bin_of(20.0, 0.02, 0.0)]))
     reduced(rig, 0.25, 0.25).run(20)
     lets_go(rig).run(20)
     holds(rig).run(20)
@@ -474,7 +474,7 @@ def test_walls_on_a_bus_of_servos_hold_every_shaft_and_end_together(
     bus = emulated_bus(trues, clock) if emulated else SimulatedBus(trues, clock)
     bus.start()
     gains = [bin_of(5.0, 0.05, 0.0)] * 2
-    axes = [made_axis(rungs=gains, ages=(PERIOD_NS,)) for _ in range(count)]
+    axes = [made_axis(allowed=gains, ages=(PERIOD_NS,)) for _ in range(count)]
     words = axes[0].telemetry.words
     words[Word.HELD_NS] = NO_DEAD_MAN
     cycle = Cycle(clock, bus, axes, words, PERIOD_NS, pipelined=False)

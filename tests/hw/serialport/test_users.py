@@ -1,4 +1,4 @@
-"""Who has a port open is named, and who opens it in mid-run is refused."""
+"""Programs that have a port open are named; others cannot open it during a run."""
 
 import os
 import pty
