@@ -275,6 +275,7 @@ def settings() -> tuple[list[str], list[list[object]]]:
         values = re.sub(r"^(a number|a whole number|one of)( from)? |, or {.*}", "", field.wanted)
         for wide, short in WIDE.items():
             values = re.sub(wide, short, values)
+        values = re.sub(r"([\d.+e-]+) to ", r"\1…", values)
         meaning = field.meaning.partition(". ")[0]
         if not meaning.startswith(tuple(f"{name}:" for name in field.choices)):
             ends = "[;(]" if meaning.startswith("Of ") else "[;:(]|, e.g"
