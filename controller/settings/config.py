@@ -13,7 +13,7 @@ from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.guard.belief import Belief, Bounded, vibration
 from haptic_wall.controller.laws import own
 from haptic_wall.controller.laws.shape import Grid, LawError, Numbers
-from haptic_wall.controller.laws.table import facts_of, rendered_law
+from haptic_wall.controller.laws.table import NONE, facts_of, rendered_law
 from haptic_wall.controller.laws.wall import SIGNS, Law
 from haptic_wall.controller.settings.axes import completed
 from haptic_wall.controller.settings.model import Estimate
@@ -268,7 +268,7 @@ class Config(Sections):
         own = facts.own_stiffness
         return Request(
             wall.stiffness if own is None else own,
-            wall.damping,
+            0.0 if wall.law == NONE else wall.damping,
             facts.side,
             wall.velocity_samples,
             facts.steepest,
