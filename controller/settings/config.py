@@ -175,14 +175,14 @@ class Config(Sections):
         if servo.kind == "hardware" or servo.inertia is None:
             raise ValueError(f"the servo at {servo.port} is real: only its model.* is known")
         shared = {name: getattr(servo, name) for name in ABOUT if ABOUT[name].kinds}
-        below = self.wall.acting_side == "below"
+        toward = -1 if self.wall.acting_side == "below" and servo.hand != "lean" else 1
         return TrueServo(
             **shared,
             torque_limit=4.1 if servo.torque_limit is None else servo.torque_limit,
             torque_constant=servo.torque_constant or 0.0,
             position=self._own(self.start_position),
             hand_origin=self._own(self.surface(self.start_position) + self._end),
-            hand_direction=-servo.sign if below and servo.hand != "lean" else servo.sign,
+            hand_direction=1 if toward == servo.sign else -1,
         )
 
     def servo_settings(self) -> ServoSettings:
