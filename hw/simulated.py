@@ -14,9 +14,10 @@ from collections.abc import Sequence
 
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.hand import SharedHand
+from haptic_wall.hw.plant.arm import couple
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.servo import Check, Facts, Outcome, Reading
-from haptic_wall.hw.truth import TrueServo
+from haptic_wall.hw.truth import TrueArm, TrueServo
 
 GRAIN_NS = 1000
 """Resolution of the motion in real time [ns]: steps of equal length repeat, and their responses are
@@ -29,7 +30,11 @@ class SimulatedBus:
     Args:
         trues: The servos.
         clock: Their time, which begins with ``start``.
+        arm: The links between them; None: there are none.
         mounts: ``sign`` and ``offset`` of each, see ``DriverSettings``; None: 1 and 0.
+
+    Raises:
+        SpecError: They cannot be the joints of this arm.
     """
 
     traffic = None
@@ -38,9 +43,11 @@ class SimulatedBus:
         self,
         trues: Sequence[TrueServo],
         clock: Clock,
+        arm: TrueArm | None = None,
         mounts: Sequence[tuple[int, float]] | None = None,
     ) -> None:
         self._trues = trues
+        self._arm = arm
         self._mounts = [(1, 0.0)] * len(trues) if mounts is None else mounts
         self._now_ns = clock.now_ns
         self._written: Sequence[float] = ()
@@ -48,6 +55,7 @@ class SimulatedBus:
         self._written_ns = 0
         self._grain_ns = 1 if isinstance(clock, SimulatedClock) else GRAIN_NS
         self._mechanisms = [Mechanism(true, self._instant()) for true in trues]
+        couple(arm, self._mechanisms)
         self._hand: SharedHand | None = None
         self._readings: list[Reading] = []
         self._running = False
@@ -66,6 +74,7 @@ class SimulatedBus:
         """Start their time; there is nothing to check."""
         now_ns = self._instant()
         self._mechanisms = [Mechanism(true, now_ns, operator_waits=True) for true in self._trues]
+        couple(self._arm, self._mechanisms)
         for mechanism in self._mechanisms:
             mechanism.engage_operator(now_ns)
         if self._hand is not None:

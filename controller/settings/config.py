@@ -205,7 +205,8 @@ class Config(Sections):
 
     def servos(self) -> list[ServoSettings]:
         """Return the settings of each servo, with which ``haptic_wall.hw.open`` opens their bus."""
-        return [one.servo_settings() for one in self.each.values()]
+        arm = self.arm.links
+        return [replace(one.servo_settings(), arm=arm) for one in self.each.values()]
 
     def belief(self) -> Belief:
         """Return the belief about the servo: ``model.*``, else the simulated truth.
