@@ -13,8 +13,9 @@ from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.guard.belief import Belief, Bounded, vibration
 from haptic_wall.controller.laws import own
 from haptic_wall.controller.laws.shape import Grid, LawError, Numbers
-from haptic_wall.controller.laws.table import facts_of, rendered_law
+from haptic_wall.controller.laws.table import NONE, facts_of, rendered_law
 from haptic_wall.controller.laws.wall import SIGNS, Law
+from haptic_wall.controller.settings.axes import completed
 from haptic_wall.controller.settings.model import Estimate
 from haptic_wall.controller.settings.rules import (
     BrokenRulesError,
@@ -50,10 +51,11 @@ class Config(Sections):
 
     @model_validator(mode="before")
     @classmethod
-    def _strict_on_hardware(cls, found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
-        """Give real hardware the strict real-time profile by default."""
+    def _complete(cls, found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
+        """Complete each axis; give real hardware the strict real-time profile by default."""
         if not isinstance(found, dict):
             return found
+        found = completed(found)
         servo, realtime = found.get("servo"), found.get("realtime", {})
         if not isinstance(servo, dict) or not isinstance(realtime, dict):
             return found
@@ -68,7 +70,7 @@ class Config(Sections):
     @model_validator(mode="after")
     def _rules(self, info: ValidationInfo) -> Config:
         if (info.context or {}).get("runs"):
-            own.allow(law_names(self.wall))
+            own.allow([name for one in self.each.values() for name in law_names(one.wall)])
         if problems := broken_rules(self):
             raise BrokenRulesError(problems)
         return self
@@ -151,13 +153,17 @@ class Config(Sections):
         return MOST_KICK if inward == 0 or inward * servo.kick > 0.0 else 0.0
 
     def surface(self, started_at: float) -> float:
-        """Return the position of the wall, in the servo's own count [rad].
+        """Return the position of the wall, counted over turns [rad].
 
         Args:
             started_at: The first position of the run [rad].
         """
         counted_from = started_at if self.wall.reference == "start" else 0.0
         return counted_from + self.wall.position
+
+    def _own(self, position: float) -> float:
+        """Return a position in the servo's own count [rad]."""
+        return self.servo.sign * (position - self.servo.offset)
 
     def true_servo(self) -> TrueServo:
         """Return the true parameters of the simulated or emulated servo.
@@ -169,17 +175,18 @@ class Config(Sections):
         if servo.kind == "hardware" or servo.inertia is None:
             raise ValueError(f"the servo at {servo.port} is real: only its model.* is known")
         shared = {name: getattr(servo, name) for name in ABOUT if ABOUT[name].kinds}
+        toward = -1 if self.wall.acting_side == "below" and servo.hand != "lean" else 1
         return TrueServo(
             **shared,
             torque_limit=4.1 if servo.torque_limit is None else servo.torque_limit,
             torque_constant=servo.torque_constant or 0.0,
-            position=self.start_position,
-            hand_origin=self.surface(self.start_position) + self._end,
-            hand_direction=-1 if self.wall.acting_side == "below" else 1,
+            position=self._own(self.start_position),
+            hand_origin=self._own(self.surface(self.start_position) + self._end),
+            hand_direction=1 if toward == servo.sign else -1,
         )
 
     def servo_settings(self) -> ServoSettings:
-        """Settings with which ``haptic_wall.hw.open`` opens the servo.
+        """Return the settings of the servo, for the bus of ``servos``.
 
         On the simulated clock an emulated bus lives in memory. On the monotonic clock it is a
         separate process; the process that started it knows its port.
@@ -192,8 +199,14 @@ class Config(Sections):
             port="" if in_memory else asked.port,
             probe_direction=1 if self.wall.acting_side == "below" else -1,
             period_s=self.period_s,
+            read=self.bus.read,
             true=None if servo.kind == "hardware" else self.true_servo(),
         )
+
+    def servos(self) -> list[ServoSettings]:
+        """Return the settings of each servo, with which ``haptic_wall.hw.open`` opens their bus."""
+        arm = self.arm.links
+        return [replace(one.servo_settings(), arm=arm) for one in self.each.values()]
 
     def belief(self) -> Belief:
         """Return the belief about the servo: ``model.*``, else the simulated truth.
@@ -256,7 +269,7 @@ class Config(Sections):
         own = facts.own_stiffness
         return Request(
             wall.stiffness if own is None else own,
-            wall.damping,
+            0.0 if wall.law == NONE else wall.damping,
             facts.side,
             wall.velocity_samples,
             facts.steepest,
