@@ -12,8 +12,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from haptic_wall.controller.detector.backstop import Shared
 from haptic_wall.controller.detector.settings import WatchSettings
-from haptic_wall.controller.detector.watch import Shared, Watch, oscillation_report
+from haptic_wall.controller.detector.watch import Watch, oscillation_report
 from haptic_wall.controller.laws.wall import SIGNS, Side, Wall
 from tests.support.operators import NOBODY, Operator
 from tests.support.trial import Trial
