@@ -183,7 +183,7 @@ class Config(Sections):
         )
 
     def servo_settings(self) -> ServoSettings:
-        """Settings with which ``haptic_wall.hw.open`` opens the servo.
+        """Return the settings of the servo, for the bus of ``servos``.
 
         On the simulated clock an emulated bus lives in memory. On the monotonic clock it is a
         separate process; the process that started it knows its port.
@@ -198,6 +198,10 @@ class Config(Sections):
             period_s=self.period_s,
             true=None if servo.kind == "hardware" else self.true_servo(),
         )
+
+    def servos(self) -> list[ServoSettings]:
+        """Return the settings of each servo, with which ``haptic_wall.hw.open`` opens their bus."""
+        return [self.servo_settings()]
 
     def belief(self) -> Belief:
         """Return the belief about the servo: ``model.*``, else the simulated truth.

@@ -170,7 +170,7 @@ def _of_the_backend(config: Sections) -> Iterator[Problem]:
             what = f"{detail['msg'].lower()} (servo.backend is {servo.backend})"
             yield Problem(what, field=path)
     else:
-        yield from [] if make.problems is None else make.problems(asked)
+        yield from [] if make.problems is None else make.problems([asked])
     if make.models is None or servo.model is None:
         return
     models = make.models()
