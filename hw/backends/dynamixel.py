@@ -35,7 +35,9 @@ def _models() -> Mapping[str, TorqueModel]:
 
 
 def _problems(servos: Sequence[ServoSettings]) -> Iterator[Problem]:
-    """Faults that an emulated bus would not take."""
+    """Models that no supply suits, and faults that an emulated bus would not take."""
+    if len(servos) > 1:
+        yield from _supply(servos)
     if not servos[0].faults:
         return
     from haptic_wall.hw.emulated.faults import parse_fault
@@ -51,6 +53,22 @@ def _problems(servos: Sequence[ServoSettings]) -> Iterator[Problem]:
                 hint = "in a list, quote a fault that has commas"
                 problem = Problem(str(problem), advice=hint)
             yield replace(problem, field="servo.faults")
+
+
+def _supply(servos: Sequence[ServoSettings]) -> Iterator[Problem]:
+    """Models on one bus whose ranges of the supply, from the factory, do not meet."""
+    from haptic_wall.hw.dynamixel.tables import MODELS
+
+    models = [MODELS[one.model] for one in servos if one.model in MODELS]
+    low = max(models, key=lambda model: model.supply[0], default=None)
+    high = min(models, key=lambda model: model.supply[1], default=None)
+    if low and high and low.supply[0] > high.supply[1]:
+        told = (f"{one.name} ({one.supply[0]:g} to {one.supply[1]:g} V)" for one in (low, high))
+        yield Problem(
+            f"found {' and '.join(told)} on one bus, and no supply suits both",
+            advice="drive them on buses of their own",
+            field="servo.model",
+        )
 
 
 def _open_port(servos: Sequence[ServoSettings]) -> int:

@@ -24,7 +24,7 @@ _GAP_END_NS: Final = 20_000_000
 
 
 def cut_torque(line: Line, ids: Sequence[int], baud: int = 0) -> bool:
-    """Switch all torques off on a bus whose driver has died or hangs, even in the middle of a frame.
+    """Switch all torques off where the driver has died or hangs, even in the middle of a frame.
 
     It waits for a gap between frames: otherwise the servo could take this request for the rest of a
     truncated frame. It never writes a goal: a servo may be set to switch its torque on at any goal.
