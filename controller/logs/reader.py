@@ -197,11 +197,12 @@ _UNKNOWN: Final = dict.fromkeys(("at_s", "row", "changed", "why"))
 def config_of(config: Mapping[str, Any], name: str) -> dict[str, Any]:
     """Return the configuration of one axis of several, as if it were alone."""
     own = config["axes"].get(name)
-    merged = {section: value for section, value in config.items() if section != "axes"}
-    for section, values in (own if isinstance(own, dict) else {}).items():
-        if isinstance(values, dict) and isinstance(merged.get(section), dict):
-            merged[section] = merged[section] | values
-    return merged
+    shared = {section: value for section, value in config.items() if section not in _OF_ALL}
+    return shared | (own if isinstance(own, dict) else {})
+
+
+_OF_ALL: Final = ("axes", "arm")
+"""Sections of a configuration that no axis has alone"""
 
 
 @contextlib.contextmanager

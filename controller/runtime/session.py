@@ -342,7 +342,7 @@ class _Session:
             bus=bus,
             facts=told.get("servo"),
             wall_came_on=told["wall_came_on"],
-            axes=dict(zip(self._configs, parts, strict=True)) if len(parts) > 1 else {},
+            axes={} if "" in self._configs else dict(zip(self._configs, parts, strict=True)),
             warnings=[
                 *missed_warnings(self._config, worst_missed),
                 *stall_warnings(result.stalled_s),
