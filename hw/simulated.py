@@ -14,9 +14,10 @@ from collections.abc import Sequence
 
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.hand import SharedHand
+from haptic_wall.hw.plant.arm import couple
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.servo import Check, Facts, Outcome, Reading
-from haptic_wall.hw.truth import TrueServo
+from haptic_wall.hw.truth import TrueArm, TrueServo
 
 GRAIN_NS = 1000
 """Resolution of the motion in real time [ns]: steps of equal length repeat, and their responses are
@@ -29,18 +30,26 @@ class SimulatedBus:
     Args:
         trues: The servos.
         clock: Their time, which begins with ``start``.
+        arm: The links between them; None: there are none.
+
+    Raises:
+        SpecError: They cannot be the joints of this arm.
     """
 
     traffic = None
 
-    def __init__(self, trues: Sequence[TrueServo], clock: Clock) -> None:
+    def __init__(
+        self, trues: Sequence[TrueServo], clock: Clock, arm: TrueArm | None = None
+    ) -> None:
         self._trues = trues
+        self._arm = arm
         self._now_ns = clock.now_ns
         self._written: Sequence[float] = ()
         """The last torques, which act from ``_written_ns`` on; applied when time advances"""
         self._written_ns = 0
         self._grain_ns = 1 if isinstance(clock, SimulatedClock) else GRAIN_NS
         self._mechanisms = [Mechanism(true, self._instant()) for true in trues]
+        couple(arm, self._mechanisms)
         self._hand: SharedHand | None = None
         self._readings: list[Reading] = []
         self._running = False
@@ -59,6 +68,7 @@ class SimulatedBus:
         """Start their time; there is nothing to check."""
         now_ns = self._instant()
         self._mechanisms = [Mechanism(true, now_ns, operator_waits=True) for true in self._trues]
+        couple(self._arm, self._mechanisms)
         for mechanism in self._mechanisms:
             mechanism.engage_operator(now_ns)
         if self._hand is not None:
