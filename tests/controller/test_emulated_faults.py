@@ -70,10 +70,10 @@ def test_they_travel_between_processes_and_to_the_emulator() -> None:
     sets += ["servo.load_inertia=0.003", "servo.transmission_stiffness=200"]
     loaded = load_config(EMULATED, sets).config
     config = Config.model_validate_json(loaded.model_dump_json())
-    plan = json.loads(emulator_arguments(config.servo_settings())[-1])
+    plan = json.loads(emulator_arguments(config.servos())[-1])
     assert (plan["faults"], plan["seed"]) == (["drop:p=0.01", "jump:counts=5"], 3)
     true = config.true_servo()
-    assert TrueServo(**plan["truth"]) == true
+    assert TrueServo(**plan["own"]["1"]) == true
     assert (true.supply, true.load_inertia) == (11.0, 0.003)
 
 
