@@ -30,16 +30,19 @@ if TYPE_CHECKING:
 @click.argument("log", type=click.Path(path_type=Path))
 @place_option
 @stretch_options
-def command(log: Path, place: str, start_s: float | None, end_s: float | None) -> int:
+@click.option("--axis", metavar="NAME", help="The axis to show; default: the first.")
+def command(
+    log: Path, place: str, start_s: float | None, end_s: float | None, axis: str | None
+) -> int:
     """Show LOG, a file that run wrote, in a browser, until Ctrl-C.
 
     The address is the first line on standard output. The page is that of `run --live` for a running
-    wall: zoom, cursors, events.
+    wall: zoom, cursors, events. Of several axes it shows one.
     """
     stretch = TimeSpan(*stretch_between(start_s, end_s))
     live = live_at(place, field="--at")
     with socket.socket(fileno=live.descriptor) as listener:
-        view = _view(log, stretch)
+        view = _view(log, stretch, axis)
         put(live.address)
         from haptic_wall.controller.live.server import LiveServer
         from haptic_wall.controller.live.web_server import silenced
@@ -50,12 +53,13 @@ def command(log: Path, place: str, start_s: float | None, end_s: float | None) -
         return interrupt.status_after(came)
 
 
-def _view(log: Path, stretch: TimeSpan) -> View:
+def _view(log: Path, stretch: TimeSpan, axis: str | None) -> View:
     from haptic_wall.controller.live.source import LoggedSource
     from haptic_wall.controller.live.view import View
 
     with reading("LOG", log, "a log of run"), working("reading the log"):
-        read = LogReader.open(log, stretch)
+        whole = LogReader.open(log, stretch)
+        read = whole.axis(whole.axes[0] if axis is None else axis)
         source = LoggedSource(read)
     walls = walls_of(read.metadata, read.changes)
     view = View(walls.configs[0], str(read.metadata.get("name", log.name)), source, recorded=True)

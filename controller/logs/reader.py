@@ -20,7 +20,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.errors import LogFormatError
+from haptic_wall.controller.errors import LogFormatError, UserError
 from haptic_wall.controller.logs.columns import COLUMNS, SHARED, WHOLE, columns_of, rows_of
 from haptic_wall.controller.logs.content import fault_of_change, fault_of_report, fault_of_rows
 from haptic_wall.controller.logs.file import (
@@ -60,10 +60,7 @@ ALL: Final = TimeSpan()
 
 @dataclass(frozen=True, slots=True)
 class LogReader:
-    """A log, or a stretch of it; its rows can be read any number of times.
-
-    The rows are those of one axis, at first of the first one.
-    """
+    """A log, or a stretch of it; its rows, of one axis, can be read any number of times."""
 
     path: Path
     metadata: Mapping[str, Any]
@@ -75,8 +72,8 @@ class LogReader:
     stretch: TimeSpan = ALL
     axes: tuple[str, ...] = ONE_AXIS
     """Names of the axes; one empty name: the log of one servo"""
-    index: int = 0
-    """Index of the axis whose rows are read"""
+    columns: tuple[str, ...] = tuple(COLUMNS)
+    """Columns that are read: those of the first axis until ``axis`` chooses one"""
 
     @classmethod
     def open(cls, path: Path, stretch: TimeSpan = ALL) -> LogReader:
@@ -103,23 +100,36 @@ class LogReader:
         if why is not None:
             raise refusal(path, why)
         changes = tuple(_UNKNOWN | change for change in told)
-        return cls(path, metadata, changes, end, stretch, axes)
+        return cls(path, metadata, changes, end, stretch, axes, _of_axis(axes, 0))
 
-    def axis(self, name: str) -> LogReader:
+    def axis(self, name: str | None) -> LogReader:
         """Return the log of one axis, as if it had run alone.
 
+        Args:
+            name: Its name; None: that of the only one.
+
         Raises:
-            KeyError: There is no such axis.
+            UserError: There is no such axis, or there are several.
         """
+        if name is None and len(self.axes) == 1:
+            name = self.axes[0]
         if name not in self.axes:
-            raise KeyError(name)
+            names = ", ".join(filter(None, self.axes))
+            raise UserError(
+                "found none" if name is None else f"found {name}",
+                field="--axis",
+                wanted=f"one of {names}" if names else "none: the log is of one servo",
+            )
         if self.axes == ONE_AXIS:
             return self
         prefix, config, end = f"axes.{name}.", self.metadata.get("config"), self.end
         if isinstance(config, dict) and isinstance(config.get("axes"), dict):
             config = config_of(config, name)
         if end is not None and name in (parts := end.get("axes") or {}):
-            end = {key: value for key, value in end.items() if key != "axes"} | parts[name]
+            part = parts[name]
+            if isinstance(end.get("bus"), dict) and isinstance(part.get("bus"), dict):
+                part = part | {"bus": end["bus"] | part["bus"]}
+            end = {key: value for key, value in end.items() if key != "axes"} | part
         changes = []
         for change in self.changes:
             new = change["changed"] or {}
@@ -131,7 +141,8 @@ class LogReader:
             metadata={**self.metadata, "config": config},
             changes=tuple(changes),
             end=end,
-            index=self.axes.index(name),
+            axes=ONE_AXIS,
+            columns=_of_axis(self.axes, self.axes.index(name)),
         )
 
     @property
@@ -148,8 +159,7 @@ class LogReader:
         """
         where, values = self._where()
         last = None
-        columns = columns_of(self.axes).items()
-        some = [quoted(c) for c, (name, k) in columns if k == self.index or name in SHARED]
+        some = map(quoted, self.columns)
         with _opened(self.path) as (db, _):
             found = db.execute(
                 f"SELECT {', '.join(some)} FROM rows NOT INDEXED {where} ORDER BY seq", values
@@ -192,6 +202,15 @@ class LogReader:
 
 
 _UNKNOWN: Final = dict.fromkeys(("at_s", "row", "changed", "why"))
+
+
+def _of_axis(axes: tuple[str, ...], index: int) -> tuple[str, ...]:
+    """Return the columns of one axis, in the order of ``COLUMNS``."""
+    return tuple(
+        column
+        for column, (name, place) in columns_of(axes).items()
+        if place == index or name in SHARED
+    )
 
 
 def config_of(config: Mapping[str, Any], name: str) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from haptic_wall.controller.detector.backstop import Shared
 from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.guard.bins import Bins
 from haptic_wall.controller.guard.guard import Decision, Situation
@@ -199,6 +200,7 @@ def assembled(
     servo: KnownServo,
     telemetry: Telemetry,
     inbox: Inbox,
+    shared: Shared,
     schedule: GainSchedule,
     law: Law,
 ) -> Axis:
@@ -209,6 +211,7 @@ def assembled(
         servo: The servo, started if its limits come from the device.
         telemetry: Destination of the rows.
         inbox: Changes of the running wall.
+        shared: What the watches of all axes share.
         schedule: The guard's decisions.
         law: The law to render.
     """
@@ -251,7 +254,7 @@ def assembled(
                 kicked=kick is not None and abs(kick) <= MOST_KICK,
             )
         ),
-        watch=Watch(watch_settings(config, facts, law)),
+        watch=Watch(watch_settings(config, facts, law), shared),
         passivity=(
             PassivityControl(period, SLOWEST)
             if law.guarded and config.wall.passivity_control

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from haptic_wall.controller.detector.backstop import Shared
 from haptic_wall.controller.detector.watch import oscillation_report
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.laws.program import Phase
@@ -229,9 +230,10 @@ class _Session:
             held_ms = bus.traffic.longest_s * 1e3
             self._around.tell(f"schedule pipelined: the adapter holds replies for {held_ms:.2g} ms")
         self._know()
+        shared = Shared()
         self._axes = [
             assembled(
-                *(one, servo, telemetry, self._inbox, gain_schedule(one, decided)),
+                *(one, servo, telemetry, self._inbox, shared, gain_schedule(one, decided)),
                 rendered(one, servo.facts, self._program),
             )
             for (one, servo), decided in zip(self._each(), self._decided, strict=True)

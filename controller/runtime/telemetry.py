@@ -46,17 +46,18 @@ FLOAT_FIELDS = (
     "held_torque",
 )
 ROW = np.dtype([(name, "<i8") for name in INT_FIELDS] + [(name, "<f8") for name in FLOAT_FIELDS])
-"""One tick of an axis: times [ns]; position [rad], velocity [rad/s], torques [N·m], commanded stiffness
-[N·m/rad] and damping with the injected one [N·m·s/rad], the total delay that the guard uses [s].
+"""One tick of an axis: times [ns]; position [rad], velocity [rad/s], torques [N·m], commanded
+stiffness [N·m/rad] and damping with the injected one [N·m·s/rad], the total delay that the guard
+uses [s].
 
 ``seq`` counts the ticks. ``lateness_ns`` is from the deadline to the wake-up, ``sampled_ns`` 0
 while no position is known, ``age_ns`` the age of the sample when its torque was sent. ``work_ns``
-and ``bus_ns`` are those of the tick before, so that they include the writing of its row. ``outcome`` is an
-``haptic_wall.hw.servo.Outcome``, ``missed`` the periods skipped before this tick, ``flags`` the sum
-of ``FLAG_...``, ``phase`` that of a program (-1 before it begins; 0 without one), ``oscillation``
-the detector's state. ``wall_torque`` is the law's before the delay, ``torque`` the one sent,
-``measured_torque`` the servo's (NaN: it gives none), ``held_torque`` the part of the law's that
-holds a load while the wall is softer."""
+and ``bus_ns`` are those of the tick before, so that they include the writing of its row.
+``outcome`` is an ``haptic_wall.hw.servo.Outcome``, ``missed`` the periods skipped before this tick,
+``flags`` the sum of ``FLAG_...``, ``phase`` that of a program (-1 before it begins; 0 without one),
+``oscillation`` the detector's state. ``wall_torque`` is the law's before the delay, ``torque`` the
+one sent, ``measured_torque`` the servo's (NaN: it gives none), ``held_torque`` the part of the
+law's that holds a load while the wall is softer."""
 
 FLAG_SATURATED = 1
 """The wall's torque was limited."""

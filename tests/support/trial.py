@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_wall.controller.detector.backstop import Shared
 from haptic_wall.controller.detector.watch import oscillation_report
 from haptic_wall.controller.guard.schedule import Allowed, GainSchedule, GainTable
 from haptic_wall.controller.guard.types import Decision
@@ -182,7 +183,7 @@ def run_trial(
     known = KnownServo(servo.facts[0], None, simulated=True)
     schedule = _schedule(config, known, tuple(sets), wall)
     inbox, law = Inbox(telemetry), rendered(config, known.facts, ())
-    axis = assembled(config, known, telemetry, inbox, schedule, law)
+    axis = assembled(config, known, telemetry, inbox, Shared(), schedule, law)
     cycle = Cycle(clock, servo, [axis], telemetry.words, inbox, config.period_ns, pipelined=False)
     cycle.wall_on()
     blocks: list[NDArray[np.void]] = []
