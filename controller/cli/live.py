@@ -30,19 +30,16 @@ if TYPE_CHECKING:
 @click.argument("log", type=click.Path(path_type=Path))
 @place_option
 @stretch_options
-@click.option("--axis", metavar="NAME", help="The axis to show; default: the first.")
-def command(
-    log: Path, place: str, start_s: float | None, end_s: float | None, axis: str | None
-) -> int:
+def command(log: Path, place: str, start_s: float | None, end_s: float | None) -> int:
     """Show LOG, a file that run wrote, in a browser, until Ctrl-C.
 
     The address is the first line on standard output. The page is that of `run --live` for a running
-    wall: zoom, cursors, events. Of several axes it shows one.
+    wall: zoom, cursors, events.
     """
     stretch = TimeSpan(*stretch_between(start_s, end_s))
     live = live_at(place, field="--at")
     with socket.socket(fileno=live.descriptor) as listener:
-        view = _view(log, stretch, axis)
+        view = _view(log, stretch)
         put(live.address)
         from haptic_wall.controller.live.server import LiveServer
         from haptic_wall.controller.live.web_server import silenced
@@ -53,13 +50,12 @@ def command(
         return interrupt.status_after(came)
 
 
-def _view(log: Path, stretch: TimeSpan, axis: str | None) -> View:
+def _view(log: Path, stretch: TimeSpan) -> View:
     from haptic_wall.controller.live.source import LoggedSource
     from haptic_wall.controller.live.view import View
 
     with reading("LOG", log, "a log of run"), working("reading the log"):
-        whole = LogReader.open(log, stretch)
-        read = whole.axis(whole.axes[0] if axis is None else axis)
+        read = LogReader.open(log, stretch)
         source = LoggedSource(read)
     walls = walls_of(read.metadata, read.changes)
     view = View(walls.configs[0], str(read.metadata.get("name", log.name)), source, recorded=True)
