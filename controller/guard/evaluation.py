@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.guard.flexible import LinkLimits, fast_ceiling
 from haptic_wall.controller.guard.plants import LIGHT, Box, Plants
-from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
+from haptic_wall.controller.guard.types import OF_ENCODER, GuardSettings, Request, Situation
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.theory import one_sided_limit
 from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
@@ -89,7 +89,7 @@ class Evaluation:
         """Return the same with the believed vibration of a load [N·m·s/rad]."""
         belief, rigid, p = self.situation.belief, self.rigid_ceiling, self.corners
         if self.is_fast:
-            return np.minimum(rigid, fast_ceiling(belief, rigid))
+            return fast_ceiling(belief, rigid, self.situation.served[0] * p.period)
         if not belief.is_flexible:
             return rigid
         if self.is_starved:
@@ -154,7 +154,7 @@ class Evaluation:
         cap = settings.damping_cap
         found = np.minimum(asked, cap * self.ceiling)
         found = np.where(found <= -p.damping / p.gain, -cap * p.damping / p.gain, found)
-        most = self.encoder_damping
+        most = OF_ENCODER * self.encoder_damping
         return np.clip(found, -most, most) + 0.0
 
     # Members of the belief around each corner

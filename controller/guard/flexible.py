@@ -56,7 +56,7 @@ _CONTACT, _RETURNED = (0.1, 0.15, 0.3, 0.5), (0.96, 0.87, 0.6, 0.47)
 """Frequency of a contact over the vibration's, and the share of the limit that returns no more"""
 _UNBOUND = 1e12
 """Stands for no limit at all [N·m/rad]"""
-_FAST_CEILING, _FAST_COST = 0.75, 0.2
+_FAST_CEILING, _FAST_COST = 0.75, 0.1
 """Fraction of a fast vibration's ceiling, or of the rigid one, that is used; fraction of the rigid
 limit that it costs at its ceiling at most"""
 
@@ -231,17 +231,22 @@ def returned_share(belief: Belief, stiffness: FloatArray) -> FloatArray:
     return found
 
 
-def fast_ceiling(belief: Belief, rigid: FloatArray) -> FloatArray:
+def fast_ceiling(belief: Belief, rigid: FloatArray, period: FloatArray) -> FloatArray:
     """Return the ceiling for a load that vibrates too fast to be sampled.
 
-    With cos <= 1 the formula for two masses is least at ``2 zeta omega`` times the whole inertia.
+    A torque that is held for a period moves the vibration by at most ``2 / (omega² J)`` of it, and
+    the difference of two samples over the period is at most ``2 / T`` of the amplitude. So the
+    damper adds at most ``4 B / (omega² J T)`` of the amplitude in a period, at any delay; the
+    vibration loses ``1 - exp(-zeta omega T)``.
 
     Args:
         belief: One that ``is_fast``.
         rigid: Ceiling of each plant without the vibration, in commanded units [N·m·s/rad].
+        period: Shortest period of each plant [s].
     """
     rate = math.tau * belief.flexible_hz.low
-    damped = 2.0 * belief.flexible_damping_ratio.low * rate * belief.inertia.low
+    lost = -np.expm1(-belief.flexible_damping_ratio.low * rate * period)
+    damped = lost * rate**2 * belief.inertia.low * period / 4.0
     found: FloatArray = _FAST_CEILING * np.minimum(rigid, damped / belief.torque_gain.high)
     return found
 

@@ -116,8 +116,8 @@ def inserted_delays(
         served: As of ``served_range``.
     """
     longest = math.ceil(steps * period / interval - 1e-9) * interval
-    if not steps or interval <= period:
-        return longest, longest
+    if not steps:
+        return 0.0, 0.0
     low, high = (share * interval / period for share in served)
     means = [
         period * _mean_wait(steps, low + (high - low) * k / _INSIDE) for k in range(_INSIDE + 1)
