@@ -45,15 +45,17 @@ class Source(Protocol):
 
 
 class RunningSource:
-    """The rows of a running loop.
+    """The rows of one axis of a running loop.
 
     Args:
         telemetry: Its memory.
         period_ns: Of the loop [ns].
+        axis: Index of the axis.
     """
 
-    def __init__(self, telemetry: Telemetry, period_ns: int) -> None:
+    def __init__(self, telemetry: Telemetry, period_ns: int, axis: int) -> None:
         self._telemetry = telemetry
+        self._axis = axis
         self.capacity = round(BACK_S * 1e9 / period_ns)
 
     def origin_ns(self) -> int:
@@ -72,7 +74,8 @@ class RunningSource:
 
     def read(self, tail: int, most: int) -> tuple[NDArray[np.void], int]:
         """Return rows from ``tail`` on, and the next tail; see ``Telemetry.read``."""
-        return self._telemetry.read(tail, most)
+        rows, after = self._telemetry.read(tail, most)
+        return rows[:, self._axis], after
 
 
 class LoggedSource:

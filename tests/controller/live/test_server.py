@@ -59,14 +59,14 @@ class Served:
         self.view = View(
             config,
             "a run",
-            RunningSource(self.telemetry, config.period_ns),
+            RunningSource(self.telemetry, config.period_ns, 0),
             recorded=False,
             hand=self.hand,
         )
         listener = socket.create_server(("127.0.0.1", 0))
         self.place = f"127.0.0.1:{listener.getsockname()[1]}"
         self._over = False
-        self.server = server = LiveServer(self.view, "127.0.0.1", TOKEN)
+        self.server = server = LiveServer({"": self.view}, "127.0.0.1", TOKEN)
         self._thread = threading.Thread(
             target=lambda: asyncio.run(server.run(listener, lambda: self._over))
         )
