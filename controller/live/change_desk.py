@@ -218,7 +218,7 @@ class ChangeDesk:
     def _made_ns(self, row: int) -> int:
         """Return when the tick with a change was due [ns]."""
         rows, _ = self._telemetry.read(row, 1)
-        return int(rows[0]["deadline_ns"]) if len(rows) else self._now_ns()
+        return int(rows[0, 0]["deadline_ns"]) if len(rows) else self._now_ns()
 
     def _now_ns(self) -> int:
         """Return the time on the loop's clock [ns]."""

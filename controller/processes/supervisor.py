@@ -170,6 +170,7 @@ class Supervisor:
         orders = Orders(
             config=plan.config.model_dump_json(),
             telemetry=self._telemetry.descriptor,
+            axes=self._telemetry.axes,
             port=self._cut.port,
             parent=os.getpid(),
             core=self._core,
