@@ -18,7 +18,6 @@ from haptic_wall.controller.logs.reader import LogReader, TimeSpan
 from haptic_wall.controller.runtime.telemetry import ROW
 
 
-
 def _kind(name: str) -> Any:  # noqa: ANN401 - what NumPy takes for a type
     return "<f8" if name.endswith(("_s", "_us")) else ROW[COLUMNS[name]]
 

@@ -185,9 +185,7 @@ class _Attempts:
                 log = LogWriter(path, {}, orders["axes"], resume=True)
                 return Recorder(self._telemetry, log, self._events, resumes=True)
         force = ours or orders.get("force", False)
-        log = begun_log(
-            self._telemetry, path, orders["metadata"], orders["axes"], force=force
-        )
+        log = begun_log(self._telemetry, path, orders["metadata"], orders["axes"], force=force)
         return Recorder(self._telemetry, log, self._events)
 
     def _keep(self, keep: Callable[[], None]) -> None:

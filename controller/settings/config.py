@@ -76,10 +76,6 @@ class Config(Sections):
         return self
 
     @property
-    def each(self) -> dict[str, Config]:
-        return {"": self}
-
-    @property
     def period_ns(self) -> int:
         """Return the sampling period of the grid [ns]."""
         return round(1e9 / self.loop.rate_hz)

@@ -58,6 +58,7 @@ def running() -> tuple[View, Telemetry]:
 def move(view: View, telemetry: Telemetry, *positions: float, stiffness: float = 8.0) -> None:
     for position in positions:
         telemetry.write(*row(deadline_ns=1, position=position, stiffness=stiffness))
+        telemetry.advance()
     view.look(1000)
     view.draw_law()
 
