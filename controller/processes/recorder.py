@@ -33,9 +33,9 @@ SYNC_S = 0.75
 """Time that blocks gather between two syncs to the disk [s]; a power cut loses no more than both
 times, and what the disk itself takes."""
 BLOCK = 500
-"""Largest number of rows of all axes in a block. A backlog from a full disk is written in parts that fit; a
-copy of these 80 kB reuses the process's memory, that of a larger block would be fetched page by
-page."""
+"""Largest number of rows of all axes in a block. A backlog from a full disk is written in parts
+that fit; a copy of these 80 kB reuses the process's memory, that of a larger block would be fetched
+page by page."""
 
 
 def rows_lacking(words: memoryview[int]) -> int:

@@ -65,8 +65,8 @@ class RowCount:
         self.statistics.add(rows)
 
     def _tell_of_oscillation(self, rows: NDArray[np.void]) -> None:
-        seen = (rows["oscillation"] >= State.SUSTAINED).any(axis=0)
-        oscillates = bool(seen.any())
+        seen = rows["oscillation"].max(axis=0) >= State.SUSTAINED
+        oscillates = bool(np.any(seen))
         if oscillates and not self._oscillates:
             softer = (
                 f"; stiffness and damping are reduced until it decays, `kill -USR1 {os.getpid()}`"
@@ -74,7 +74,9 @@ class RowCount:
                 if self._reduces
                 else ""
             )
-            names = ", ".join(name for name, sees in zip(self._axes, seen, strict=True) if sees)
+            names = ", ".join(
+                name for name, sees in zip(self._axes, seen.tolist(), strict=True) if sees
+            )
             of = f" of {names}" if names else ""
             self._tell(f"the wall{of} oscillates by itself{softer}")
         elif self._oscillates and not oscillates:

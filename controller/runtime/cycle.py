@@ -8,7 +8,7 @@ from typing import Final, Literal
 from haptic_wall.controller.runtime.axis import Axis, Tick
 from haptic_wall.controller.runtime.handover import Inbox
 from haptic_wall.controller.runtime.safety import Trip
-from haptic_wall.controller.runtime.telemetry import Telemetry, Word
+from haptic_wall.controller.runtime.telemetry import Word
 from haptic_wall.controller.settings.shares import COLLECT_SHARE
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.servo import Bus, Outcome, Reading, Traffic
@@ -48,7 +48,7 @@ class Cycle:
         clock: The loop's clock.
         bus: The servos, started.
         axes: One for each servo, in the same order.
-        telemetry: Takes the rows; holds the control words.
+        words: The control words of the run.
         inbox: Changes of the running wall.
         period_ns: Of the grid [ns].
         pipelined: Requests are sent at the end of the period before; else in the period of the
@@ -66,7 +66,7 @@ class Cycle:
         clock: Clock,
         bus: Bus,
         axes: Sequence[Axis],
-        telemetry: Telemetry,
+        words: memoryview[int],
         inbox: Inbox,
         period_ns: int,
         *,
@@ -77,8 +77,7 @@ class Cycle:
         self.done = False
         self.ticks = self.missed = 0
         self._now = clock.now_ns
-        self._telemetry, self._inbox = telemetry, inbox
-        self._words = words = telemetry.words
+        self._words, self._inbox = words, inbox
         self._period_ns = period_ns
         self._pipelined = pipelined
         self._collect_ns = int(COLLECT_SHARE * period_ns)
@@ -147,7 +146,6 @@ class Cycle:
         for axis, torque, one in zip(axes, torques, sent):  # noqa: B905 - quicker
             axis.after(torque, one, tick)
             self.done = self.done and axis.law.done
-        self._telemetry.advance()
         if words[_OFFERED] != self._inbox.taken and (change := self._inbox.take()):
             axes[change.axis].change = change
         self.ticks = words[_TICKS] = self.ticks + 1

@@ -238,7 +238,7 @@ class _Session:
         ]
         self._inbox.tell(self._servos)
         self._health = bus if isinstance(bus, HasHealth) else None
-        parts = (self._clock, bus, self._axes, telemetry, self._inbox, config.period_ns)
+        parts = (self._clock, bus, self._axes, telemetry.words, self._inbox, config.period_ns)
         self._loop = Loop(
             Cycle(*parts, pipelined=self._pipelined),
             self._wait,

@@ -49,9 +49,9 @@ ROW = np.dtype([(name, "<i8") for name in INT_FIELDS] + [(name, "<f8") for name 
 """One tick of an axis: times [ns]; position [rad], velocity [rad/s], torques [N·m], commanded stiffness
 [N·m/rad] and damping with the injected one [N·m·s/rad], the total delay that the guard uses [s].
 
-``seq`` counts the ticks. ``lateness_ns`` is from the deadline to the wake-up, ``sampled_ns`` 0 while no position is known,
-``age_ns`` the age of the sample when its torque was sent. ``work_ns`` and ``bus_ns`` are those of
-the tick before, so that they include the writing of its row. ``outcome`` is an
+``seq`` counts the ticks. ``lateness_ns`` is from the deadline to the wake-up, ``sampled_ns`` 0
+while no position is known, ``age_ns`` the age of the sample when its torque was sent. ``work_ns``
+and ``bus_ns`` are those of the tick before, so that they include the writing of its row. ``outcome`` is an
 ``haptic_wall.hw.servo.Outcome``, ``missed`` the periods skipped before this tick, ``flags`` the sum
 of ``FLAG_...``, ``phase`` that of a program (-1 before it begins; 0 without one), ``oscillation``
 the detector's state. ``wall_torque`` is the law's before the delay, ``torque`` the one sent,
@@ -191,6 +191,7 @@ class Telemetry:
         self._rows = np.frombuffer(self._map, np.int64, numbers, _PAGE).reshape(capacity, -1)
         self._head = int(self.words[Word.HEAD])
         self._at = _PAGE + self._head % capacity * self._tick_bytes
+        self._end = self._at + self._tick_bytes
 
     @classmethod
     def create(cls, axes: int = 1) -> Self:
@@ -209,18 +210,19 @@ class Telemetry:
         os.close(self.descriptor)
 
     def write(self, *values: float) -> None:
-        """Write the row of the next axis of this tick; only the loop does.
+        """Write the row of the next axis, the last of which ends the tick; only the loop does.
 
         Args:
             values: The fields of ``ROW`` after ``seq``, in order.
         """
-        _PACK(self._map, self._at, self._head, *values)
-        self._at += _ROW_BYTES
-
-    def advance(self) -> None:
-        """End a tick whose rows are all written."""
-        self._head = self.words[_HEAD] = head = self._head + 1
-        self._at = _PAGE + head % self._capacity * self._tick_bytes
+        at, head = self._at, self._head
+        _PACK(self._map, at, head, *values)
+        at += _ROW_BYTES
+        if at == self._end:
+            self._head = self.words[_HEAD] = head = head + 1
+            at = _PAGE + head % self._capacity * self._tick_bytes
+            self._end = at + self._tick_bytes
+        self._at = at
 
     def read(self, tail: int, most: int = CAPACITY) -> tuple[NDArray[np.void], int]:
         """Return copies of the rows from ``tail`` on, and the next tail.

@@ -125,7 +125,7 @@ def run_in_memory(
     def on_block() -> None:
         nonlocal read
         rows, read = telemetry.read(read)
-        blocks.append(rows)
+        blocks.append(rows[:, 0])
 
     around = Surroundings(on_block=on_block, tell=tell, open_bus=opener)
     result = run_session(config, clock, telemetry, duration_s, surroundings=around)

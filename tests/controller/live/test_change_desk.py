@@ -33,7 +33,7 @@ class Side:
 
     def start(self) -> None:
         """Start the servo."""
-        self.inbox.tell(KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, True))
+        self.inbox.tell([KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, True)])
         self.telemetry.words[Word.STATE] = LoopState.RUNNING
 
 
