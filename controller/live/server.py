@@ -142,7 +142,7 @@ class LiveServer:
         view.welcome(client, {"controls": client.turns, "axis": name, "axes": [*self._views]})
 
     def _leave(self, client: Client) -> None:
-        view = self._views[client.axis] if client.axis in self._views else self._first
+        view = self._views.get(client.axis, self._first)
         view.clients.discard(client)
         view.grasp(client, None)
 
