@@ -98,16 +98,17 @@ def views_of(orders: Mapping[str, Any]) -> tuple[dict[str, View], News, Telemetr
     telemetry = Telemetry(orders["telemetry"], axes=len(config.each))
     hand = None if orders["hand"] is None else SharedHand(orders["hand"])
     dead_man = DeadMan(telemetry.words) if orders["dead_man"] else None
+    first = next(iter(config.each))
     views = {
         name: View(
             each,
             orders["name"],
-            RunningSource(telemetry, config.period_ns, number),
+            RunningSource(telemetry, config.period_ns, [*config.each], name),
             recorded=False,
-            hand=hand if number == 0 else None,
+            hand=hand if name == first else None,
             dead_man=dead_man,
             now_ns=lambda: time.monotonic_ns() - telemetry.words[Word.OFFSET_NS],
         )
-        for number, (name, each) in enumerate(config.each.items())
+        for name, each in config.each.items()
     }
     return views, News(socket.socket(fileno=orders["news"]), telemetry, config, views), telemetry

@@ -19,13 +19,15 @@ MOST_ROWS: Final = 900_000
 
 
 class Source(Protocol):
-    """Rows of a run.
+    """Rows of a run, for the view of one axis.
 
     Attributes:
         capacity: Number of rows that a page keeps.
+        others: Names of the other axes, whose rows come with them.
     """
 
     capacity: int
+    others: Sequence[str]
 
     def origin_ns(self) -> int:
         """Return the zero of the time [ns]; 0: not known yet."""
@@ -40,7 +42,10 @@ class Source(Protocol):
         ...
 
     def read(self, tail: int, most: int) -> tuple[NDArray[np.void], int]:
-        """Return rows from ``tail`` on, and the next tail; see ``Telemetry.read``."""
+        """Return rows from ``tail`` on, and the next tail; see ``Telemetry.read``.
+
+        Their shape is (n, 1 + others): the axis of the view is the first.
+        """
         ...
 
 
@@ -50,12 +55,16 @@ class RunningSource:
     Args:
         telemetry: Its memory.
         period_ns: Of the loop [ns].
-        axis: Index of the axis.
+        axes: Names of all axes.
+        axis: Name of the one of the view.
     """
 
-    def __init__(self, telemetry: Telemetry, period_ns: int, axis: int) -> None:
+    def __init__(
+        self, telemetry: Telemetry, period_ns: int, axes: Sequence[str] = ("",), axis: str = ""
+    ) -> None:
         self._telemetry = telemetry
-        self._axis = axis
+        self.others = [name for name in axes if name != axis]
+        self._order = [axes.index(name) for name in (axis, *self.others)]
         self.capacity = round(BACK_S * 1e9 / period_ns)
 
     def origin_ns(self) -> int:
@@ -75,11 +84,11 @@ class RunningSource:
     def read(self, tail: int, most: int) -> tuple[NDArray[np.void], int]:
         """Return rows from ``tail`` on, and the next tail; see ``Telemetry.read``."""
         rows, after = self._telemetry.read(tail, most)
-        return rows[:, self._axis], after
+        return rows[:, self._order], after
 
 
 class LoggedSource:
-    """The rows of a log, in memory.
+    """The rows of one axis of a log, in memory.
 
     Args:
         log: The log, or a stretch of it.
@@ -106,6 +115,7 @@ class LoggedSource:
         self.rows = np.concatenate(blocks)
         self._origin_ns = log.origin_ns
         self.capacity = len(self.rows)
+        self.others: list[str] = []
 
     def origin_ns(self) -> int:
         """Return the deadline of the log's first row [ns]."""
@@ -127,5 +137,5 @@ class LoggedSource:
 
     def read(self, tail: int, most: int) -> tuple[NDArray[np.void], int]:
         """Return rows from place ``tail`` on, and the next place."""
-        rows = self.rows[tail : tail + most]
+        rows = self.rows[tail : tail + most, np.newaxis]
         return rows, tail + len(rows)

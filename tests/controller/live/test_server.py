@@ -60,11 +60,11 @@ class Served:
             name: View(
                 config,
                 "a run",
-                RunningSource(self.telemetry, config.period_ns, number),
+                RunningSource(self.telemetry, config.period_ns, axes, name),
                 recorded=False,
                 hand=self.hand,
             )
-            for number, name in enumerate(axes)
+            for name in axes
         }
         self.view = self.views[axes[0]]
         listener = socket.create_server(("127.0.0.1", 0))
@@ -83,7 +83,6 @@ class Served:
             for axis in range(self.telemetry.axes):
                 position = axis + 0.001 * k
                 self.telemetry.write(*row(stiffness=8.0, deadline_ns=at, position=position))
-            self.telemetry.advance()
         self._count += count
 
     def connect(self, query: str = "", **options: Any) -> ClientConnection:
@@ -376,14 +375,17 @@ def test_a_page_looks_at_one_axis_and_sees_the_state_of_all(tmp_path: Path) -> N
             assert [each["name"] for each in strip] == ["elbow", "wrist"]
             assert [each["position"] for each in strip] == pytest.approx([0.049, 1.049])
             client.send(json.dumps({"axis": "wrist"}))
-            assert heard(client, "hello")["axis"] == "wrist"
+            hello = heard(client, "hello")
+            assert (hello["axis"], hello["channels"][-1]) == ("wrist", "elbow.position_rad")
             while isinstance(message := client.recv(timeout=10.0), str):
                 pass
-            count = struct.unpack_from("<dII", message)[1]
-            assert np.frombuffer(message, "<f4", 1, 16 + 8 * count) == pytest.approx([1.0])
+            _, count, channels = struct.unpack_from("<dII", message)
+            numbers = np.frombuffer(message, "<f4", count * channels, 16 + 8 * count)
+            assert numbers.reshape(channels, count)[[0, -1], 0] == pytest.approx([1.0, 0.0])
             client.send(json.dumps({"axis": "knee"}))
             assert "not understood" in heard(client, "refused")["words"]
             with listening(tmp_path / "run") as listener:
+                listener.settimeout(10.0)
                 served.server.run_socket = tmp_path / "run"
                 client.send(json.dumps({"set": {"wall.stiffness": 3, "delay.steps": 1}}))
                 with listener.accept()[0] as run:

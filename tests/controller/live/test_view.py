@@ -52,13 +52,12 @@ def greeted(view: View) -> Page:
 def running() -> tuple[View, Telemetry]:
     telemetry = Telemetry.create()
     telemetry.words[Word.BEGAN_NS] = 1
-    return View(CONFIG, "a", RunningSource(telemetry, 1_000_000, 0), recorded=False), telemetry
+    return View(CONFIG, "a", RunningSource(telemetry, 1_000_000), recorded=False), telemetry
 
 
 def move(view: View, telemetry: Telemetry, *positions: float, stiffness: float = 8.0) -> None:
     for position in positions:
         telemetry.write(*row(deadline_ns=1, position=position, stiffness=stiffness))
-        telemetry.advance()
     view.look(1000)
     view.draw_law()
 
@@ -66,7 +65,7 @@ def move(view: View, telemetry: Telemetry, *positions: float, stiffness: float =
 def test_hand_and_dead_man_are_on_the_clock_of_the_loop() -> None:
     """An elastic clock is behind the system's: a hand would hold on longer, or not at all."""
     telemetry, hand = Telemetry.create(), SharedHand.create()
-    source, man = RunningSource(telemetry, 1_000_000, 0), DeadMan(telemetry.words)
+    source, man = RunningSource(telemetry, 1_000_000), DeadMan(telemetry.words)
     telemetry.words[Word.HELD_NS] = 0
     view = View(CONFIG, "a", source, recorded=False, hand=hand, dead_man=man, now_ns=lambda: 5000)
     view.shaft = 0.1
@@ -99,7 +98,7 @@ def test_a_log_shows_each_law_from_its_row_on() -> None:
 def test_a_page_knows_the_travel_and_which_rows_have_no_wall() -> None:
     sets = ["safety.travel=[-2, 4]"]
     config = load_config("simulated", sets).config
-    source = RunningSource(Telemetry.create(), 1_000_000, 0)
+    source = RunningSource(Telemetry.create(), 1_000_000)
     page = greeted(View(config, "a", source, recorded=False))
     assert page.last("wall")["travel"] == [-2.0, 4.0]
     assert page.last("hello")["off"] & FLAG_OFF
