@@ -61,6 +61,6 @@ class _Page(Client):
 async def one_turn(server: LiveServer, *_: object) -> None:
     """Take the place of ``LiveServer.run``: one page, one message of each kind, and no socket."""
     view = server._view
-    view.welcome(_Page(), controls=False)
+    view.welcome(_Page(), {"controls": False})
     await server.pump(lambda: True)
     await view.draw_map()
