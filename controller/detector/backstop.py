@@ -70,6 +70,7 @@ class Backstop:
         failed: Reducing does not help: the run must end.
         news: Since its reader has set it to False, what it says of the motion may have changed.
         probes: Number of probes.
+        probed_s: Time with a softer wall in probes, and after them until it came back [s].
         hands: Number of probes that found a hand.
         alarms: Number of alarms.
         backlash: The last alarm was about a small motion that neither grew nor saturated the
@@ -96,6 +97,7 @@ class Backstop:
         self.alarm = self.failed = self.backlash = False
         self._settled = self._small_cycle = self.news = False
         self.probes = self.hands = self.alarms = 0
+        self.probed_s = 0.0
 
     def update(
         self, away: float, torque: float, span: float, stiffness: float, damping: float = 0.0
@@ -135,6 +137,8 @@ class Backstop:
         last, self._elongation = self._elongation, elongation
         if self.phase is not _WATCHING:
             self.news = True
+            if self.phase != Phase.REDUCED:
+                self.probed_s += span
             self._answer_time(elongation, last)
         if ended:
             self.news = True
