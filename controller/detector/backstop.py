@@ -137,9 +137,7 @@ class Backstop:
         last, self._elongation = self._elongation, elongation
         if self.phase is not _WATCHING:
             self.news = True
-            if self.phase != Phase.REDUCED:
-                self.probed_s += span
-            self._answer_time(elongation, last)
+            self._answer_time(elongation, last, span)
         if ended:
             self.news = True
             self._ended(self.swings, damping)
@@ -154,13 +152,16 @@ class Backstop:
         if self.derating.scale != 1.0:
             self._follow_load(away, torque, span, ended=ended)
 
-    def _answer_time(self, elongation: float, last: float) -> None:
+    def _answer_time(self, elongation: float, last: float, span: float) -> None:
         """Answer what takes no half-cycle: rest, and a load that has gone.
 
         Args:
             elongation: Of the spring, signed [rad].
             last: At the last sample [rad].
+            span: Time since then [s].
         """
+        if self.phase != Phase.REDUCED:
+            self.probed_s += span
         hold = self._hold
         if hold.torque and hold.left(elongation, soft=self.phase == Phase.REDUCED):
             hold.leave()
