@@ -88,6 +88,7 @@ class Backstop:
         failed: Reducing does not help: the run must end.
         news: Since its reader has set it to False, what it says of the motion may have changed.
         probes: Number of probes.
+        probed_s: Time with a softer wall in probes, and after them until it came back [s].
         hands: Number of probes that found a hand.
         alarms: Number of alarms.
         backlash: The last alarm was about a small motion that neither grew nor saturated the
@@ -117,6 +118,7 @@ class Backstop:
         self.alarm = self.failed = self.backlash = False
         self._settled = self._small_cycle = self.news = False
         self.probes = self.hands = self.alarms = 0
+        self.probed_s = 0.0
 
     def update(
         self, away: float, torque: float, span: float, stiffness: float, damping: float = 0.0
@@ -156,7 +158,7 @@ class Backstop:
         last, self._elongation = self._elongation, elongation
         if self.phase is not _WATCHING:
             self.news = True
-            self._answer_time(elongation, last)
+            self._answer_time(elongation, last, span)
         if ended:
             self.news = True
             self._ended(self.swings)
@@ -171,13 +173,16 @@ class Backstop:
         if self.derating.scale != 1.0:
             self._follow_load(away, torque, span, ended=ended)
 
-    def _answer_time(self, elongation: float, last: float) -> None:
+    def _answer_time(self, elongation: float, last: float, span: float) -> None:
         """Answer what takes no half-cycle: rest, and a load that has gone.
 
         Args:
             elongation: Of the spring, signed [rad].
             last: At the last sample [rad].
+            span: Time since then [s].
         """
+        if self.phase != Phase.REDUCED:
+            self.probed_s += span
         hold = self._hold
         if hold.torque and hold.left(elongation, soft=self.phase == Phase.REDUCED):
             hold.leave()

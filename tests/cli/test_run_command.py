@@ -43,6 +43,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             "--hold: found two sources, wanted one",
         ),
         (["--set=loop.clock=monotonic", "--hold", "page"], "add --live --live-control"),
+        (["--plot", "a.png", "--no-plot"], "found both --plot and --no-plot"),
         (["--plot", "a.svg"], "--plot a.svg: found a name ending in .svg"),
         (["--log", "."], "--log: . is a folder"),
         (["--log", 300 * "x"], "File name too long; name another place"),
