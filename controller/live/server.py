@@ -49,8 +49,8 @@ class LiveServer:
         run_socket: Path | None = None,
         pause: Callable[[float], float] = lambda wanted_s: wanted_s,
     ) -> None:
-        self._views = dict(views)
-        self._first = next(iter(self._views.values()))
+        self.views = dict(views)
+        self._first = next(iter(self.views.values()))
         self._host = host
         self._token = token
         self.run_socket = run_socket
@@ -70,13 +70,13 @@ class LiveServer:
 
     def abort(self) -> None:
         """Close all connections at once."""
-        for view in self._views.values():
+        for view in self.views.values():
             for client in tuple(view.clients):
                 client.abort()
 
     async def pump(self, until: Callable[[], bool]) -> None:
         """Send rows and texts to the clients, until ``until`` says so."""
-        first, views, count, next_s = self._first, self._views.values(), 0, time.monotonic()
+        first, views, count, next_s = self._first, self.views.values(), 0, time.monotonic()
         draws: asyncio.Task[None] | None = None
         while True:
             over = until()  # asked first: what it knows of is still sent
@@ -89,7 +89,7 @@ class LiveServer:
                 if draws is None or draws.done():
                     draws = asyncio.create_task(self._draw_maps())
             if len(views) > 1 and (over or count % _STRIP_EVERY == 0):
-                strip = [{"name": name, **view.state()} for name, view in self._views.items()]
+                strip = [{"name": name, **view.state()} for name, view in self.views.items()]
                 for view in views:
                     view.tell({"kind": "strip", "axes": strip})
             man = first.dead_man
@@ -107,7 +107,7 @@ class LiveServer:
 
     async def _draw_maps(self) -> None:
         """Tell the guard's limits of the axes that somebody looks at."""
-        for view in self._views.values():
+        for view in self.views.values():
             if view.clients:
                 await view.draw_map()
 
@@ -118,11 +118,11 @@ class LiveServer:
         if given and not is_token(given, self._token):
             await connection.close(1008, "the token in the address is not that of this run")
             return
-        if sum(len(view.clients) for view in self._views.values()) >= MOST_CLIENTS:
+        if sum(len(view.clients) for view in self.views.values()) >= MOST_CLIENTS:
             await connection.close(1013, f"{MOST_CLIENTS} other pages are connected already")
             return
         client = Client(connection, turns=bool(given))
-        self._show(client, next(iter(self._views)))
+        self._show(client, next(iter(self.views)))
         try:
             async for message in connection:
                 self._take(client, message)
@@ -137,12 +137,12 @@ class LiveServer:
     def _show(self, client: Client, name: str) -> None:
         """Let a client look at an axis, from now on."""
         self._leave(client)
-        view = self._views[name]
+        view = self.views[name]
         client.axis, client.tail = name, view.source.first()
-        view.welcome(client, {"controls": client.turns, "axis": name, "axes": [*self._views]})
+        view.welcome(client, {"controls": client.turns, "axis": name, "axes": [*self.views]})
 
     def _leave(self, client: Client) -> None:
-        view = self._views.get(client.axis, self._first)
+        view = self.views.get(client.axis, self._first)
         view.clients.discard(client)
         view.grasp(client, None)
 
@@ -154,7 +154,7 @@ class LiveServer:
             request = None
         if isinstance(request, dict):
             axis = request.get("axis")
-            if isinstance(axis, str) and axis in self._views:
+            if isinstance(axis, str) and axis in self.views:
                 self._show(client, axis)
                 return
             if client.turns and self._granted(client, request):
@@ -175,7 +175,7 @@ class LiveServer:
             request.get("hand"),
             request.get("id"),
         )
-        view = self._views[client.axis]
+        view = self.views[client.axis]
         if sets is not None:
             known = number is None or is_number(number)
             if known and self.run_socket is not None:

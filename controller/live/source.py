@@ -27,7 +27,7 @@ class Source(Protocol):
     """
 
     capacity: int
-    others: Sequence[str]
+    others: list[str]
 
     def origin_ns(self) -> int:
         """Return the zero of the time [ns]; 0: not known yet."""

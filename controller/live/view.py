@@ -117,7 +117,7 @@ class View:
             client: The page.
             hello: What is its own in the first message.
         """
-        client.tell(self._hello | hello)
+        client.tell({**self._hello, **hello})
         client.tell({"kind": "wall", **self._wall()})
         client.tell({"kind": "marks", "marks": [mark.plain() for mark in self._marks]})
         client.tell({"kind": "laws", "laws": list(self._laws)})
