@@ -280,7 +280,8 @@ def settings() -> tuple[list[str], list[list[object]]]:
             values = re.sub(wide, short, values)
         values = re.sub(r"([\d.+e-]+) to ", r"\1…", values)
         meaning = field.meaning.partition(". ")[0]
-        if not meaning.startswith(tuple(f"{name}:" for name in field.choices)):
+        told = tuple(f"{of}{name}:" for name in field.choices for of in ("", "Of wall: "))
+        if not meaning.startswith(told):
             ends = "[;(]" if meaning.startswith("Of ") else "[;:(]|, e.g"
             meaning = re.split(ends, meaning)[0].rstrip()
         rows.append([f"`{path}`", f"{values} {field.unit}".rstrip(), meaning])
