@@ -97,7 +97,8 @@ def kept(text: str, chosen: str) -> str:
     wanted, keep = set(chosen.split(", ")), False
     lines = []
     for line in text.splitlines():
-        label = line[:12].strip()
+        check = re.match(r"(?:ok|WRONG|-) +(.{25})", line)  # of doctor
+        label = (check[1] if check else line[:12]).strip()
         keep = label in wanted if label else keep
         if keep:
             lines.append(line)
@@ -121,7 +122,7 @@ def said(command: str) -> str:
 def measured(command: str) -> str:
     """Run a command and return its output on this machine; a run's picture goes to docs/."""
     with tempfile.TemporaryDirectory() as folder:
-        if command.startswith("haptic-wall run emulated-port"):
+        if command.startswith("haptic-wall"):
             return beside_an_emulated_bus(command, folder)
         if command == "scripts/test":
             tests = [str(ROOT / command)]
@@ -154,8 +155,10 @@ def beside_an_emulated_bus(command: str, folder: str) -> str:
             env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
             capture_output=True,
             text=True,
-            check=True,
+            check=False,
         )
+    if done.returncode not in (0, 1):  # doctor found something wrong
+        raise RuntimeError(done.stderr)
     return done.stdout
 
 
@@ -277,7 +280,8 @@ def settings() -> tuple[list[str], list[list[object]]]:
             values = re.sub(wide, short, values)
         values = re.sub(r"([\d.+e-]+) to ", r"\1…", values)
         meaning = field.meaning.partition(". ")[0]
-        if not meaning.startswith(tuple(f"{name}:" for name in field.choices)):
+        told = tuple(f"{of}{name}:" for name in field.choices for of in ("", "Of wall: "))
+        if not meaning.startswith(told):
             ends = "[;(]" if meaning.startswith("Of ") else "[;:(]|, e.g"
             meaning = re.split(ends, meaning)[0].rstrip()
         rows.append([f"`{path}`", f"{values} {field.unit}".rstrip(), meaning])
