@@ -18,6 +18,8 @@ from haptic_wall.hw.settings import Way
 from haptic_wall.hw.truth import ARM, TYPES, TrueArm
 
 MOST_AXES: Final = 16
+MOST_NAME: Final = 24
+"""Longest name of an axis [letters]"""
 SHARED: Final = (
     "backend",
     "port",
@@ -30,7 +32,7 @@ SHARED: Final = (
 """Fields of ``servo`` that belong to the bus, the same for every axis"""
 RENAMED: Final = ("port", "baud")
 """Fields of ``bus`` that are another name of those of ``servo``"""
-AxisName = Annotated[str, Field(pattern="^[a-z][a-z0-9_]*$", max_length=24)]
+AxisName = Annotated[str, Field(pattern="^[a-z][a-z0-9_]*$", max_length=MOST_NAME)]
 
 
 class Bus(Section):

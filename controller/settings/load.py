@@ -97,6 +97,7 @@ def load_config(source: str, sets: Sequence[str] = (), *, runs: bool = False) ->
         except UserError as error:
             problems.append(error.problem)
         else:
+            known = [] if path == "axes" else known
             prefix, rest = split_path(path)
             origins[prefix + ".".join(rest.split(".")[:2])] = "--set"
             name = prefix[5:-1]
