@@ -11,7 +11,8 @@ from pydantic import ValidationError
 from haptic_wall.controller.laws import own
 from haptic_wall.controller.laws.engagement import MOST_TORQUE
 from haptic_wall.controller.laws.shape import Grid, LawError
-from haptic_wall.controller.laws.table import LAWS, NONE, SUM, shape_of
+from haptic_wall.controller.laws.table import LAWS, SUM, shape_of
+from haptic_wall.controller.laws.wall import NONE
 from haptic_wall.controller.settings.axes import OWN
 from haptic_wall.controller.settings.axes_rules import apart, broken_bus_rules
 from haptic_wall.controller.settings.model import MOST_LAG, NUMBERS, LawNumbers, Wall
