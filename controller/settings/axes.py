@@ -90,22 +90,16 @@ OWN: Final = tuple(Axis.model_fields)
 """Names of these sections"""
 
 
-def with_bus(data: dict[str, Any]) -> dict[str, Any]:
-    """Return unchecked settings with ``bus.port`` and ``bus.baud`` as those of ``servo``."""
-    bus, servo = data.get("bus"), data.get("servo", {})
-    if not isinstance(bus, dict) or not isinstance(servo, dict):
-        return data
-    moved = {name: bus[name] for name in RENAMED if bus.get(name) is not None}
-    rest = {name: value for name, value in bus.items() if name not in moved}
-    return {**data, "bus": rest, "servo": servo | moved} if moved else data
-
-
 def completed(data: dict[str, Any]) -> dict[str, Any]:
-    """Return unchecked settings with ``bus`` applied and each axis whole.
+    """Return unchecked settings with port and baud of ``bus`` in ``servo``, and each axis whole.
 
     An axis with another law than the top level does not inherit the numbers of that law.
     """
-    data, axes = with_bus(data), data.get("axes")
+    bus, servo, axes = data.get("bus"), data.get("servo", {}), data.get("axes")
+    if isinstance(bus, dict) and isinstance(servo, dict):
+        moved = {name: bus[name] for name in RENAMED if bus.get(name) is not None}
+        rest = {name: value for name, value in bus.items() if name not in moved}
+        data = {**data, "bus": rest, "servo": servo | moved}
     if not isinstance(axes, dict):
         return data
     return {**data, "axes": {name: _completed(axis, data) for name, axis in axes.items()}}

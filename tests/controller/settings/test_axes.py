@@ -86,6 +86,8 @@ def test_the_names_of_the_bus_are_those_of_its_servo(tmp_path: Path) -> None:
     config = load_config(str(file), [*belief, "model.torque_gain=1", "loop.clock=monotonic"]).config
     assert (config.servo.port, config.servo.baud) == ("/dev/ttyUSB7", 1000000)
     assert config.servo.kind == "hardware"
+    with pytest.raises(ConfigError, match=r"bus\.port: found 5, wanted a text or null"):
+        loaded(SHARED | {"bus": {"port": 5}}, "of a file")
     changed = load_config(str(file), ["servo.port=emulated", "servo.inertia=0.01"]).config
     assert changed.servo.kind == "emulated"
 
