@@ -113,7 +113,7 @@ def test_whoever_opens_a_port_can_cut_the_torque_without_loading_anything(silent
 
 def test_several_servos_are_one_bus_and_the_hands_wait_for_the_last() -> None:
     clock = SimulatedClock()
-    true = replace(TRUE, hand="push")
+    true = replace(TRUE, hand="lean")
     mounted = {4: 1, 2: -1, 3: 1, 1: -1}
     servos = [replace(settings(true=true), id=id_, sign=sign) for id_, sign in mounted.items()]
     bus = open_bus(servos, clock)
