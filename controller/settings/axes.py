@@ -118,6 +118,30 @@ def _completed(axis: Any, data: Mapping[str, Any]) -> Any:  # noqa: ANN401 - wha
     return whole
 
 
+def compact(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Return dumped settings without nulls, and of each axis only what it has of its own."""
+    short: dict[str, Any] = {
+        section: {name: value for name, value in given.items() if value is not None}
+        for section, given in data.items()
+        if section != "axes"
+    }
+    if data["axes"]:
+        short["axes"] = {
+            name: {section: _own(section, axis[section], data[section]) for section in OWN}
+            for name, axis in data["axes"].items()
+        }
+    return short
+
+
+def _own(section: str, axis: Mapping[str, Any], default: Mapping[str, Any]) -> dict[str, Any]:
+    kept = NUMBERS if section == "wall" and axis["law"] != default["law"] else ()
+    return {
+        name: value
+        for name, value in axis.items()
+        if name in kept or name not in default or value != default[name]
+    }
+
+
 def split_path(path: str) -> tuple[str, str]:
     """Return the axis of a setting, as ``axes.NAME.`` or empty, and its path in that axis alone."""
     steps = path.split(".", 2)

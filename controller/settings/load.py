@@ -41,6 +41,10 @@ class Loaded:
     origins: Mapping[str, str]
     """Origin of each given field by path: the preset, the file or ``--set``. Other fields have
     their defaults."""
+    axis: str = ""
+    """The axis that the configuration is of; empty: it is whole"""
+    whole: Config | None = None
+    """With the other axes, where it is of one"""
 
 
 def preset_names() -> list[str]:
@@ -144,7 +148,7 @@ def load_axis(
         raise UserError(what, field="--axis", wanted=wanted, advice=hint)
     name = f"{source}:{axis}" if axis else source
     alone = loaded(each[axis].model_dump(), f"{source}, axis {axis}") if axis else found.config
-    return replace(found, config=alone, name=name)
+    return replace(found, config=alone, name=name, axis=axis, whole=found.config)
 
 
 def apply_set(data: dict[str, Any], change: str) -> str:
