@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any, Final, Literal
 
-from haptic_wall.hw.truth import TrueServo
+from haptic_wall.hw.truth import TrueArm, TrueServo
 
 EMULATED: Final = "emulated"
 """The port value that selects the program's own emulated bus"""
 
+Way = Literal["auto", "fast", "sync", "plain"]
+"""How several servos are read: ``auto`` is ``fast``, else ``sync``"""
 Schedule = Literal["immediate", "pipelined"]
 
 
@@ -37,6 +39,12 @@ class DriverSettings:
     """Direction of the probe: away from the wall"""
     period_s: float = 1e-3
     """Period of the loop that will drive it [s]: limits the additional bytes beside a sample"""
+    read: Way = "auto"
+    """How several servos of the bus are read"""
+    sign: int = 1
+    """1, -1: position = sign * the servo's own + offset, and torques turn with the sign"""
+    offset: float = 0.0
+    """See ``sign`` [rad]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +58,8 @@ class ServoSettings(DriverSettings):
     """Name of the backend that opens it"""
     true: TrueServo | None = None
     """True parameters of a simulated or emulated servo; None: it is real"""
+    arm: TrueArm | None = None
+    """True links between the servos of its bus; None: there are none"""
     faults: tuple[str, ...] = ()
     """Injected faults of an emulated bus, in the syntax of ``haptic_wall.hw.emulated.faults``"""
     fault_seed: int = 0
