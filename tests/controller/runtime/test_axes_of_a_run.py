@@ -29,7 +29,7 @@ SETS = (
     *("axes.trigger.wall.law=none", "axes.trigger.servo.kick=0.3"),
 )
 NAMES = ("shoulder", "elbow", "trigger")
-TWO = ("axes.one.servo.id=1", "axes.two.servo.id=2", "servo.hand=none", "bus.read=sync")
+TWO = ("axes.one.servo.id=1", "axes.two.servo.id=2", "servo.hand=none")
 
 
 def logged(config: Config, log: Path) -> dict[str, Any]:
@@ -100,8 +100,8 @@ def test_all_axes_count_the_longest_device_delay(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("fault", "reason"),
     [
-        ("drop:p=1,id=2", "trip:losses_in_row"),
-        ("hardware-error:bits=overload,id=2", "trip:hardware_error"),
+        ("unplug:id=2,at=1", "trip:losses_in_row"),
+        ("hardware-error:bits=overload,id=2,at=1", "trip:hardware_error"),
     ],
 )
 def test_an_axis_that_is_lost_or_ill_takes_the_torque_from_all(fault: str, reason: str) -> None:
@@ -109,6 +109,6 @@ def test_an_axis_that_is_lost_or_ill_takes_the_torque_from_all(fault: str, reaso
     run = run_in_memory((*TWO, *kicked), 2.0, faults=[fault])
     assert (run.result.stop_reason, run.result.stop_axis) == (reason, "two")
     assert run.ticks["torque"][-1] == 0.0 and run.ticks["torque"].any(), "of the other axis"
-    assert run.result.torque_off is ("drop" not in fault)
+    assert run.result.torque_off is ("unplug" not in fault)
     ends = [event.state.torque for event in run.truth if event.event == "state"][-2:]
     assert ends == [0.0, 0.0]
