@@ -215,7 +215,7 @@ class TrueServo:
         0.0, "Position of the wall for the scripted hand", "rad", -1e6, 1e6, kinds=()
     )
     hand_direction: Literal[1, -1] = _true(
-        1, "1: the wall fills the positions above hand_origin; -1: below", kinds=()
+        1, "1: the scripted hand pushes toward positive positions; -1: negative", kinds=()
     )
 
     def __post_init__(self) -> None:

@@ -230,6 +230,9 @@ class EmulatedServo:
                 # not disturb a start-up that checks the shaft.
                 self._held = True
                 self.mechanism.engage_operator(now_ns)
+                for each in drive.together:  # and for the other servos, checked one by one
+                    if each.mechanism.operator_waits:
+                        each.mechanism.engage_operator(now_ns)
             drive.update(now_ns)
         return error
 

@@ -142,6 +142,11 @@ class Mechanism:
         self._operator_ns = now_ns + round(OPERATOR_WAIT_S * 1e9)
 
     @property
+    def operator_waits(self) -> bool:
+        """Whether the scripted operator will take the shaft, but has not yet."""
+        return self._operator_ns is not None
+
+    @property
     def flexible(self) -> bool:
         """Whether a load lies behind a transmission: its motion is computed in substeps."""
         return self.mechanics.behind > 0.0

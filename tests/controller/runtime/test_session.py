@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from haptic_wall.controller.cli import main as cli
+from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.runtime.cycle import Cycle
 from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.runtime.session import Result, Surroundings, run_session
@@ -453,3 +454,16 @@ def test_a_notch_renders_a_damping_that_would_make_a_link_vibrate(kind: str, gro
     first, last = heights(rows)
     assert bool(last > first) is grows
     assert bool(last < 0.1 * first) is not grows
+
+
+def test_the_law_none_reads_and_sends_nothing() -> None:
+    sets = ["wall.law=none", "wall.damping=0.1", "wall.passivity_control=true", "servo.hand=push"]
+    result, rows = session("simulated", *sets, duration=3.0)
+    assert result.stop_reason == "duration"
+    assert result.wall_came_on
+    assert not rows["torque"].any()
+    assert not rows["oscillation"].any()
+    assert rows["position"].max() > 0.1
+    parts = "wall.parts=[{law: none}, {law: spring}]"
+    with pytest.raises(ConfigError, match="found a none in part 0"):
+        load_config("simulated", ["wall.law=sum", parts])
