@@ -354,9 +354,9 @@ class Backstop:
         if asking is self:
             if not self.alarm and seen is not self._asked:
                 self._asked, self._cause = seen, Cause.STOPPED
+        elif asking is None or asking.alarm or asking._count:
             return
-        died = asking is not None and not (asking.alarm or asking._count)
-        if died and seen.size >= self._settings.threshold:
+        elif seen.size >= self._settings.threshold:
             self._asked, self._cause = seen, Cause.STOPPED
             self._begun, self._count, self._step = self._time, 0, asking._step
             self.probe.before = sighting(seen.motion.last, self._time)
