@@ -23,6 +23,7 @@ CALLED = {
     "RunningWall.set": (
         "(self, changes: 'Mapping[str, Any]', wait_s: 'float' = 10.0) -> 'dict[str, Any]'"
     ),
+    "RunningWall.positions": "(self) -> 'dict[str, float]'",
     "RunningWall.running": "(self) -> 'bool'",
     "RunningWall.wait": "(self) -> 'dict[str, Any]'",
     "RunningWall.report": "(self) -> 'dict[str, Any]'",

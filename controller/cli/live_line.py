@@ -50,6 +50,20 @@ def line_of(row: Any, lost: int, *, loses: bool, columns: int) -> str:  # noqa: 
     return "".join(parts)[: max(0, columns - 1)]
 
 
+def worst_of(rows: Sequence[Any], failed: Sequence[int]) -> int:
+    """Return the index of the axis that a person must look at first.
+
+    Args:
+        rows: The newest row of each axis.
+        failed: Number of the last readings of each that have failed.
+    """
+    order = [
+        (row["oscillation"], lost > 0, abs(row["torque"]))
+        for row, lost in zip(rows, failed, strict=True)
+    ]
+    return order.index(max(order))
+
+
 def _state(row: Any, *, loses: bool) -> str:  # noqa: ANN401 - a record
     flags, oscillation = int(row["flags"]), State(int(row["oscillation"]))
     if oscillation >= State.SUSTAINED:
@@ -83,10 +97,7 @@ def live_line(telemetry: Telemetry, axes: Sequence[str]) -> Iterator[None]:
         failed = np.count_nonzero(rows["outcome"] != Outcome.OK, axis=0)
         lost += int(failed.sum())
         last = rows[-1]
-        worst = max(
-            range(len(last)),
-            key=lambda k: (last[k]["oscillation"], failed[k] > 0, abs(last[k]["torque"])),
-        )
+        worst = worst_of(last, failed)
         of = f"{axes[worst]}: " if axes[worst] else ""
         loses = bool(failed[worst])
         return of + line_of(last[worst], lost, loses=loses, columns=columns - len(of))

@@ -27,6 +27,7 @@ from typing import IO, Any, Final
 from haptic_wall.controller.errors import HapticWallError, UserError
 from haptic_wall.controller.live.ask import ask
 from haptic_wall.controller.live.run_socket import AliveRun, connected, socket_of
+from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 
 START_S: Final = 60.0
@@ -55,14 +56,23 @@ class RunningWall:
     Args:
         log: Path of its log.
         arguments: Of its command, ``haptic-wall`` left out.
+        axes: Names of its axes; one empty name: it has one servo.
         said: File that its messages go to; None: standard error.
 
     Attributes:
         log: See above.
     """
 
-    def __init__(self, log: Path, arguments: Sequence[str], said: IO[str] | None = None) -> None:
+    def __init__(
+        self,
+        log: Path,
+        arguments: Sequence[str],
+        axes: Sequence[str] = ("",),
+        said: IO[str] | None = None,
+    ) -> None:
         self.log = log
+        self._axes = axes
+        self._telemetry: Telemetry | None = None
         self._answer = tempfile.TemporaryFile()  # noqa: SIM115 - closed in close()
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", __name__, *arguments],
@@ -90,6 +100,25 @@ class RunningWall:
         """
         run = AliveRun(socket_of(self.log), self._process.pid)
         return ask(run, _texts(changes), wait_s, lambda _text: None)
+
+    def positions(self) -> dict[str, float]:
+        """Return the last position of each axis by its name [rad]; one servo has an empty name.
+
+        It takes microseconds, and disturbs nothing. One that is not known yet is NaN.
+
+        Raises:
+            UserError: The run has ended.
+        """
+        with contextlib.suppress(OSError):  # it is about to end
+            if self._telemetry is None:
+                self._telemetry = Telemetry.of(self._process.pid, len(self._axes))
+            words = self._telemetry.words
+            if self.running() and words[Word.STATE] <= LoopState.RUNNING:
+                if not (head := words[Word.HEAD]):
+                    return dict.fromkeys(self._axes, math.nan)
+                rows, _ = self._telemetry.read(head - 1, 1)
+                return dict(zip(self._axes, rows[0]["position"].tolist(), strict=True))
+        raise UserError(f"the run of {self.log} has ended")
 
     def running(self) -> bool:
         """Whether the run goes on."""
@@ -151,7 +180,7 @@ class RunningWall:
             self._process.wait(END_S)
         self._process.kill()
         self._process.wait()
-        for stream in (self._process.stdin, self._answer):
+        for stream in (self._process.stdin, self._answer, self._telemetry):
             if stream is not None:
                 stream.close()
 
@@ -182,8 +211,8 @@ def run(
         RunError: The run could not start.
     """
     sets = _texts(changes) if isinstance(changes, Mapping) else list(changes)
-    simulated = load_config(os.fspath(config), sets).config.loop.clock == "simulated"
-    if duration_s is None and simulated:
+    effective = load_config(os.fspath(config), sets).config
+    if duration_s is None and effective.loop.clock == "simulated":
         raise UserError(
             "found none",
             field="duration_s",
@@ -199,7 +228,7 @@ def run(
         arguments = ["run", os.fspath(config), "--json", "--no-plot", "--log", os.fspath(log)]
         arguments += [f"--duration={math.inf if duration_s is None else float(duration_s)!r}"]
         arguments += [f"--set={change}" for change in sets]
-        wall = RunningWall(Path(log), arguments)
+        wall = RunningWall(Path(log), arguments, tuple(effective.each))
         scope.callback(wall.close)
         wall.await_start()
         if not wall.running():

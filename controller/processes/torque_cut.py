@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Sequence
+from typing import Final
 
 from haptic_wall.controller.processes.children import Child
 from haptic_wall.controller.processes.loop_watch import END_S
@@ -11,6 +12,9 @@ from haptic_wall.controller.runtime.telemetry import Word
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.open import backend, cut_torque
 from haptic_wall.hw.settings import ServoSettings
+
+
+ATTEMPTS: Final = 2
 
 
 class TorqueCut:
@@ -35,7 +39,10 @@ class TorqueCut:
         """Switch the torque off; return a sentence on the result."""
         self._words[Word.COUPLED] = 0  # the bus waits for the loop no longer
         make = backend(self._servos[0].backend)
-        self.confirmed = cut_torque(self._servos, self.port, MonotonicClock())
+        # Twice: some replies of several servos may be late on a machine that is busy.
+        self.confirmed = any(
+            cut_torque(self._servos, self.port, MonotonicClock()) for _ in range(ATTEMPTS)
+        )
         if make.simulated:
             return "the simulated servo ended with it"
         if self.confirmed:

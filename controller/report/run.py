@@ -67,7 +67,7 @@ def _plot_axes(runs: Mapping[str, run_panels.DrawnRun], title: str, path: Path) 
             for ax, (panel, label) in zip(row, panels, strict=True):
                 _draw(panel, ax, run)
                 ax.set_ylabel(label.format(name))
-        told = {}
+        told = dict[str, Any]()
         for ax in rows.flat:
             handles, labels = ax.get_legend_handles_labels()
             told |= {

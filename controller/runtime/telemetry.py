@@ -13,6 +13,7 @@ import mmap
 import os
 import struct
 from enum import IntEnum
+from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -76,6 +77,7 @@ FLAG_CHANGED = 32
 _ROW_STRUCT = struct.Struct(f"<{len(INT_FIELDS)}q{len(FLOAT_FIELDS)}d")
 _PACK, _ROW_BYTES = _ROW_STRUCT.pack_into, _ROW_STRUCT.size
 _PAGE = 4096
+_NAME = "haptic-wall-telemetry"
 CAPACITY = 1 << 16
 """Ticks in the ring: a minute at 1 kHz"""
 HALF_BYTES = 1 << 19
@@ -200,11 +202,23 @@ class Telemetry:
 
         Its pages are not mapped yet: the process of a loop that inherits the memory maps it anew.
         """
-        descriptor = os.memfd_create("haptic-wall-telemetry")
+        descriptor = os.memfd_create(_NAME)
         os.ftruncate(descriptor, _size(CAPACITY, axes))
         made = cls(descriptor, axes=axes, mapped=False)
         made.words[Word.HELD_NS] = NO_DEAD_MAN
         return made
+
+    @classmethod
+    def of(cls, pid: int, axes: int = 1) -> Self:
+        """Return the memory that a running process of this user holds; the caller closes it.
+
+        Raises:
+            OSError: It holds none, or has ended.
+        """
+        for link in Path(f"/proc/{pid}/fd").iterdir():
+            if _NAME in str(link.readlink()):
+                return cls(os.open(link, os.O_RDWR), axes=axes, mapped=False)
+        raise ProcessLookupError(f"process {pid} holds no {_NAME}")
 
     def close(self) -> None:
         """Close the descriptor; the memory stays mapped while it is in use."""

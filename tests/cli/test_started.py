@@ -58,6 +58,8 @@ def test_a_wall_is_changed_from_outside_and_its_clients_harm_nothing(tmp_path: P
     with run("simulated", sets, log=log) as wall:
         told = wall.set({"wall.stiffness": 4.0}, wait_s=60.0)
         assert told["applied"] and told["guard"]["requested"]["stiffness"] == 4.0
+        (here,) = wall.positions().items()
+        assert here[0] == "" and abs(here[1]) < 3.0
         attacked(wall)
         status, answer = asked(wall, "wall.law=detents", "wall.count=12", "--wait=60")
         assert (status, answer.get("applied")) == (0, True)
@@ -66,6 +68,8 @@ def test_a_wall_is_changed_from_outside_and_its_clients_harm_nothing(tmp_path: P
         status, answer = asked(wall, "wall.law=spring", "wall.position=900", "--wait=0")
         assert status == 3 and str(answer["error"]).startswith("not applied: ")
         report = wall.report()
+        with pytest.raises(UserError, match="has ended"):
+            wall.positions()
     assert report["stop_reason"] == "interrupted" and report["torque_off"]
     outcomes = [each["outcome"] for each in report["changes"]]
     assert outcomes == ["applied", "applied", "refused", "not applied"]

@@ -77,6 +77,9 @@ HOSTILE = {
     "a check": replaced(
         "rows", schema(ONE_AXIS)["rows"].replace("REAL,", "REAL CHECK (randomblob(9)),", 1)
     ),
+    "seventeen axes": replaced("rows", schema([f"a{k}" for k in range(17)])["rows"]),
+    "a name of no axis": replaced("rows", schema(["a b"])["rows"]),
+    "half an axis": replaced("rows", 'CREATE TABLE rows (time_s REAL, "a.position_rad" REAL)'),
     "another type": in_its_schema("torque_nm REAL", "torque_nm TEXT"),
     "a text": written("UPDATE rows SET torque_nm = 'text' WHERE seq = 5000"),
     "a blob": written("UPDATE rows SET torque_nm = zeroblob(20) WHERE seq = 5000"),

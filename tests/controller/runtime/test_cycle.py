@@ -466,7 +466,29 @@ def test_an_axis_that_is_lost_or_trips_sends_zero_to_all_in_the_same_frame(
     assert rig.cycle.trip is trip
     assert rig.bus.frames[-1] == [0.0] * count
     assert [axis.trip for axis in rig.axes] == [None] * (count - 1) + [trip]
+    named = rig.telemetry.words[Word.STOP_AXIS]
+    assert named == (count if count > 1 else 0)
     assert rig.rows["torque"][-1] == 0.0
+
+
+def test_all_axes_count_the_oldest_sample_and_the_longest_interval(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """An interval that has not ended hides no longer one, and no shorter one shortens the mean."""
+    counted: list[tuple[float, float]] = []
+    follow = Gains.follow
+
+    def counts(gains: Gains, age_ns: int, interval_ns: int, may_raise: bool) -> bool:
+        counted.append((age_ns / PERIOD_NS, interval_ns / PERIOD_NS))
+        return follow(gains, age_ns, interval_ns, may_raise)
+
+    monkeypatch.setattr(Gains, "follow", counts)
+    on(Rig([0.0] * 6, [0.0, LOST, 0.0, LOST, LOST, 0.0])).run(6)
+    assert counted[::2] == counted[1::2]
+    assert counted[::2] == [(0, 1), (1, 0), (0, 2), (1, 0), (2, 0), (0, 3)]
+    counted.clear()
+    on(Rig([0.0, 0.0, LOST, 0.0, LOST, 0.0], [0.0, LOST, 0.0, LOST, 0.0, 0.0])).run(6)
+    assert [interval for _, interval in counted[::2]] == [1, 0, 2, 2, 2, 2]
 
 
 @pytest.mark.parametrize("count", [1, 2, 6])
