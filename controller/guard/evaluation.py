@@ -15,7 +15,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.guard.flexible import LinkLimits, fast_ceiling
+from haptic_wall.controller.guard.flexible import LinkLimits, fast_ceiling, is_apart
 from haptic_wall.controller.guard.plants import LIGHT, Box, Plants
 from haptic_wall.controller.guard.types import OF_ENCODER, GuardSettings, Request, Situation
 from haptic_wall.controller.guard.work import Work
@@ -109,11 +109,22 @@ class Evaluation:
             self.work,
         )
 
-    @property
+    @cached_property
     def is_fast(self) -> bool:
-        """Whether a believed light load vibrates too fast to be sampled."""
-        situation = self.situation
-        return situation.belief.is_fast(situation.served[0] * situation.period)
+        """Whether formulas count the vibration: that of a light load too fast to be sampled.
+
+        Or one far faster than the wall's own motion, if they allow the damping that is asked.
+        """
+        situation, p = self.situation, self.corners
+        belief, shortest = situation.belief, situation.served[0] * p.period
+        if belief.is_fast(situation.served[0] * situation.period):
+            return True
+        if not belief.is_flexible or self.settings.mode == "off" or self.request.velocity_filter:
+            return False
+        rigid = self.settings.damping_cap * self.rigid_ceiling
+        most = np.minimum(OF_ENCODER * self.encoder_damping, np.minimum(self._wanted, rigid))
+        limit = _critical(p, self.request, p.gain * np.maximum(most, 0.0)) / p.gain
+        return is_apart(belief, limit, most, shortest)
 
     @property
     def is_starved(self) -> bool:
@@ -144,11 +155,17 @@ class Evaluation:
         period, rigid = self.corners.period, self.rigid_ceiling
         return encoder_damping(self.request, self.settings, self.situation, period, rigid)
 
+    @property
+    def _wanted(self) -> FloatArray:
+        if self._asked is not None:
+            return self._asked
+        return np.full_like(self.corners.gain, self.request.damping)
+
     @cached_property
     def damping(self) -> FloatArray:
         """Return the damping that may be commanded at each corner [N·m·s/rad]."""
         p, settings = self.corners, self.settings
-        asked = np.full_like(p.gain, self.request.damping) if self._asked is None else self._asked
+        asked = self._wanted
         if settings.mode == "off":
             return asked
         cap = settings.damping_cap

@@ -59,6 +59,9 @@ _UNBOUND = 1e12
 _FAST_CEILING, _FAST_COST = 0.75, 0.1
 """Fraction of a fast vibration's ceiling, or of the rigid one, that is used; fraction of the rigid
 limit that it costs at its ceiling at most"""
+_APART, _OF_FAST, _COSTS = 0.12, 0.7, 0.9
+"""Largest rate of a wall over that of a vibration apart from it; fraction of the formula's ceiling
+that may then be commanded, and of the rigid limit that the formula must leave"""
 
 
 class Knot(NamedTuple):
@@ -231,22 +234,53 @@ def returned_share(belief: Belief, stiffness: FloatArray) -> FloatArray:
     return found
 
 
-def fast_ceiling(belief: Belief, rigid: FloatArray, period: FloatArray) -> FloatArray:
-    """Return the ceiling for a load that vibrates too fast to be sampled.
-
-    A torque that is held for a period moves the vibration by at most ``2 / (omega² J)`` of it, and
-    the difference of two samples over the period is at most ``2 / T`` of the amplitude. So the
-    damper adds at most ``4 B / (omega² J T)`` of the amplitude in a period, at any delay; the
-    vibration loses ``1 - exp(-zeta omega T)``.
+def is_apart(
+    belief: Belief, stiffness: FloatArray, damping: FloatArray, period: FloatArray
+) -> bool:
+    """Whether the link vibrates far faster than all walls move: the formulas then hold for it.
 
     Args:
-        belief: One that ``is_fast``.
+        belief: Belief with a load behind a transmission.
+        stiffness: Exact limit of the rigid servo, of each plant [N·m/rad].
+        damping: Largest that is commanded to each [N·m·s/rad].
+        period: Shortest period of each [s].
+    """
+    if belief.encoder != "output":
+        return False
+    inertia, gain = belief.inertia.low, belief.torque_gain.high
+    motor = _motor(inertia, belief.load_inertia.high)
+    rates = (
+        np.sqrt(gain * stiffness / inertia),
+        gain * damping / inertia,
+        np.array(belief.damping.high / motor),
+    )
+    fastest = max(float(rate.max()) for rate in rates)
+    if fastest > _APART * math.tau * belief.flexible_hz.low:
+        return False
+    share = damping / np.maximum(
+        fast_ceiling(belief, np.full_like(damping, _UNBOUND), period), 1e-300
+    )
+    costs = fast_limit(belief, stiffness, share, period) < _COSTS * stiffness
+    return not bool(np.any((share > _OF_FAST) | costs))
+
+
+def fast_ceiling(belief: Belief, rigid: FloatArray, period: FloatArray) -> FloatArray:
+    """Return a bound of the ceiling for a vibration that is far faster than the wall's motion.
+
+    A torque that is held for a period moves the vibration by at most ``2 s / (omega² J)`` of it,
+    with ``s = sin(omega T / 2)``, and the difference of two samples over the period is at most
+    ``2 s / T`` of the amplitude. So the damper adds at most ``4 s² B / (omega² J T)`` of the
+    amplitude in a period, at any delay; the vibration loses ``1 - exp(-zeta omega T)``.
+
+    Args:
+        belief: Belief with a load behind a transmission.
         rigid: Ceiling of each plant without the vibration, in commanded units [N·m·s/rad].
         period: Shortest period of each plant [s].
     """
     rate = math.tau * belief.flexible_hz.low
     lost = -np.expm1(-belief.flexible_damping_ratio.low * rate * period)
-    damped = lost * rate**2 * belief.inertia.low * period / 4.0
+    moved = np.sin(np.minimum(0.5 * rate * period, 0.5 * math.pi)) ** 2
+    damped = lost * rate**2 * belief.inertia.low * period / (4.0 * moved)
     found: FloatArray = _FAST_CEILING * np.minimum(rigid, damped / belief.torque_gain.high)
     return found
 

@@ -221,10 +221,13 @@ class Flexible:
             full = np.ones_like(at.damping)  # a load without damping allows no damping at all
             share = np.divide(at.damping, at.vibration, out=full, where=at.vibration > 0.0)
             exact = at.at_corner(at.exact)
-            return fast_limit(belief, exact, share, situation.served[0] * p.period)
-        if at.is_starved:
+            found = fast_limit(belief, exact, share, situation.served[0] * p.period)
+            if belief.is_light:
+                return found
+        elif at.is_starved:
             return np.zeros_like(at.damping)
-        found = at.link.stiffness(p.period, p.delay, at.damping)
+        else:
+            found = at.link.stiffness(p.period, p.delay, at.damping)
         if request.side == "both":
             return found if request.linear else self.ON_A_LINK * found
         return found * returned_share(belief, found) * np.minimum(at.one_sided_share, 1.0)

@@ -278,7 +278,7 @@ def test_the_believed_inertia_is_that_of_motor_and_load(load: float) -> None:
 def test_jitter_also_makes_an_inserted_delay_longer() -> None:
     """In the first bin ticks may be 5 % longer apart, and so may a torque wait in the ring."""
     inertia, load, hz, ratio = 5.482e-3, 3.668e-3, 322.1, 7.6e-4
-    known = {
+    known: dict[str, Any] = {
         "inertia": Bounded.exactly(inertia),
         "damping": Bounded.exactly(6.5e-3),
         "delay": Bounded.exactly(5e-4),
