@@ -25,8 +25,9 @@ from pathlib import Path
 from typing import IO, Any, Final
 
 from haptic_wall.controller.errors import HapticWallError, UserError
-from haptic_wall.controller.live.ask import ask
-from haptic_wall.controller.live.run_socket import AliveRun, connected, socket_of
+from haptic_wall.controller.live.ask import ask, shared_rows
+from haptic_wall.controller.live.run_socket import AliveRun, socket_of
+from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 
 START_S: Final = 60.0
@@ -37,7 +38,7 @@ _LOOK_S: Final = 0.02
 
 
 class RunError(HapticWallError):
-    """A run could not start, or ended without a report.
+    """A run could not start, ended without a report, or has no new positions.
 
     Args:
         what: Why, as the run's own process says it.
@@ -56,13 +57,22 @@ class RunningWall:
         log: Path of its log.
         arguments: Of its command, ``haptic-wall`` left out.
         said: File that its messages go to; None: standard error.
+        axes: Names of its axes.
 
     Attributes:
         log: See above.
     """
 
-    def __init__(self, log: Path, arguments: Sequence[str], said: IO[str] | None = None) -> None:
+    def __init__(
+        self,
+        log: Path,
+        arguments: Sequence[str],
+        said: IO[str] | None = None,
+        axes: Sequence[str] = ("",),
+    ) -> None:
         self.log = log
+        self._axes = axes
+        self._rows: Telemetry | None = None
         self._answer = tempfile.TemporaryFile()  # noqa: SIM115 - closed in close()
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", __name__, *arguments],
@@ -88,8 +98,34 @@ class RunningWall:
                 unchanged.
             UserError: The run has ended.
         """
-        run = AliveRun(socket_of(self.log), self._process.pid)
-        return ask(run, _texts(changes), wait_s, lambda _text: None)
+        return ask(self._run, _texts(changes), wait_s, lambda _text: None)
+
+    def positions(self, most_age_s: float = 0.1) -> dict[str, float]:
+        """Return the newest position of each axis [rad], by its name; "" without ``axes``.
+
+        It reads shared memory, and waits only until the servos have answered for the first time.
+
+        Args:
+            most_age_s: Largest time since the sample was requested from the servo [s].
+
+        Raises:
+            RunError: An axis has no position as young: the run has ended or hangs, or loses its
+                replies.
+        """
+        end_s = time.monotonic() + START_S
+        while self._rows is not None and self.running() and time.monotonic() < end_s:
+            rows, _ = self._rows.read(max(0, int(self._rows.words[Word.HEAD]) - 1), 1)
+            sampled = rows["sampled_ns"]
+            if sampled.size and sampled.all():  # each axis has one
+                run_ns = time.monotonic_ns() - self._rows.words[Word.OFFSET_NS]
+                if run_ns - int(sampled.min()) > most_age_s * 1e9:
+                    break
+                return dict(zip(self._axes, rows["position"].ravel().tolist(), strict=True))
+            time.sleep(_LOOK_S)
+        raise RunError(
+            f"no position is younger than {most_age_s:g} s: the run has ended or hangs, or a servo"
+            " does not answer; its report says why"
+        )
 
     def running(self) -> bool:
         """Whether the run goes on."""
@@ -131,12 +167,18 @@ class RunningWall:
             ) from None
         return self.wait()
 
+    @property
+    def _run(self) -> AliveRun:
+        return AliveRun(socket_of(self.log), self._process.pid)
+
     def await_start(self) -> None:
         """Wait until the run takes changes, or has ended."""
         end_s = time.monotonic() + START_S
         while self.running() and time.monotonic() < end_s:
             with contextlib.suppress(OSError):
-                connected(socket_of(self.log)).close()
+                descriptor = shared_rows(self._run)
+                self._rows = Telemetry(descriptor, mapped=False)
+                os.close(descriptor)
                 return
             time.sleep(_LOOK_S)
 
