@@ -12,7 +12,7 @@ points: those cost 50 ms at each start, and an editable install keeps old ones.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -39,16 +39,19 @@ class NoOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Backend:
-    """The program's knowledge about a make of servo, and the function that opens one.
+    """The program's knowledge about a make of servo, and the function that opens a bus of them.
 
     The functions that take ``ServoSettings`` find this backend's own settings, checked, in
-    ``settings.options``; the other fields are ``servo.*`` of the configuration.
+    ``options`` of each; the other fields are ``servo.*`` of the configuration. They get one item a
+    servo; ``port`` and the other settings of a bus are the same in each.
     """
 
-    open: Callable[[ServoSettings, Clock, int | None], Bus]
-    """Opens a bus of the servo without starting it. The descriptor is that of its port, where
-    ``open_port`` has opened one, perhaps in another process; the servo's ``close`` closes it, and
+    open: Callable[[Sequence[ServoSettings], Clock, int | None], Bus]
+    """Opens a bus of the servos without starting it. The descriptor is that of its port, where
+    ``open_port`` has opened one, perhaps in another process; the bus's ``close`` closes it, and
     so does a refusal. Raises ``haptic_wall.hw.errors.ServoError``"""
+    several: bool = False
+    """It opens several servos on one bus"""
     options: type = NoOptions
     """The settings model: a dataclass, or another type that pydantic can validate, for
     ``servo.options``"""
@@ -67,14 +70,14 @@ class Backend:
     """The models that ``servo.model`` may name; None: any, and no facts of them are known"""
     cycle_s: Callable[[float], float] | None = None
     """Returns the time of a cycle on the wire [s] at ``servo.baud`` [bit/s]; None: not known"""
-    problems: Callable[[ServoSettings], Iterable[Problem]] | None = None
+    problems: Callable[[Sequence[ServoSettings]], Iterable[Problem]] | None = None
     """Finds conflicts between fields that are valid by themselves; ``field`` is one's path"""
-    open_port: Callable[[ServoSettings], int | None] = lambda _: None
-    """Opens the servo's port for this process and those it passes the descriptor to, and loads the
+    open_port: Callable[[Sequence[ServoSettings]], int | None] = lambda _: None
+    """Opens the servos' port for this process and those it passes the descriptor to, and loads the
     modules of ``cut_torque``; None: it has no port. Raises ``haptic_wall.hw.errors.PortError``"""
-    cut_torque: Callable[[ServoSettings, int | None, Clock], bool] = lambda *_: False
-    """Switches off the torque of a servo whose driver is dead or hung; returns whether that was
-    read back. The descriptor is that of its port, and stays open"""
+    cut_torque: Callable[[Sequence[ServoSettings], int | None, Clock], bool] = lambda *_: False
+    """Switches off the torque of servos whose driver is dead or hung; returns whether that was
+    read back from each. The descriptor is that of its port, and stays open"""
 
     def kind(self, port: str | None) -> Kind:
         """Return the kind of servo behind this port."""

@@ -1,11 +1,11 @@
-"""The registry of servo backends: finds a backend by its name, and opens a servo.
+"""The registry of servo backends: finds a backend by its name, and opens a bus of servos.
 
 A real servo is never replaced by a simulated one: a port that cannot be opened is an error.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from functools import cache
 from importlib import import_module
@@ -87,28 +87,29 @@ def _installed() -> dict[str, list[EntryPoint]]:
     return found
 
 
-def open_servo(settings: ServoSettings, clock: Clock, descriptor: int | None = None) -> Bus:
-    """Return a bus of the servo that ``settings`` describe, not started.
+def open_bus(servos: Sequence[ServoSettings], clock: Clock, descriptor: int | None = None) -> Bus:
+    """Return the bus of these servos, not started.
 
     Args:
-        settings: The servo.
-        clock: Its clock.
-        descriptor: Its port, where it is already open (from ``open_port``, perhaps
-            inherited); the servo's ``close`` closes it, and so does a refusal. None: open it here.
+        servos: At least one; backend, port and the other settings of a bus are those of the first.
+        clock: Their clock.
+        descriptor: Their port, where it is already open (from ``open_port``, perhaps
+            inherited); the bus's ``close`` closes it, and so does a refusal. None: open it here.
 
     Raises:
         BackendError: There is no such backend, or it cannot be loaded.
         PortError: The port cannot be used.
         PortBusyError: Another program has it.
-        UnfitServoError: The model cannot be driven in torque as configured.
-        ValueError: The simulated or emulated servo is impossible.
+        UnfitServoError: A servo cannot be driven in torque as configured, or the backend drives
+            no several.
+        ValueError: A simulated or emulated servo is impossible.
     """
-    return backend(settings.backend).open(settings, clock, descriptor)
+    return backend(servos[0].backend).open(servos, clock, descriptor)
 
 
-def open_port(settings: ServoSettings) -> int | None:
-    """Return the servo's open port, which the caller closes; see ``Backend``."""
-    return backend(settings.backend).open_port(settings)
+def open_port(servos: Sequence[ServoSettings]) -> int | None:
+    """Return the servos' open port, which the caller closes; see ``Backend``."""
+    return backend(servos[0].backend).open_port(servos)
 
 
 def reserved(descriptor: int) -> AbstractContextManager[None]:
@@ -122,6 +123,6 @@ def reserved(descriptor: int) -> AbstractContextManager[None]:
     return users.reserved(descriptor)
 
 
-def cut_torque(settings: ServoSettings, descriptor: int | None, clock: Clock) -> bool:
-    """Switch off the torque of a servo whose driver is dead or hung; see ``Backend``."""
-    return backend(settings.backend).cut_torque(settings, descriptor, clock)
+def cut_torque(servos: Sequence[ServoSettings], descriptor: int | None, clock: Clock) -> bool:
+    """Switch off the torque of servos whose driver is dead or hung; see ``Backend``."""
+    return backend(servos[0].backend).cut_torque(servos, descriptor, clock)

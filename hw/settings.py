@@ -10,6 +10,8 @@ from haptic_wall.hw.truth import TrueServo
 EMULATED: Final = "emulated"
 """The port value that selects the program's own emulated bus"""
 
+Way = Literal["auto", "fast", "sync", "plain"]
+"""How several servos are read: ``auto`` is ``fast``, else ``sync``"""
 Schedule = Literal["immediate", "pipelined"]
 
 
@@ -37,6 +39,12 @@ class DriverSettings:
     """Direction of the probe: away from the wall"""
     period_s: float = 1e-3
     """Period of the loop that will drive it [s]: limits the additional bytes beside a sample"""
+    read: Way = "auto"
+    """How several servos of the bus are read"""
+    sign: int = 1
+    """1, -1: position = sign * the servo's own + offset, and torques turn with the sign"""
+    offset: float = 0.0
+    """See ``sign`` [rad]"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,7 +37,7 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.open import open_servo
+from haptic_wall.hw.open import open_bus
 from scripts.whole_program import PROGRAM, emulated_bus
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -169,10 +169,10 @@ def situation(config: Config) -> Situation:
     """Situation that the guard decides in; for a real servo that of an emulated one."""
     preset = "emulated-ideal" if config.servo.kind == "hardware" else ""
     seen = load_config(preset).config if preset else config
-    (facts,) = open_servo(
+    (facts,) = open_bus(
         seen.model_copy(
             update={"loop": seen.loop.model_copy(update={"clock": "simulated"})}
-        ).servo_settings(),
+        ).servos(),
         SimulatedClock(),
     ).facts
     return Situation(

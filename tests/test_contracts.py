@@ -71,19 +71,19 @@ def test_opening_loads_only_what_is_opened() -> None:
         "import contextlib\n"
         "from haptic_wall.hw.clock import MonotonicClock\n"
         "from haptic_wall.hw.errors import PortError\n"
-        "from haptic_wall.hw.open import open_servo\n"
+        "from haptic_wall.hw.open import open_bus\n"
         "from haptic_wall.hw.settings import ServoSettings\n"
         "with contextlib.suppress(PortError):\n"
         "    settings = ServoSettings('/dev/none', 57600, 1, 'XM430-W350', backend='dynamixel')\n"
-        "    open_servo(settings, MonotonicClock())"
+        "    open_bus([settings], MonotonicClock())"
     )
     assert "haptic_wall.hw.dynamixel.group" in real
     assert within(real, *SIMULATED) == []
     simulated = loaded_by(
         "from haptic_wall.hw.clock import SimulatedClock\n"
-        "from haptic_wall.hw.open import open_servo\n"
+        "from haptic_wall.hw.open import open_bus\n"
         "from haptic_wall.hw.settings import ServoSettings, TrueServo\n"
-        "open_servo(ServoSettings(true=TrueServo(0.01)), SimulatedClock())"
+        "open_bus([ServoSettings(true=TrueServo(0.01))], SimulatedClock())"
     )
     assert "haptic_wall.hw.simulated" in simulated
     assert within(simulated, "haptic_wall.hw.dynamixel", "serial", "dynamixel_sdk") == []

@@ -16,7 +16,7 @@ from haptic_wall.controller.experiments.maps.walls import Loop, wall_of
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.open import open_servo
+from haptic_wall.hw.open import open_bus
 from haptic_wall.hw.settings import ServoSettings
 from haptic_wall.hw.truth import TrueServo
 
@@ -133,7 +133,7 @@ def _each_alone(walls: list[_Released]) -> FloatArray:
 def _alone(wall: _Released) -> float:
     """Return the last measured position [rad] of one simulated servo and wall."""
     clock, period_ns = SimulatedClock(), round(1e9 * _PERIOD_S)
-    body = open_servo(ServoSettings(true=wall.servo), clock)
+    body = open_bus([ServoSettings(true=wall.servo)], clock)
     body.start()
     before = math.nan
     for k in range(_SHORT):

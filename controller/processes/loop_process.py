@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -26,7 +26,7 @@ from haptic_wall.hw.clock import Clock, MonotonicClock
 from haptic_wall.hw.elastic import PLACE, WORDS, ElasticClock
 from haptic_wall.hw.errors import Problem, ServoError
 from haptic_wall.hw.hand import SharedHand
-from haptic_wall.hw.open import open_servo
+from haptic_wall.hw.open import open_bus
 from haptic_wall.hw.servo import Bus, Check
 from haptic_wall.hw.settings import ServoSettings
 
@@ -89,7 +89,7 @@ def main() -> None:
                 port=orders.port,
                 tell=lambda text: _tell("tell", text=text),
                 take_real_time=lambda: _prepare(config, orders.core),
-                open_servo=_opener(orders.hand),
+                open_bus=_opener(orders.hand),
                 read_key=_key(orders, telemetry),
             ),
         )
@@ -120,11 +120,11 @@ def _key(orders: Orders, telemetry: Telemetry) -> Callable[[int], float] | None:
     return key_reader(KeySource(descriptor, code), telemetry.words, gone)
 
 
-def _opener(hand: int | None) -> Callable[[ServoSettings, Clock, int | None], Bus]:
-    """Return what opens the servo, with a person's hand on it if there is one."""
+def _opener(hand: int | None) -> Callable[[Sequence[ServoSettings], Clock, int | None], Bus]:
+    """Return what opens the bus, with a person's hand on it if there is one."""
 
-    def opened(settings: ServoSettings, clock: Clock, port: int | None) -> Bus:
-        bus = open_servo(settings, clock, port)
+    def opened(servos: Sequence[ServoSettings], clock: Clock, port: int | None) -> Bus:
+        bus = open_bus(servos, clock, port)
         if hand is not None and isinstance(bus, TakesHand):
             bus.take_hand(SharedHand(hand))
         return bus

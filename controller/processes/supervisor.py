@@ -66,8 +66,8 @@ class Supervisor:
         self._realtime: list[dict[str, Any]] = []
         self._result: dict[str, Any] | None = None
         self._refused: Problem | None = None
-        self._settings = plan.config.servo_settings()
-        self._cut = TorqueCut(self._settings, self._words)
+        self._servos = plan.config.servos()
+        self._cut = TorqueCut(self._servos, self._words)
         self._key: int | None = None
         self._suspension = SuspensionWatch(MonotonicClock(), plan.config.servo.kind == "hardware")
         self._core, self._others = pick_cores(plan.config.realtime.core)
@@ -128,10 +128,10 @@ class Supervisor:
 
     def _start_emulator(self, children: contextlib.ExitStack) -> Child | None:
         """Start the emulated bus, if requested, and open the port; None: there is none."""
-        plan, emulator, settings = self._plan, None, self._settings
+        plan, emulator, servos = self._plan, None, self._servos
         if plan.config.servo.kind == "emulated":
             hand, shared = self._hand(), self._telemetry.descriptor if plan.elastic else None
-            arguments = emulator_arguments(settings, plan.witness, hand=hand, elastic=shared)
+            arguments = emulator_arguments(servos[0], plan.witness, hand=hand, elastic=shared)
             inherited = [each for each in (hand, shared) if each is not None]
             bus = emulated_bus(
                 arguments, self._others, lambda: bool(self._words[Word.STOP]), inherited
@@ -139,8 +139,8 @@ class Supervisor:
             emulator, path = children.enter_context(bus)
             if path is None:  # stopped before
                 return emulator
-            settings = replace(settings, port=path)
-        self._cut.port = port = open_port(settings)
+            servos = [replace(one, port=path) for one in servos]
+        self._cut.port = port = open_port(servos)
         if port is not None:
             children.callback(os.close, port)
             children.enter_context(reserved(port))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Sequence
 
 from haptic_wall.controller.processes.children import Child
 from haptic_wall.controller.processes.loop_watch import END_S
@@ -16,7 +17,7 @@ class TorqueCut:
     """Writes Torque Enable 0 to the bus, and nothing else.
 
     Args:
-        settings: Settings of the servo.
+        servos: Settings of the servos.
         words: The control words.
 
     Attributes:
@@ -24,8 +25,8 @@ class TorqueCut:
         confirmed: Whether torque off was read back; None: nothing had to be cut.
     """
 
-    def __init__(self, settings: ServoSettings, words: memoryview[int]) -> None:
-        self._settings = settings
+    def __init__(self, servos: Sequence[ServoSettings], words: memoryview[int]) -> None:
+        self._servos = servos
         self._words = words
         self.port: int | None = None
         self.confirmed: bool | None = None
@@ -33,8 +34,8 @@ class TorqueCut:
     def now(self) -> str:
         """Switch the torque off; return a sentence on the result."""
         self._words[Word.COUPLED] = 0  # the bus waits for the loop no longer
-        make = backend(self._settings.backend)
-        self.confirmed = cut_torque(self._settings, self.port, MonotonicClock())
+        make = backend(self._servos[0].backend)
+        self.confirmed = cut_torque(self._servos, self.port, MonotonicClock())
         if make.simulated:
             return "the simulated servo ended with it"
         if self.confirmed:

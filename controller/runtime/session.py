@@ -46,7 +46,7 @@ from haptic_wall.hw.errors import (
     StrangeServoError,
     TorqueLostError,
 )
-from haptic_wall.hw.open import open_servo
+from haptic_wall.hw.open import open_bus
 from haptic_wall.hw.servo import Bus, Check, Facts, Traffic
 from haptic_wall.hw.settings import ServoSettings
 
@@ -102,8 +102,8 @@ class Surroundings:
     not be held through them"""
     read_key: Callable[[int], float] | None = None
     """Reads the dead man's key, as for ``Loop``"""
-    open_servo: Callable[[ServoSettings, Clock, int | None], Bus] = open_servo
-    """Opens the servo's bus; replaced by tests and experiments that change an emulated one"""
+    open_bus: Callable[[Sequence[ServoSettings], Clock, int | None], Bus] = open_bus
+    """Opens the bus; replaced by tests and experiments that change an emulated one"""
 
 
 def run_session(
@@ -164,7 +164,7 @@ class _Session:
         self._started = False
         self._work = Work()
         self._checks: list[Check] = []
-        self.bus = surroundings.open_servo(config.servo_settings(), clock, surroundings.port)
+        self.bus = surroundings.open_bus(config.servos(), clock, surroundings.port)
 
     def prepare(self) -> None:
         """Do all long computations: a started servo needs a frame within its watchdog's time."""

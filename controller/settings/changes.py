@@ -9,19 +9,17 @@ from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.fields import fields
 from haptic_wall.controller.settings.load import apply_set, loaded
-from haptic_wall.controller.settings.model import LawNumbers
+from haptic_wall.controller.settings.model import NUMBERS
 from haptic_wall.controller.system.printable import in_line
 from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.names import did_you_mean
 
-_NUMBERS: Final = (*LawNumbers.model_fields, "parts")
-"""Fields of ``wall`` that define its law"""
 CHANGEABLE: Final = (
     "wall.stiffness",
     "wall.damping",
     "wall.position",
     "delay.steps",
-    *(f"wall.{name}" for name in _NUMBERS),
+    *(f"wall.{name}" for name in NUMBERS),
 )
 """Paths that can be changed while a wall runs"""
 
@@ -48,7 +46,7 @@ def changed(config: Config, sets: Sequence[str]) -> Config:
     wall = given.get("wall") or {}
     data = config.model_dump()
     if "law" in wall and wall["law"] != config.wall.law:
-        for name in _NUMBERS:
+        for name in NUMBERS:
             del data["wall"][name]
     for section in ("wall", "delay"):
         data[section] |= given.get(section) or {}
@@ -85,7 +83,7 @@ def moved(old: Config, new: Config) -> bool:
 
 def moved_by(old: Config, new: Config) -> float | None:
     """Return the way of the same law to its new position [rad]; None: it is another law."""
-    if any(getattr(old.wall, name) != getattr(new.wall, name) for name in _NUMBERS):
+    if any(getattr(old.wall, name) != getattr(new.wall, name) for name in NUMBERS):
         return None
     return new.wall.position - old.wall.position
 

@@ -15,6 +15,7 @@ from haptic_wall.controller.laws import own
 from haptic_wall.controller.laws.shape import Grid, LawError, Numbers
 from haptic_wall.controller.laws.table import facts_of, rendered_law
 from haptic_wall.controller.laws.wall import SIGNS, Law
+from haptic_wall.controller.settings.axes import completed
 from haptic_wall.controller.settings.model import Estimate
 from haptic_wall.controller.settings.rules import (
     BrokenRulesError,
@@ -50,10 +51,11 @@ class Config(Sections):
 
     @model_validator(mode="before")
     @classmethod
-    def _strict_on_hardware(cls, found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
-        """Give real hardware the strict real-time profile by default."""
+    def _complete(cls, found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
+        """Complete each axis; give real hardware the strict real-time profile by default."""
         if not isinstance(found, dict):
             return found
+        found = completed(found)
         servo, realtime = found.get("servo"), found.get("realtime", {})
         if not isinstance(servo, dict) or not isinstance(realtime, dict):
             return found
@@ -68,7 +70,7 @@ class Config(Sections):
     @model_validator(mode="after")
     def _rules(self, info: ValidationInfo) -> Config:
         if (info.context or {}).get("runs"):
-            own.allow(law_names(self.wall))
+            own.allow([name for one in self.each.values() for name in law_names(one.wall)])
         if problems := broken_rules(self):
             raise BrokenRulesError(problems)
         return self
@@ -179,7 +181,7 @@ class Config(Sections):
         )
 
     def servo_settings(self) -> ServoSettings:
-        """Settings with which ``haptic_wall.hw.open`` opens the servo.
+        """Return the settings of the servo, for the bus of ``servos``.
 
         On the simulated clock an emulated bus lives in memory. On the monotonic clock it is a
         separate process; the process that started it knows its port.
@@ -192,8 +194,13 @@ class Config(Sections):
             port="" if in_memory else asked.port,
             probe_direction=1 if self.wall.acting_side == "below" else -1,
             period_s=self.period_s,
+            read=self.bus.read,
             true=None if servo.kind == "hardware" else self.true_servo(),
         )
+
+    def servos(self) -> list[ServoSettings]:
+        """Return the settings of each servo, with which ``haptic_wall.hw.open`` opens their bus."""
+        return [one.servo_settings() for one in self.each.values()]
 
     def belief(self) -> Belief:
         """Return the belief about the servo: ``model.*``, else the simulated truth.

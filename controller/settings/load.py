@@ -14,6 +14,7 @@ from pydantic import ValidationError
 
 from haptic_wall.controller.errors import ConfigError, UserError
 from haptic_wall.controller.settings import yaml_text as config_yaml
+from haptic_wall.controller.settings.axes import MOST_AXES, OWN, RENAMED, split_path, with_bus
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.fields import fields, sections
 from haptic_wall.controller.settings.model import IN_WORDS, Part
@@ -85,7 +86,10 @@ def load_config(source: str, sets: Sequence[str] = (), *, runs: bool = False) ->
             title,
             [Problem(f"found {_shown(data)}", wanted="sections such as wall: and servo:")],
         )
+    data = with_bus(data)
     origins = dict.fromkeys(_leaves(data), title)
+    axes = data.get("axes")
+    known = list(axes) if isinstance(axes, dict) else []
     problems: list[Problem] = []
     for change in sets:
         try:
@@ -93,7 +97,12 @@ def load_config(source: str, sets: Sequence[str] = (), *, runs: bool = False) ->
         except UserError as error:
             problems.append(error.problem)
         else:
-            origins[".".join(path.split(".")[:2])] = "--set"
+            prefix, rest = split_path(path)
+            origins[prefix + ".".join(rest.split(".")[:2])] = "--set"
+            name = prefix[5:-1]
+            if known and name and name not in known:
+                near = did_you_mean(name, known) or f"axes are {', '.join(known)}"
+                problems.append(Problem("no such axis", advice=near, field=prefix[:-1]))
     config, found = _validated(data, {"runs": runs})
     problems += [_of_origin(problem, origins) for problem in found]
     if problems or config is None:
@@ -196,7 +205,7 @@ def _validated(
     except ValidationError as error:
         problems = _problems(error, data)
     order = {path: place for place, path in enumerate(fields())}
-    problems.sort(key=lambda p: order.get(p.field or "", -1))
+    problems.sort(key=lambda p: order.get(split_path(p.field or "")[1], -1))
     return None, problems
 
 
@@ -206,22 +215,54 @@ def _problems(error: ValidationError, data: dict[str, Any]) -> list[Problem]:
     for detail in error.errors():
         cause = detail.get("ctx", {}).get("error")
         if isinstance(cause, BrokenRulesError):
-            return cause.problems
+            given = (replace(each, field=_given(each.field or "", data)) for each in cause.problems)
+            return list(dict.fromkeys(given))
         where = [str(step) for step in detail["loc"]]
+        prefix = ""
+        if where[0] == "axes":
+            if len(where) < 3 or where[2] == "[key]":
+                path = ".".join(where[:2])
+                found[path] = replace(_wrong_axis(where, data), field=path)
+                continue
+            prefix, where = f"axes.{where[1]}.", where[2:]
         if detail["type"] in ("extra_forbidden", "invalid_key"):
-            path = ".".join(where)
-            hint = _known_instead(where) if len(found) < _MOST_HINTS else ""
-            found[path] = Problem("unknown", advice=hint, field=path)
+            path = _given(prefix + ".".join(where), data)
+            hint = _known_instead(where, prefix) if len(found) < _MOST_HINTS else ""
+            found.setdefault(path, Problem("unknown", advice=hint, field=path))
             continue
-        path = ".".join(where[:2])
+        bare = ".".join(where[:2])
+        path = _given(prefix + bare, data)
         if path not in found:
             problem = detail.get("ctx", {}).get(IN_WORDS)
-            if path not in fields() and path not in sections():
+            if bare not in fields() and bare not in sections():
                 problem = Problem(detail["msg"])
             elif not isinstance(problem, Problem):
-                problem = _wrong(path, _at(data, path), detail["type"])
+                problem = _wrong(bare, _at(data, path), detail["type"])
             found[path] = replace(problem, field=path)
     return list(found.values())
+
+
+def _given(path: str, data: dict[str, Any]) -> str:
+    """Return where a setting is given: at the top level if only there, as one of the bus if so."""
+    prefix, bare = split_path(path)
+    section, _, key = bare.partition(".")
+    key = key.split(".")[0]
+    sections = [_at(data, each) for each in (prefix + section, section, "bus")]
+    here, there, bus = (isinstance(each, dict) and key in each for each in sections)
+    if section == "servo" and key in RENAMED and bus:
+        return f"bus.{key}"
+    return bare if there and not here else path
+
+
+def _wrong_axis(where: list[str], data: dict[str, Any]) -> Problem:
+    """Return the problem of an axis that is none, or of all of them."""
+    if where[2:]:
+        wanted = "small letters, digits and _, at most 24, first a letter, as an axis's name"
+        return Problem(f"found {_shown(where[1])}", wanted=wanted)
+    wanted = f"a section with {', '.join(OWN)}"
+    if not where[1:]:
+        wanted = f"at most {MOST_AXES} names, each with {wanted}"
+    return Problem(f"found {_shown(_at(data, '.'.join(where)))}", wanted=wanted)
 
 
 def _wrong(path: str, value: Any, kind: str) -> Problem:  # noqa: ANN401
@@ -237,19 +278,24 @@ def _wrong(path: str, value: Any, kind: str) -> Problem:  # noqa: ANN401
     return Problem(found, wanted=f"{field.wanted}{unit}", advice=hint)
 
 
-def _known_instead(where: list[str]) -> str:
+def _known_instead(where: list[str], prefix: str) -> str:
     """Return advice on an unknown key: the nearest known one, or what there is."""
     name, section = where[-1], sections().get(where[0])
+    if section and prefix and where[0] not in OWN:
+        return f"{name} is the same for all axes: set it at the top level"
     if where[:2] == ["wall", "parts"]:
         near = did_you_mean(name, Part.model_fields)
         return near or f"a part has {', '.join(Part.model_fields)}"
     if len(where) > 2:
         return "wanted value, low and high"
-    if homes := [path for path in fields() if path.endswith(f".{name}")]:
-        return f"did you mean {homes[0]}?"
+    known = OWN if prefix else sections()
+    if homes := [
+        path for path in fields() if path.endswith(f".{name}") and path.split(".")[0] in known
+    ]:
+        return f"did you mean {prefix}{homes[0]}?"
     if section is None:
-        return did_you_mean(name, sections()) or f"sections are {', '.join(sections())}"
-    near = did_you_mean(name, section.model_fields, f"{where[0]}.")
+        return did_you_mean(name, known) or f"sections are {', '.join(known)}"
+    near = did_you_mean(name, section.model_fields, f"{prefix}{where[0]}.")
     return near or f"{where[0]} has {', '.join(section.model_fields)}"
 
 
@@ -268,10 +314,15 @@ def _shown(value: Any) -> str:  # noqa: ANN401
 
 def _leaves(data: dict[str, Any]) -> list[str]:
     """Return the paths of the given fields."""
+    axes = data.get("axes")
+    parts = {"": data}
+    if isinstance(axes, dict):
+        parts |= {f"axes.{name}.": axis for name, axis in axes.items() if isinstance(axis, dict)}
     return [
-        f"{section}.{key}"
-        for section, content in data.items()
-        if isinstance(content, dict)
+        f"{prefix}{section}.{key}"
+        for prefix, part in parts.items()
+        for section, content in part.items()
+        if isinstance(content, dict) and section != "axes"
         for key in content
     ]
 

@@ -297,6 +297,10 @@ class Wall(LawNumbers, _Rendered):
         return self.side if self.law == "wall" else "both"
 
 
+NUMBERS: Final = (*LawNumbers.model_fields, "parts")
+"""Fields of ``wall`` that define its law"""
+
+
 class Delay(Section):
     """Additional, inserted delay."""
 

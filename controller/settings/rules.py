@@ -12,7 +12,9 @@ from haptic_wall.controller.laws import own
 from haptic_wall.controller.laws.engagement import MOST_TORQUE
 from haptic_wall.controller.laws.shape import Grid, LawError
 from haptic_wall.controller.laws.table import LAWS, SUM, shape_of
-from haptic_wall.controller.settings.model import MOST_LAG, LawNumbers, Wall
+from haptic_wall.controller.settings.axes import OWN
+from haptic_wall.controller.settings.axes_rules import apart, broken_bus_rules
+from haptic_wall.controller.settings.model import MOST_LAG, NUMBERS, LawNumbers, Wall
 from haptic_wall.controller.settings.sections import Sections
 from haptic_wall.controller.settings.servo import TRUTH_FIELDS
 from haptic_wall.controller.settings.shares import COLLECT_SHARE, SPIN_SHARE
@@ -51,8 +53,22 @@ _ROUNDED = 1 + 1e-9
 
 def broken_rules(config: Sections) -> list[Problem]:
     """Return the violations of all rules between fields, each of which is valid by itself."""
+    if found := list(apart(config)):
+        return found
     rules = (_real, _simulated, _of_the_backend, _times, _delay, _law, _travel, _load, _filter)
-    return [problem for rule in rules for problem in rule(config)]
+    found = [
+        _of_axis(name, problem)
+        for name, one in config.each.items()
+        for rule in rules
+        for problem in rule(one)
+    ]
+    return list(dict.fromkeys([*found, *broken_bus_rules(config)]))
+
+
+def _of_axis(name: str, problem: Problem) -> Problem:
+    """Return the problem with the path in the whole configuration."""
+    own = name and (problem.field or "").split(".")[0] in OWN
+    return replace(problem, field=f"axes.{name}.{problem.field}") if own else problem
 
 
 def _real(config: Sections) -> Iterator[Problem]:
@@ -163,14 +179,12 @@ def _of_the_backend(config: Sections) -> Iterator[Problem]:
                     advice=f"the backend {servo.backend} has {', '.join(known) or 'no options'}",
                 )
     try:
-        asked = servo.asked()
+        servo.asked()
     except ValidationError as error:
         for detail in error.errors():
             path = ".".join(("servo.options", *map(str, detail["loc"])))
             what = f"{detail['msg'].lower()} (servo.backend is {servo.backend})"
             yield Problem(what, field=path)
-    else:
-        yield from [] if make.problems is None else make.problems(asked)
     if make.models is None or servo.model is None:
         return
     models = make.models()
@@ -280,7 +294,7 @@ def law_names(wall: Wall) -> list[str]:
 def _numbers_of_another_law(config: Sections) -> Iterator[Problem]:
     """Report numbers that the law does not use, and the laws that use them."""
     wall = config.wall
-    for name, others in _unused(wall, (*LawNumbers.model_fields, "parts")):
+    for name, others in _unused(wall, NUMBERS):
         yield Problem(
             f"found a value, which the law {wall.law} does not use",
             field=f"wall.{name}",

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Self
 
+from pydantic import Field
+
+from haptic_wall.controller.settings.axes import MOST_AXES, OWN, Arm, Axis, AxisName, Bus
 from haptic_wall.controller.settings.model import (
     Delay,
     Guard,
@@ -32,6 +35,20 @@ class Sections(Section):
     servo: Servo = Servo()
     model: Model = Model()
     safety: Safety = Safety()
+    bus: Bus = Bus()
+    arm: Arm = Arm()
+    axes: dict[AxisName, Axis] = Field({}, max_length=MOST_AXES)
+
+    @property
+    def each(self) -> dict[str, Self]:
+        """Return the configuration of each axis by name, as if it were alone; one has no name."""
+        if not self.axes:
+            return {"": self}
+        alone: dict[str, Any] = {"axes": {}, "arm": Arm()}
+        return {
+            name: self.model_copy(update=alone | {part: getattr(axis, part) for part in OWN})
+            for name, axis in self.axes.items()
+        }
 
     @property
     def period_s(self) -> float:

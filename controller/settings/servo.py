@@ -57,6 +57,16 @@ def _port(found: str) -> str:
     return found
 
 
+Port = Annotated[str, AfterValidator(_port)]
+
+
+def _sign(found: int) -> int:
+    """Refuse 0."""
+    if not found:
+        raise refusal(Problem("found 0", wanted="1 or -1"))
+    return found
+
+
 def _backend(found: str) -> str:
     """Raise if no backend has this name, or if it cannot be loaded."""
     try:
@@ -151,7 +161,7 @@ class Servo(_Truth):
         "N·m/A",
         used_by=_BUS,
     )
-    port: Annotated[str, AfterValidator(_port)] | None = setting(
+    port: Port | None = setting(
         None,
         "Serial device, e.g. /dev/ttyUSB0; emulated: an emulated bus that the run starts",
         min_length=1,
@@ -185,6 +195,19 @@ class Servo(_Truth):
         ge=0,
         le=5,
         used_by=_BUS,
+    )
+    sign: Annotated[Whole, AfterValidator(_sign)] = setting(
+        1,
+        "Direction of its positions and torques; 1: the servo's own; -1: opposite",
+        ge=-1,
+        le=1,
+    )
+    offset: float = setting(
+        0.0,
+        "Added to its position: position = sign * the servo's own + offset",
+        "rad",
+        ge=-1000,
+        le=1000,
     )
 
     options: dict[str, Any] = setting({}, "Settings of a plugin's backend, by name")
@@ -253,6 +276,8 @@ class Servo(_Truth):
             torque_limit=self.torque_limit or 0.0,
             watchdog_s=self.watchdog_s,
             probe_torque=self.probe_torque,
+            sign=self.sign,
+            offset=self.offset,
             faults=self.faults,
             fault_seed=self.fault_seed,
             options=options_of(self),

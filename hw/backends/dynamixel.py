@@ -5,7 +5,7 @@ It imports its modules on use: most configurations that name it are only checked
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
@@ -15,11 +15,9 @@ from haptic_wall.hw.dynamixel.wire import cycle_s
 from haptic_wall.hw.errors import PortError, Problem, SpecError
 from haptic_wall.hw.servo import Bus
 from haptic_wall.hw.settings import ServoSettings
-from haptic_wall.hw.truth import TrueServo
 
 if TYPE_CHECKING:
     from haptic_wall.hw.serialport.line import Line
-    from haptic_wall.hw.settings import DriverSettings
 
 EMULATED_FIRMWARE: Final = 48
 """Of the emulated servo in memory: knows everything the driver wants of a servo"""
@@ -36,15 +34,17 @@ def _models() -> Mapping[str, TorqueModel]:
     }
 
 
-def _problems(settings: ServoSettings) -> Iterator[Problem]:
-    """Faults that an emulated bus would not take."""
-    if not settings.faults:
+def _problems(servos: Sequence[ServoSettings]) -> Iterator[Problem]:
+    """Models that no supply suits, and faults that an emulated bus would not take."""
+    if len(servos) > 1:
+        yield from _supply(servos)
+    if not servos[0].faults:
         return
     from haptic_wall.hw.emulated.faults import parse_fault
 
-    for spec in settings.faults:
+    for spec in servos[0].faults:
         try:
-            parse_fault(spec).check_servo([settings.id])
+            parse_fault(spec).check_servo([one.id for one in servos])
         except SpecError as error:
             problem = error.problem
             if problem.given:
@@ -55,77 +55,102 @@ def _problems(settings: ServoSettings) -> Iterator[Problem]:
             yield replace(problem, field="servo.faults")
 
 
-def _open_port(settings: ServoSettings) -> int:
+def _supply(servos: Sequence[ServoSettings]) -> Iterator[Problem]:
+    """Models on one bus whose ranges of the supply, from the factory, do not meet."""
+    from haptic_wall.hw.dynamixel.tables import MODELS
+
+    models = [MODELS[one.model] for one in servos if one.model in MODELS]
+    low = max(models, key=lambda model: model.supply[0], default=None)
+    high = min(models, key=lambda model: model.supply[1], default=None)
+    if low and high and low.supply[0] > high.supply[1]:
+        told = (f"{one.name} ({one.supply[0]:g} to {one.supply[1]:g} V)" for one in (low, high))
+        yield Problem(
+            f"found {' and '.join(told)} on one bus, and no supply suits both",
+            advice="drive them on buses of their own",
+            field="servo.model",
+        )
+
+
+def _open_port(servos: Sequence[ServoSettings]) -> int:
     from haptic_wall.hw.dynamixel import cut  # noqa: F401 - to cut the torque without delay
     from haptic_wall.hw.serialport import line, port  # noqa: F401
 
-    if not settings.port:
+    bus = servos[0]
+    if not bus.port:
         raise PortError(
             "No serial port is configured",
             advice="set servo.port to the adapter's device, e.g. /dev/ttyUSB0.",
         )
-    return port.open_port(settings.port, settings.baud)
+    return port.open_port(bus.port, bus.baud)
 
 
-def _open(settings: ServoSettings, clock: Clock, descriptor: int | None) -> Bus:
+def _open(servos: Sequence[ServoSettings], clock: Clock, descriptor: int | None) -> Bus:
     from haptic_wall.hw.dynamixel.group import DynamixelGroup
 
-    driver = settings.driver()
-    if descriptor is None and not settings.port and settings.true is not None:
+    drivers = [one.driver() for one in servos]
+    if descriptor is None and not servos[0].port and servos[0].true is not None:
         if not isinstance(clock, SimulatedClock):
             raise PortError(
                 "An emulated bus in memory runs on the simulated clock only",
                 advice="set loop.clock=simulated, or start `haptic-wall emulate` and set "
                 "servo.port to its path.",
             )
-        return DynamixelGroup([driver], _memory_line(settings, driver, settings.true, clock))
+        return DynamixelGroup(drivers, _memory_line(servos, clock))
 
     from haptic_wall.hw.serialport.line import FdLine
 
-    line = FdLine(_open_port(settings) if descriptor is None else descriptor, clock)
+    line = FdLine(_open_port(servos) if descriptor is None else descriptor, clock)
     try:
-        return DynamixelGroup([driver], line)
+        return DynamixelGroup(drivers, line)
     except BaseException:
         line.close()
         raise
 
 
-def _memory_line(
-    settings: ServoSettings, driver: DriverSettings, true: TrueServo, clock: SimulatedClock
-) -> Line:
-    """Return an emulated bus in memory with the configured servo on it."""
+def _memory_line(servos: Sequence[ServoSettings], clock: SimulatedClock) -> Line:
+    """Return an emulated bus in memory with the configured servos on it."""
     from haptic_wall.hw.dynamixel.driven import drivable
     from haptic_wall.hw.emulated.bus import EmulatedBus
     from haptic_wall.hw.emulated.injection import Faults
     from haptic_wall.hw.emulated.memory_line import MemoryLine
     from haptic_wall.hw.emulated.servo import EmulatedServo
 
-    model, _ = drivable(driver)
-    now_ns = clock.now_ns()
-    servo = EmulatedServo(
-        model, settings.id, EMULATED_FIRMWARE, true, start_ns=now_ns, baud=settings.baud
-    )
+    first, now_ns = servos[0], clock.now_ns()
+    moving = [
+        EmulatedServo(
+            drivable(one)[0],
+            one.id,
+            EMULATED_FIRMWARE,
+            one.true,
+            start_ns=now_ns,
+            baud=first.baud,
+        )
+        for one in servos
+        if one.true is not None
+    ]
     bus = EmulatedBus(
-        [servo],
-        baud=settings.baud,
+        moving,
+        baud=first.baud,
         start_ns=now_ns,
-        faults=Faults(settings.faults, settings.fault_seed),
+        faults=Faults(first.faults, first.fault_seed),
     )
     return MemoryLine(bus, clock)
 
 
-def _cut_torque(settings: ServoSettings, descriptor: int | None, clock: Clock) -> bool:
+def _cut_torque(servos: Sequence[ServoSettings], descriptor: int | None, clock: Clock) -> bool:
     """See ``haptic_wall.hw.dynamixel.cut``."""
     from haptic_wall.hw.dynamixel import cut
     from haptic_wall.hw.serialport.line import FdLine
 
     if descriptor is None:
         return False
-    return cut.cut_torque(FdLine(descriptor, clock), settings.id, settings.baud)
+    ids = [one.id for one in servos]
+    return cut.cut_torque(FdLine(descriptor, clock), ids, servos[0].baud)
 
 
 BACKEND = Backend(
     open=_open,
+    several=True,
     emulated_port=True,
     has_bus=True,
     has_watchdog=True,

@@ -1,6 +1,8 @@
-"""The backend of a servo simulated in the loop's own process."""
+"""The backend of servos simulated in the loop's own process."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 from haptic_wall.hw.backend import Backend
 from haptic_wall.hw.clock import Clock
@@ -8,12 +10,13 @@ from haptic_wall.hw.servo import Bus
 from haptic_wall.hw.settings import ServoSettings
 
 
-def _open(settings: ServoSettings, clock: Clock, _descriptor: int | None) -> Bus:
+def _open(servos: Sequence[ServoSettings], clock: Clock, _descriptor: int | None) -> Bus:
     from haptic_wall.hw.simulated import SimulatedBus
 
-    if settings.true is None:
+    trues = [one.true for one in servos if one.true is not None]
+    if len(trues) < len(servos):
         raise ValueError("found None in ServoSettings.true, wanted the truth of the servo")
-    return SimulatedBus([settings.true], clock)
+    return SimulatedBus(trues, clock)
 
 
-BACKEND = Backend(open=_open, simulated=True, cut_torque=lambda *_: True)
+BACKEND = Backend(open=_open, several=True, simulated=True, cut_torque=lambda *_: True)

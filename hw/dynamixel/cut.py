@@ -23,8 +23,8 @@ _GAP_END_NS: Final = 20_000_000
 """Longest wait for a silence: a busy bus must not keep the torque on"""
 
 
-def cut_torque(line: Line, servo_id: int, baud: int = 0) -> bool:
-    """Switch the torque off on a bus whose driver has died or hangs, even in the middle of a frame.
+def cut_torque(line: Line, ids: Sequence[int], baud: int = 0) -> bool:
+    """Switch all torques off where the driver has died or hangs, even in the middle of a frame.
 
     It waits for a gap between frames: otherwise the servo could take this request for the rest of a
     truncated frame. It never writes a goal: a servo may be set to switch its torque on at any goal.
@@ -32,11 +32,11 @@ def cut_torque(line: Line, servo_id: int, baud: int = 0) -> bool:
 
     Args:
         line: The bus, now used by this process alone.
-        servo_id: The servo.
+        ids: The servos.
         baud: The bus's rate [bit/s], for the time that bytes take; 0: negligible.
 
     Returns:
-        Whether torque off was read back. False too when the port is gone.
+        Whether torque off was read back from each. False too when the port is gone.
     """
     try:
         now_ns = line.clock.now_ns
@@ -44,8 +44,9 @@ def cut_torque(line: Line, servo_id: int, baud: int = 0) -> bool:
         line.read()
         while line.wait(min(now_ns() + _GAP_NS, end)) and now_ns() < end:
             line.read()
-        exchange = Exchange(line, [servo_id], baud=baud)
-        return not torque_off([Table(exchange, exchange.stations[0], "", REGISTERS)])
+        exchange = Exchange(line, ids, baud=baud)
+        servos = [Table(exchange, station, "", REGISTERS) for station in exchange.stations]
+        return not torque_off(servos)
     except ServoLostError:
         return False
 

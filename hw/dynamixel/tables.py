@@ -130,6 +130,12 @@ class Model:
         return self.family != "2X430" and firmware >= self.fast_sync_read_firmware
 
     @property
+    def supply(self) -> tuple[float, float]:
+        """Return the lowest and highest supply, as limited from the factory [V]."""
+        low, high = (self.registers[f"{end}_voltage_limit"].default for end in ("min", "max"))
+        return low / 10, high / 10
+
+    @property
     def modes(self) -> frozenset[int]:
         """Return its operating modes: 0 current, 1 velocity, 3 position, 4 extended, 5, 16 PWM."""
         return frozenset({0, 1, 3, 4, 5, 16} if self.current_mode else {1, 3, 4, 16})

@@ -18,7 +18,7 @@ from haptic_wall.controller.runtime.telemetry import ROW
 from haptic_wall.controller.settings.fields import fields
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.open import open_servo
+from haptic_wall.hw.open import open_bus
 from tests.docs.pages import PAGES, ROOT, broken, name_of, text_of
 from tests.docs.test_commands import call, folder  # noqa: F401 - a fixture
 from tests.typed import not_none
@@ -167,7 +167,7 @@ def test_the_version_is_that_of_changes_and_citation() -> None:
 
 def test_every_start_up_check_is_explained() -> None:
     config = load_config("emulated-ideal", ["loop.clock=simulated"]).config
-    bus = open_servo(config.servo_settings(), SimulatedClock())
+    bus = open_bus(config.servos(), SimulatedClock())
     try:
         (checks,) = bus.start()
     finally:

@@ -15,7 +15,7 @@ from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import MonotonicClock, SimulatedClock
 from haptic_wall.hw.errors import BackendError, PortError
-from haptic_wall.hw.open import backend, cut_torque, open_port, open_servo
+from haptic_wall.hw.open import backend, cut_torque, open_bus, open_port
 from haptic_wall.hw.settings import ServoSettings
 from haptic_wall.hw.truth import TrueServo
 from tests.typed import not_none
@@ -173,12 +173,12 @@ def test_a_backend_that_cannot_be_loaded_is_named_with_its_distribution(
 
 def test_a_simulated_servo_has_no_port_and_ends_with_its_process() -> None:
     settings = ServoSettings(true=TrueServo(0.01))
-    assert open_port(settings) is None
-    assert cut_torque(settings, None, SimulatedClock()) is True
+    assert open_port([settings]) is None
+    assert cut_torque([settings], None, SimulatedClock()) is True
 
 
 def test_a_real_servo_without_a_port_is_never_said_to_be_off() -> None:
     settings = ServoSettings("", 4_000_000, 1, "XM430-W350", backend="dynamixel")
-    assert cut_torque(settings, None, MonotonicClock()) is False
+    assert cut_torque([settings], None, MonotonicClock()) is False
     with pytest.raises(PortError, match="No serial port"):
-        open_servo(settings, MonotonicClock())
+        open_bus([settings], MonotonicClock())

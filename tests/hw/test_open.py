@@ -14,7 +14,7 @@ import pytest
 from haptic_wall.hw.clock import MonotonicClock, SimulatedClock
 from haptic_wall.hw.dynamixel.group import DynamixelGroup
 from haptic_wall.hw.errors import PortError, ServoMissingError, UnfitServoError
-from haptic_wall.hw.open import cut_torque, open_port, open_servo
+from haptic_wall.hw.open import cut_torque, open_bus, open_port
 from haptic_wall.hw.servo import Outcome
 from haptic_wall.hw.settings import ServoSettings
 from haptic_wall.hw.simulated import SimulatedBus
@@ -41,12 +41,12 @@ def silent_port() -> Iterator[str]:
 
 
 def test_simulated_settings_are_a_simulated_servo() -> None:
-    assert isinstance(open_servo(ServoSettings(true=TRUE), SimulatedClock()), SimulatedBus)
+    assert isinstance(open_bus([ServoSettings(true=TRUE)], SimulatedClock()), SimulatedBus)
 
 
 def test_a_bus_in_memory_is_driven_by_the_real_driver() -> None:
     clock = SimulatedClock()
-    servo = OneServo(open_servo(settings(true=TRUE), clock))
+    servo = OneServo(open_bus([settings(true=TRUE)], clock))
     assert isinstance(servo.bus, DynamixelGroup)
     assert all(check.ok for check in servo.start())
     servo.request()
@@ -60,33 +60,33 @@ def test_a_refused_servo_leaves_the_port_to_the_next(silent_port: str) -> None:
     fussy = replace(settings(silent_port), torque_limit=1e-9)
     for _ in range(2):
         with pytest.raises(UnfitServoError, match="smallest torque"):
-            open_servo(fussy, MonotonicClock())
-    os.close(not_none(open_port(settings(silent_port))))
+            open_bus([fussy], MonotonicClock())
+    os.close(not_none(open_port([settings(silent_port)])))
 
 
 def test_a_bus_in_memory_needs_the_simulated_clock() -> None:
     with pytest.raises(PortError, match=r"loop\.clock=simulated"):
-        open_servo(settings(true=TRUE), MonotonicClock())
+        open_bus([settings(true=TRUE)], MonotonicClock())
 
 
-@pytest.mark.parametrize("open_it", [open_port, lambda s: open_servo(s, MonotonicClock())])
+@pytest.mark.parametrize("open_it", [open_port, lambda s: open_bus(s, MonotonicClock())])
 def test_no_port_is_an_error_and_never_a_simulated_servo(open_it: Callable[..., object]) -> None:
     with pytest.raises(PortError, match=r"No serial port is configured: set servo\.port"):
-        open_it(settings())
+        open_it([settings()])
     with pytest.raises(PortError, match="does not exist"):
-        open_it(settings("/dev/ttyNOWHERE"))
+        open_it([settings("/dev/ttyNOWHERE")])
 
 
 def test_a_port_with_nobody_on_it_is_a_missing_servo(silent_port: str) -> None:
-    servo = open_servo(settings(silent_port), MonotonicClock())
+    servo = open_bus([settings(silent_port)], MonotonicClock())
     with pytest.raises(ServoMissingError, match=rf"id 1 at 4000000 baud on {silent_port}"):
         servo.start()
     servo.close()
 
 
 def test_cutting_on_a_silent_port_does_not_claim_that_torque_is_off(silent_port: str) -> None:
-    descriptor = not_none(open_port(settings(silent_port)))
-    assert cut_torque(settings(silent_port), descriptor, MonotonicClock()) is False
+    descriptor = not_none(open_port([settings(silent_port)]))
+    assert cut_torque([settings(silent_port)], descriptor, MonotonicClock()) is False
     os.fstat(descriptor)  # still open
     os.close(descriptor)
 
@@ -100,9 +100,9 @@ def test_whoever_opens_a_port_can_cut_the_torque_without_loading_anything(silent
         "from haptic_wall.hw.settings import ServoSettings\n"
         f"settings = ServoSettings({silent_port!r}, 4_000_000, 1, 'XM430-W350',"
         " backend='dynamixel')\n"
-        "port = open_port(settings)\n"
+        "port = open_port([settings])\n"
         "before = set(sys.modules)\n"
-        "cut_torque(settings, port, MonotonicClock())\n"
+        "cut_torque([settings], port, MonotonicClock())\n"
         "sys.exit(', '.join(set(sys.modules) - before))\n"
     )
     ended = subprocess.run(

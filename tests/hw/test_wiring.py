@@ -8,7 +8,7 @@ import pytest
 
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.errors import ServoError, ServoLostError, wiring
-from haptic_wall.hw.open import open_servo
+from haptic_wall.hw.open import open_bus
 from haptic_wall.hw.serialport.line import FdLine
 from haptic_wall.hw.settings import ServoSettings
 
@@ -22,7 +22,7 @@ def test_the_advice_fits_what_is_at_the_other_end(tmp_path: Path) -> None:
         assert wiring(name) == "that the emulated bus runs and gets processor time"
     assert wiring("id 1 at 57600 baud on /dev/ttyUSB0") == "the cable and the power supply"
     settings = ServoSettings(str(port), 4_000_000, 1, "XM430-W350", backend="dynamixel")
-    servo = open_servo(settings, MonotonicClock())
+    servo = open_bus([settings], MonotonicClock())
     line = FdLine(os.dup(slave), MonotonicClock())
     with pytest.raises(ServoError) as silent:
         servo.start()

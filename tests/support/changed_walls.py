@@ -22,7 +22,7 @@ from haptic_wall.controller.settings.changes import changed
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.hand import Grasp
-from haptic_wall.hw.open import open_servo
+from haptic_wall.hw.open import open_bus
 from haptic_wall.hw.servo import Bus
 from haptic_wall.hw.settings import ServoSettings
 
@@ -103,14 +103,14 @@ class ChangedRun:
             SimulatedClock(),
             telemetry,
             seconds,
-            surroundings=Surroundings(open_servo=self._open),
+            surroundings=Surroundings(open_bus=self._open),
         )
         rows, _ = telemetry.read(0)
         telemetry.close()
         return result, rows
 
-    def _open(self, settings: ServoSettings, clock: Clock, port: int | None) -> Bus:
-        bus = open_servo(settings, clock, port)
+    def _open(self, servos: Sequence[ServoSettings], clock: Clock, port: int | None) -> Bus:
+        bus = open_bus(servos, clock, port)
         if self.hand is not None:
             bus.take_hand(self.hand)  # type: ignore[attr-defined]
         self._changes = Changes(self.config, KnownServo(bus.facts[0], None, True))

@@ -90,7 +90,8 @@ def run_in_memory(
     buses = []
     given_ns: list[int] = []
 
-    def opener(settings: ServoSettings, _clock: Clock, _port: int | None) -> Bus:
+    def opener(servos: Sequence[ServoSettings], _clock: Clock, _port: int | None) -> Bus:
+        (settings,) = servos
         assert settings.true is not None
         truth = EmulatedServo(
             MODELS[settings.model],
@@ -126,7 +127,7 @@ def run_in_memory(
         rows, read = telemetry.read(read)
         blocks.append(rows)
 
-    around = Surroundings(on_block=on_block, tell=tell, open_servo=opener)
+    around = Surroundings(on_block=on_block, tell=tell, open_bus=opener)
     result = run_session(config, clock, telemetry, duration_s, surroundings=around)
     buses[0].transmit(clock.now_ns() + AFTERWARDS_NS)
     ticks = np.concatenate(blocks) if blocks else np.empty(0, ROW)

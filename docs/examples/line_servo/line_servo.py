@@ -131,18 +131,18 @@ class LineServo:
         return [line.decode(errors="replace").split() for line in lines]
 
 
-def _open_port(settings: ServoSettings) -> int:
-    return open_port(settings.port, settings.baud)
+def _open_port(servos: Sequence[ServoSettings]) -> int:
+    return open_port(servos[0].port, servos[0].baud)
 
 
-def _open(settings: ServoSettings, clock: Clock, descriptor: int | None) -> LineServo:
+def _open(servos: Sequence[ServoSettings], clock: Clock, descriptor: int | None) -> LineServo:
     return LineServo(
-        settings, FdLine(_open_port(settings) if descriptor is None else descriptor, clock)
+        servos[0], FdLine(_open_port(servos) if descriptor is None else descriptor, clock)
     )
 
 
-def _cut_torque(settings: ServoSettings, descriptor: int | None, clock: Clock) -> bool:
-    return descriptor is not None and LineServo(settings, FdLine(descriptor, clock)).stop()
+def _cut_torque(servos: Sequence[ServoSettings], descriptor: int | None, clock: Clock) -> bool:
+    return descriptor is not None and LineServo(servos[0], FdLine(descriptor, clock)).stop()
 
 
 BACKEND = Backend(

@@ -19,7 +19,7 @@ from haptic_wall.hw.errors import (
     ServoMissingError,
     StrangeServoError,
 )
-from haptic_wall.hw.open import open_servo
+from haptic_wall.hw.open import open_bus
 
 CONFIG = load_config("emulated-ideal", ["loop.clock=simulated", "servo.schedule=pipelined"]).config
 
@@ -34,7 +34,7 @@ class Scene:
         self.opener: Callable[..., DynamixelGroup] = self.open
 
     def open(self, *arguments: Any) -> DynamixelGroup:
-        servo = open_servo(*arguments)
+        servo = open_bus(*arguments)
         assert isinstance(servo, DynamixelGroup)
         line = servo.line
         assert isinstance(line, MemoryLine)
@@ -58,7 +58,7 @@ class Scene:
             SimulatedClock(),
             self.telemetry,
             0.1,
-            surroundings=Surroundings(open_servo=self.opener),
+            surroundings=Surroundings(open_bus=self.opener),
         )
 
 

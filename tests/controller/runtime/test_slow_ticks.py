@@ -15,7 +15,7 @@ from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.checks import IntArray
 from haptic_wall.hw.clock import Clock, SimulatedClock
-from haptic_wall.hw.open import open_servo
+from haptic_wall.hw.open import open_bus
 from haptic_wall.hw.servo import Bus
 from haptic_wall.hw.settings import ServoSettings
 from tests.cases import sampled
@@ -63,11 +63,11 @@ def run(
     telemetry = Telemetry.create()
     clock = SimulatedClock()
 
-    def opener(settings: ServoSettings, _: Clock, port: int | None) -> Bus:
-        return cast(Bus, SlowBus(open_servo(settings, clock, port), clock, costs))
+    def opener(servos: Sequence[ServoSettings], _: Clock, port: int | None) -> Bus:
+        return cast(Bus, SlowBus(open_bus(servos, clock, port), clock, costs))
 
     result = run_session(
-        config, clock, telemetry, duration, surroundings=Surroundings(open_servo=opener)
+        config, clock, telemetry, duration, surroundings=Surroundings(open_bus=opener)
     )
     rows, _ = telemetry.read(0)
     return result, rows[(rows["flags"] & FLAG_WARM_UP) == 0]
@@ -155,11 +155,11 @@ def test_what_an_elastic_clock_takes_out_is_in_the_row_all_the_same(waited: bool
                 words[Word.WAITED_NS] += 7_000_000 * waited
             return self._bus.write(torques)
 
-    def opener(settings: ServoSettings, _: Clock, port: int | None) -> Bus:
-        return cast(Bus, Stalling(open_servo(settings, clock, port), clock, always(0.0)))
+    def opener(servos: Sequence[ServoSettings], _: Clock, port: int | None) -> Bus:
+        return cast(Bus, Stalling(open_bus(servos, clock, port), clock, always(0.0)))
 
     config = load_config("emulated-ideal", ["loop.clock=simulated"]).config
-    around = Surroundings(open_servo=opener)
+    around = Surroundings(open_bus=opener)
     result = run_session(config, clock, telemetry, 0.5, surroundings=around)
     rows, _ = telemetry.read(0)
     usual_ns = int(rows[690]["bus_ns"])

@@ -12,7 +12,7 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.fields import fields
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.open import open_servo
+from haptic_wall.hw.open import open_bus
 from tests.cases import sampled
 
 BOUNDS = {
@@ -70,7 +70,7 @@ def test_each_accepted_belief_about_a_rigid_servo_has_limits(seed: int) -> None:
     config = corner(seed)
     if config is None:
         return
-    bus = open_servo(config.servo_settings(), SimulatedClock(), None)
+    bus = open_bus(config.servos(), SimulatedClock(), None)
     known = KnownServo(bus.facts[0], bus.traffic, simulated=False)
     decided = guard_decisions(config, known)
     bins = range(len(decided.ages_ns) * len(decided.intervals_ns))

@@ -25,7 +25,7 @@ def pushing() -> Bench:
 def test_torque_goes_off_and_is_read_back() -> None:
     bench = pushing()
     begun = bench.clock.now_ns()
-    assert cut_torque(bench.line, 1) is True
+    assert cut_torque(bench.line, [1]) is True
     assert bench.truth.memory["torque_enable"] == 0
     assert bench.state.torque == 0.0
     assert bench.clock.now_ns() - begun < 4_000_000
@@ -34,7 +34,7 @@ def test_torque_goes_off_and_is_read_back() -> None:
 def test_no_goal_is_ever_written() -> None:
     """With torque-on-by-goal-update a goal would bring the torque back."""
     bench = pushing()
-    cut_torque(bench.line, 1)
+    cut_torque(bench.line, [1])
     for data in bench.line.frames:
         (frame,) = Parser().feed(data)
         assert frame.instruction in (Instruction.SYNC_WRITE, Instruction.READ)
@@ -48,7 +48,7 @@ def test_a_frame_cut_short_by_the_drivers_death_does_not_swallow_the_cut(sent: i
     half = bench.line.frames.pop()[:sent]
     bench.wait(0.01)
     bench.memory_line.write(half)
-    assert cut_torque(bench.line, 1) is True
+    assert cut_torque(bench.line, [1]) is True
 
 
 @pytest.mark.parametrize("stale", [encode_status(1, 0), encode_status(1, 0, bytes(1))])
@@ -70,7 +70,7 @@ def test_a_late_confirmation_is_not_taken_for_the_cuts(stale: bytes) -> None:
         def wait(self, deadline_ns: int) -> bool:
             return bool(writes and late) or super().wait(deadline_ns)
 
-    assert cut_torque(Late(bench.bus, bench.clock), 1) is True
+    assert cut_torque(Late(bench.bus, bench.clock), [1]) is True
     assert bench.truth.memory["torque_enable"] == 0
 
 
@@ -84,7 +84,7 @@ def test_torque_that_stays_on_is_not_called_off() -> None:
             if frame.instruction == Instruction.READ:
                 super().write(data)
 
-    assert cut_torque(Deaf(bench.bus, bench.clock), 1) is False
+    assert cut_torque(Deaf(bench.bus, bench.clock), [1]) is False
     assert bench.truth.memory["torque_enable"] == 1
 
 
@@ -95,7 +95,7 @@ def test_a_vanished_port_is_not_called_off() -> None:
         raise ServoLostError("The serial port is gone.")
 
     bench.line.read = gone  # type: ignore[method-assign]
-    assert cut_torque(bench.line, 1) is False
+    assert cut_torque(bench.line, [1]) is False
 
 
 def test_the_cut_waits_for_a_gap_between_frames() -> None:
@@ -115,7 +115,7 @@ def test_the_cut_waits_for_a_gap_between_frames() -> None:
             self.clock.wait_until(self.clock.now_ns() + 500_000)
             return True
 
-    assert cut_torque(Busy(bench.bus, bench.clock), 1) is True
+    assert cut_torque(Busy(bench.bus, bench.clock), [1]) is True
     assert written[0] - silent_ns >= 1_500_000
 
 
@@ -130,4 +130,4 @@ def test_a_bus_that_is_never_silent_is_cut_all_the_same() -> None:
         def read(self) -> bytes:
             return super().read() + b"\x00\x55"
 
-    assert cut_torque(Babbling(bench.bus, bench.clock), 1) is True
+    assert cut_torque(Babbling(bench.bus, bench.clock), [1]) is True

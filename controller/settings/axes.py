@@ -1,0 +1,115 @@
+"""Several axes on one bus: their part of a configuration, and what stands for all of them.
+
+A file gives each axis only what differs; what stands at the top level is every axis's default. The
+configuration holds each axis whole, so that written out and read again it is the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import Field
+
+from haptic_wall.controller.settings.model import NUMBERS, Model, Section, Wall, setting
+from haptic_wall.controller.settings.servo import Baud, Port, Servo
+from haptic_wall.hw.settings import Way
+
+MOST_AXES: Final = 16
+SHARED: Final = (
+    "backend",
+    "port",
+    "baud",
+    "schedule",
+    "watchdog_s",
+    "faults",
+    "fault_seed",
+)
+"""Fields of ``servo`` that belong to the bus, the same for every axis"""
+RENAMED: Final = ("port", "baud")
+"""Fields of ``bus`` that are another name of those of ``servo``"""
+AxisName = Annotated[str, Field(pattern="^[a-z][a-z0-9_]*$", max_length=24)]
+
+
+class Bus(Section):
+    """The bus of all servos."""
+
+    port: Port | None = setting(
+        None, "Another name of servo.port, where it is shown, and stronger", min_length=1
+    )
+    baud: Baud | None = setting(
+        None, "Another name of servo.baud, where it is shown, and stronger", "bit/s"
+    )
+    read: Way = setting(
+        "auto",
+        "Request for the positions of several servos; fast: one joint reply; sync: a reply of "
+        "each; plain: a request and a reply of each; auto: fast, else sync, with the reason",
+        used_by=("emulated", "hardware"),
+    )
+
+
+class Arm(Section):
+    """True parameters of an arm that simulated servos move."""
+
+    shape: Literal["none", "planar"] = setting(
+        "none",
+        "none: the servos move independently; planar: the first two move a horizontal arm of two "
+        "links, with a mass at the end of each",
+        used_by=("emulated",),
+    )
+    length_1: float = setting(0.2, "True length of the first link", "m", gt=0, le=10)
+    length_2: float = setting(0.2, "True length of the second link", "m", gt=0, le=10)
+    mass_1: float = setting(0.1, "True mass at the end of the first link", "kg", ge=0, le=100)
+    mass_2: float = setting(0.1, "True mass at the end of the second link", "kg", ge=0, le=100)
+
+
+class Axis(Section):
+    """The sections that each axis has of its own."""
+
+    servo: Servo = Servo()
+    model: Model = Model()
+    wall: Wall = Wall()
+
+
+OWN: Final = tuple(Axis.model_fields)
+"""Names of these sections"""
+
+
+def with_bus(data: dict[str, Any]) -> dict[str, Any]:
+    """Return unchecked settings with ``bus.port`` and ``bus.baud`` as those of ``servo``."""
+    bus, servo = data.get("bus"), data.get("servo", {})
+    if not isinstance(bus, dict) or not isinstance(servo, dict):
+        return data
+    moved = {name: bus[name] for name in RENAMED if bus.get(name) is not None}
+    rest = {name: value for name, value in bus.items() if name not in moved}
+    return {**data, "bus": rest, "servo": servo | moved} if moved else data
+
+
+def completed(data: dict[str, Any]) -> dict[str, Any]:
+    """Return unchecked settings with ``bus`` applied and each axis whole.
+
+    An axis with another law than the top level does not inherit the numbers of that law.
+    """
+    data, axes = with_bus(data), data.get("axes")
+    if not isinstance(axes, dict):
+        return data
+    return {**data, "axes": {name: _completed(axis, data) for name, axis in axes.items()}}
+
+
+def _completed(axis: Any, data: Mapping[str, Any]) -> Any:  # noqa: ANN401 - whatever the file holds
+    if not isinstance(axis, dict):
+        return axis
+    whole = dict(axis)
+    for section in OWN:
+        default, own = data.get(section, {}), axis.get(section, {})
+        if isinstance(default, dict) and isinstance(own, dict):
+            if section == "wall" and "law" in own and own["law"] != default.get("law", "wall"):
+                default = {name: default[name] for name in default if name not in NUMBERS}
+            whole[section] = default | own
+    return whole
+
+
+def split_path(path: str) -> tuple[str, str]:
+    """Return the axis of a setting, as ``axes.NAME.`` or empty, and its path in that axis alone."""
+    steps = path.split(".", 2)
+    return (f"axes.{steps[1]}.", steps[2]) if steps[0] == "axes" and len(steps) > 2 else ("", path)

@@ -1,0 +1,86 @@
+"""Checks the rules between the axes of a configuration, and those of their bus."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from itertools import combinations
+from typing import Final
+
+from pydantic import ValidationError
+
+from haptic_wall.controller.settings.axes import SHARED
+from haptic_wall.controller.settings.sections import Sections
+from haptic_wall.hw.errors import Problem
+from haptic_wall.hw.open import backend
+
+BARE_INERTIA: Final = {"XM430-W350": 0.017927, "XL330-M288": 0.0027213}
+"""Highest inertia of a bare servo, by model [kg·m²]: that of its preset"""
+_ROUNDED: Final = 1 + 1e-9
+
+
+def apart(config: Sections) -> Iterator[Problem]:
+    """Yield the settings of the bus in which an axis differs."""
+    for name, axis in config.axes.items():
+        for field in SHARED:
+            found, wanted = getattr(axis.servo, field), getattr(config.servo, field)
+            if found != wanted:
+                yield Problem(
+                    f"found {found}",
+                    wanted=f"{wanted}, as servo.{field}: all axes share one bus",
+                    advice=f"set servo.{field} at the top level only",
+                    field=f"axes.{name}.servo.{field}",
+                )
+
+
+def broken_bus_rules(config: Sections) -> Iterator[Problem]:
+    """Yield the violations of the rules of a bus and its axes."""
+    make = backend(config.servo.backend)
+    with suppress(ValidationError):  # another rule reports wrong options
+        asked = [one.servo.asked() for one in config.each.values()]
+        yield from [] if make.problems is None else make.problems(asked)
+    yield from _arm(config)
+    if not config.axes:
+        return
+    if len(config.axes) > 1 and not make.several:
+        wanted = f"one: the backend {config.servo.backend} opens a single servo"
+        yield Problem(f"found {len(config.axes)} axes", wanted=wanted, field="axes")
+    if config.servo.kind != "simulated":
+        for (one, first), (other, second) in combinations(config.axes.items(), 2):
+            if first.servo.id == second.servo.id:
+                yield Problem(
+                    f"found {second.servo.id}, which is also that of axes.{one}",
+                    wanted="an id that no other servo of the bus has",
+                    field=f"axes.{other}.servo.id",
+                )
+    if len(config.axes) > 1:
+        yield from _bare(config)
+
+
+def _bare(config: Sections) -> Iterator[Problem]:
+    """The guard needs the servo's own inertia: that of links changes with the pose."""
+    for name, axis in config.axes.items():
+        believed, load = axis.model.inertia, axis.model.load_inertia
+        bare = BARE_INERTIA.get(axis.servo.model or "")
+        if believed is None or bare is None:
+            continue
+        low = believed.low - (0.0 if load is None else load.high)
+        if low > bare * _ROUNDED:
+            yield Problem(
+                f"found {low:g} kg·m² as its low bound",
+                wanted=f"at most {bare:g}, that of a bare {axis.servo.model}: an inertia identified"
+                " on an assembled arm holds in one pose only, and in others the wall is unstable",
+                advice="identify the servo without its links, or take the preset's bounds",
+                field=f"axes.{name}.model.inertia",
+            )
+
+
+def _arm(config: Sections) -> Iterator[Problem]:
+    if config.arm.shape == "none":
+        return
+    kind, count = config.servo.kind, len(config.axes)
+    if kind != "emulated":
+        wanted = f"none: the servo is {kind}, and only emulated ones move an arm"
+        yield Problem(f"found {config.arm.shape}", wanted=wanted, field="arm.shape")
+    elif count < 2:
+        yield Problem(f"found {config.arm.shape}", wanted="two axes or more", field="arm.shape")

@@ -1,0 +1,140 @@
+"""Several axes in one configuration: each is what it would be in a file of its own."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from haptic_wall.controller.errors import ConfigError
+from haptic_wall.controller.settings.axes_rules import BARE_INERTIA
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.load import load_config, loaded, preset_names
+
+TWO = ("axes.shoulder.servo.id=1", "axes.elbow.servo.id=2")
+OWN: dict[str, list[Any]] = {
+    "servo.inertia": [0.01, 0.02],
+    "servo.sign": [1, -1],
+    "servo.offset": [0.0, 0.5],
+    "servo.torque_limit": [None, 1.0],
+    "servo.hand": ["none", "push"],
+    "wall.stiffness": [0.0, 3, 7.5],
+    "wall.position": [-1.0, 1.0],
+    "wall.side": ["above", "both"],
+    "wall.torque_clip": [None, 0.5],
+    "model.inertia": [None, 0.011, {"value": 0.011, "low": 0.01, "high": 0.02}],
+    "model.delay": [None, 0.001],
+}
+SHARED: dict[str, Any] = {
+    "loop": {"rate_hz": 500.0, "clock": "simulated"},
+    "servo": {"backend": "dynamixel", "port": "emulated", "baud": 4000000, "model": "XM430-W350"},
+    "delay": {"steps": 1},
+}
+
+
+def placed(values: dict[str, Any], into: dict[str, Any]) -> dict[str, Any]:
+    for path, value in values.items():
+        section, name = path.split(".")
+        into.setdefault(section, {})[name] = value
+    return into
+
+
+def some_values() -> st.SearchStrategy[dict[str, Any]]:
+    fields = {path: st.sampled_from(values) for path, values in OWN.items()}
+    return st.fixed_dictionaries({}, optional=fields)
+
+
+@settings(deadline=None)
+@given(some_values(), st.lists(some_values(), min_size=1, max_size=3))
+def test_an_axis_is_what_a_file_of_its_own_makes_it(
+    default: dict[str, Any], axes: list[dict[str, Any]]
+) -> None:
+    base = {"servo.inertia": 0.011} | default
+    shared = {name: dict(section) for name, section in SHARED.items()}
+    whole = placed(base, {name: dict(section) for name, section in shared.items()})
+    whole["axes"] = {
+        f"axis_{place}": placed(axis, {"servo": {"id": place}}) for place, axis in enumerate(axes)
+    }
+    config = loaded(whole, "of several axes")
+    for place, (name, axis) in enumerate(zip(config.each, axes, strict=True)):
+        alone = placed(base | axis | {"servo.id": place}, {k: dict(v) for k, v in shared.items()})
+        own = loaded(alone, "of one")
+        assert name == f"axis_{place}"
+        assert config.each[name] == own
+        assert config.servos()[place] == own.servo_settings()
+    assert Config.model_validate_json(config.model_dump_json()) == config
+
+
+def test_without_axes_the_configuration_is_its_own_only_axis() -> None:
+    config = load_config("simulated").config
+    assert config.each == {"": config}
+
+
+def test_an_axis_with_another_law_does_not_inherit_the_numbers_of_the_first() -> None:
+    sets = ["wall.law=detents", "wall.count=12", "axes.b.wall.law=wall", "axes.b.wall.side=both"]
+    config = load_config("simulated", ["axes.a.wall.count=24", *sets]).config
+    assert config.each["a"].wall.count == 24
+    assert config.each["b"].wall.count is None
+
+
+def test_the_names_of_the_bus_are_those_of_its_servo(tmp_path: Path) -> None:
+    file = tmp_path / "arm.yaml"
+    file.write_text(yaml.safe_dump(SHARED | {"bus": {"port": "/dev/ttyUSB7", "baud": 1000000}}))
+    belief = [f"model.{each}=0.01" for each in ("inertia", "damping", "coulomb", "delay")]
+    config = load_config(str(file), [*belief, "model.torque_gain=1", "loop.clock=monotonic"]).config
+    assert (config.servo.port, config.servo.baud) == ("/dev/ttyUSB7", 1000000)
+    assert config.servo.kind == "hardware"
+    changed = load_config(str(file), ["servo.port=emulated", "servo.inertia=0.01"]).config
+    assert changed.servo.kind == "emulated"
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ("axes.elbow.wall.stiffness=-3", "axes.elbow.wall.stiffness (from --set): found -3, want"),
+        ("wall.stiffness=-3", "wall.stiffness (from --set): found -3, wanted a number from 0"),
+        ("axes.elbow.wall.stifness=3", "unknown; did you mean axes.elbow.wall.stiffness?"),
+        ("axes.elbow.loop.rate_hz=3", "loop is the same for all axes: set it at the top level"),
+        ("axes.elbow.wall.law=detents", "axes.elbow.wall.count: found nothing, wanted the number"),
+        ("axes.elbow=3", "axes.elbow (from --set): found 3, wanted a section with servo, model"),
+        ("axes.Elbow.servo.id=3", "axes.Elbow: found 'Elbow', wanted small letters"),
+        ("axes.elbow.servo.id=1", "found 1, which is also that of axes.shoulder, wanted an id"),
+        ("axes.elbow.servo.port=/dev/x", "as servo.port: all axes share one bus; set servo.port"),
+        ("axes.elbow.servo.sign=0", "axes.elbow.servo.sign (from --set): found 0, wanted 1 or -1"),
+        ("axes.elbow.model.inertia=0.1", "wanted at most 0.017927, that of a bare XM430-W350"),
+        ("axes.elbow.servo.model=XL330-M288", "no supply suits both"),
+        ("bus.baud=5", "bus.baud (from --set): found 5, wanted one of 9600"),
+        ("servo.faults=unplug:id=7", "no servo on this bus has the id 7; the ids here are 1, 2"),
+    ],
+)
+def test_what_is_wrong_with_an_axis_is_said_with_its_path(change: str, said: str) -> None:
+    assert list(load_config("emulated-ideal", TWO).config.each) == ["shoulder", "elbow"]
+    with pytest.raises(ConfigError) as refused:
+        load_config("emulated-ideal", [*TWO, change])
+    (problem,) = refused.value.problems
+    assert said in problem
+
+
+def test_a_fault_may_name_any_servo_of_the_bus() -> None:
+    config = load_config("emulated-ideal", [*TWO, "servo.faults=unplug:id=2"]).config
+    assert [each.faults for each in config.servos()] == [("unplug:id=2",)] * 2
+
+
+def test_set_adds_no_axis_to_a_file_that_has_some(tmp_path: Path) -> None:
+    file = tmp_path / "arm.yaml"
+    file.write_text("axes: {shoulder: {servo: {inertia: 0.01}}}")
+    with pytest.raises(ConfigError, match=r"axes\.sholder: no such axis; did you mean shoulder\?"):
+        load_config(str(file), ["axes.sholder.servo.inertia=0.02"])
+
+
+def test_at_most_sixteen_axes() -> None:
+    with pytest.raises(ConfigError, match="wanted at most 16 names"):
+        load_config("simulated", [f"axes.a{place}.servo.inertia=0.01" for place in range(17)])
+
+
+def test_the_bare_inertias_are_those_of_the_presets() -> None:
+    presets = [load_config(name).config for name in preset_names()]
+    known = {one.servo.model: one.belief().inertia.high for one in presets if one.model.inertia}
+    assert {model: known[model] for model in BARE_INERTIA} == BARE_INERTIA
