@@ -23,6 +23,11 @@ CALLED = {
     "RunningWall.set": (
         "(self, changes: 'Mapping[str, Any]', wait_s: 'float' = 10.0) -> 'dict[str, Any]'"
     ),
+    "RunningWall.positions": "(self, most_age_s: 'float' = 0.1) -> 'dict[str, float]'",
+    "axes": (
+        "(config: 'str | os.PathLike[str]', changes: 'Mapping[str, Any] | Sequence[str]' = ())"
+        " -> 'tuple[str, ...]'"
+    ),
     "RunningWall.running": "(self) -> 'bool'",
     "RunningWall.wait": "(self) -> 'dict[str, Any]'",
     "RunningWall.report": "(self) -> 'dict[str, Any]'",

@@ -198,6 +198,21 @@ class RunningWall:
                 stream.close()
 
 
+def axes(
+    config: str | os.PathLike[str], changes: Mapping[str, Any] | Sequence[str] = ()
+) -> tuple[str, ...]:
+    """Return the names of a configuration's axes, in order; ``("",)``: it has one, without a name.
+
+    Args:
+        config: As of ``run``.
+        changes: As of ``run``.
+
+    Raises:
+        ConfigError: The configuration is wrong.
+    """
+    return tuple(load_config(os.fspath(config), _sets(changes)).config.each)
+
+
 @contextlib.contextmanager
 def run(
     config: str | os.PathLike[str],
@@ -223,8 +238,9 @@ def run(
         UserError: The duration is missing on the simulated clock, or it or the log cannot be used.
         RunError: The run could not start.
     """
-    sets = _texts(changes) if isinstance(changes, Mapping) else list(changes)
-    simulated = load_config(os.fspath(config), sets).config.loop.clock == "simulated"
+    sets = _sets(changes)
+    loaded = load_config(os.fspath(config), sets).config
+    simulated = loaded.loop.clock == "simulated"
     if duration_s is None and simulated:
         raise UserError(
             "found none",
@@ -241,12 +257,16 @@ def run(
         arguments = ["run", os.fspath(config), "--json", "--no-plot", "--log", os.fspath(log)]
         arguments += [f"--duration={math.inf if duration_s is None else float(duration_s)!r}"]
         arguments += [f"--set={change}" for change in sets]
-        wall = RunningWall(Path(log), arguments)
+        wall = RunningWall(Path(log), arguments, axes=tuple(loaded.each))
         scope.callback(wall.close)
         wall.await_start()
         if not wall.running():
             wall.wait()
         yield wall
+
+
+def _sets(changes: Mapping[str, Any] | Sequence[str]) -> list[str]:
+    return _texts(changes) if isinstance(changes, Mapping) else list(changes)
 
 
 def _texts(changes: Mapping[str, Any]) -> list[str]:
