@@ -1,4 +1,4 @@
-"""Draws docs/flexible.png: the exact critical stiffness of a servo with a link over the damping.
+"""Draws docs/pictures/flexible.png: exact critical stiffness of a servo with a link over damping.
 
 scripts/study flexible_picture [FILE]
 """
@@ -17,7 +17,7 @@ from haptic_wall.controller.theory.boundary import chain_boundary
 from haptic_wall.controller.theory.chain import two_masses
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
-PICTURE = Path(__file__).resolve().parent.parent / "docs" / "flexible.png"
+PICTURE = Path(__file__).resolve().parent.parent / "docs" / "pictures" / "flexible.png"
 PERIOD, DELAY = 1e-3, 1e-3
 MOTOR, FRICTION = 0.011951, 0.011692
 """Of an MX-64 [kg·m², N·m·s/rad]"""

@@ -1,4 +1,4 @@
-"""Draws docs/laws.png: the elastic torque of each law over position.
+"""Draws docs/pictures/laws.png: the elastic torque of each law over position.
 
 scripts/study laws_picture [FILE]
 """
@@ -16,7 +16,7 @@ from haptic_wall.controller.laws.table import EXAMPLES, shape_of
 from haptic_wall.controller.report.style import BLUE, GREEN, INK, PAGE, grid, picture
 from haptic_wall.controller.settings.model import Wall
 
-PICTURE = Path(__file__).resolve().parent.parent / "docs" / "laws.png"
+PICTURE = Path(__file__).resolve().parent.parent / "docs" / "pictures" / "laws.png"
 REACH = 0.8
 """Positions shown to either side [rad]"""
 STIFFNESS = 8.0

@@ -59,7 +59,7 @@ def film(tab: Tab) -> list[Image.Image]:
 
 def main() -> None:
     """Run a wall, film its page, write the file."""
-    path = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs" / "live.gif"
+    path = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs" / "pictures" / "live.gif"
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         run = subprocess.Popen(
             [

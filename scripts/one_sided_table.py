@@ -2,8 +2,8 @@
 
     scripts/study one_sided_table              overwrite the table in use
     scripts/study one_sided_table --out FILE   write it elsewhere
-    scripts/study one_sided_table --check      the figures of docs/one-sided.md: the one in use
-                                               against what is computed
+    scripts/study one_sided_table --check      the figures of docs/concepts/one-sided.md: the one in
+                                               use against what is computed
 
 It takes a quarter of an hour of processor time, and says how far it is; a check takes one minute.
 The result is the same every time.

@@ -110,7 +110,7 @@ def said(command: str) -> str:
 
 
 def measured(command: str) -> str:
-    """Run a command and return its output on this machine; a run's picture becomes docs/run.png."""
+    """Run a command and return its output on this machine; a run's picture goes to docs/."""
     with tempfile.TemporaryDirectory() as folder:
         if command.startswith("haptic-wall run emulated-port"):
             return beside_an_emulated_bus(command, folder)
@@ -123,7 +123,7 @@ def measured(command: str) -> str:
         words[0] = str(ROOT / words[0])
         done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=True)
         (picture,) = Path(folder, "runs").glob("*.png")
-        shutil.copy(picture, ROOT / "docs" / "run.png")
+        shutil.copy(picture, ROOT / "docs" / "pictures" / "run.png")
         return done.stdout
 
 

@@ -1,4 +1,4 @@
-"""Draws docs/evidence/recordings.png: two free swings of a real servo, fitted and predicted.
+"""Draws docs/pictures/recordings.png: two free swings of a real servo, fitted and predicted.
 
 scripts/study recordings_picture [FILE]
 """
@@ -15,7 +15,7 @@ from haptic_wall.controller.report import style
 from scripts.recorded_motions import DROPS, drop, predicted
 from scripts.studies.recordings import swings
 
-PICTURE = Path(__file__).resolve().parent.parent / "docs" / "evidence" / "recordings.png"
+PICTURE = Path(__file__).resolve().parent.parent / "docs" / "pictures" / "recordings.png"
 
 
 def drawn(path: Path) -> None:

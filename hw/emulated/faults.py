@@ -112,7 +112,7 @@ KINDS: Final[Mapping[str, _Kind]] = MappingProxyType(
         "unplug-adapter": _Kind("unplug-adapter:at=2,for=0.5", ("for",)),
     }
 )
-"""The faults; docs/emulated-bus.md says what each does"""
+"""The faults; docs/how-to/emulated-bus.md says what each does"""
 _FRAME_KEYS = ("p", "every", "times", "at", "for", "way", "id")
 _SERVO_KEYS = ("at", "repeat", "times")
 

@@ -1,8 +1,8 @@
 """The witness: a record of every frame and of the true motion, independent of any controller.
 
-CSV with the columns of ``COLUMNS``, which docs/emulated-bus.md explains. Rows are kept in memory
-and written when the bus is idle, so that writing never delays a reply. A row has the true state
-after all events of its instant; the ``error`` of an instruction whose CRC was wrong is 3.
+CSV with the columns of ``COLUMNS``, which docs/how-to/emulated-bus.md explains. Rows are kept in
+memory and written when the bus is idle, so that writing never delays a reply. A row has the true
+state after all events of its instant; the ``error`` of an instruction whose CRC was wrong is 3.
 """
 
 from __future__ import annotations

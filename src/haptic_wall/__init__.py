@@ -3,8 +3,8 @@
 ``haptic_wall.controller`` decides the torque; ``haptic_wall.hw`` moves the servo. The two
 folders stand at the top of the repository; links beside this file lead to them.
 
-The names of ``__all__`` are for other people's programs: docs/api.md says what is held. Each is
-imported when it is first used, so that ``import haptic_wall`` takes no time.
+The names of ``__all__`` are for other people's programs: docs/how-to/api.md says what is held.
+Each is imported when it is first used, so that ``import haptic_wall`` takes no time.
 """
 
 from __future__ import annotations

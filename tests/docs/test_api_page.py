@@ -11,7 +11,7 @@ import pytest
 import haptic_wall
 from tests.docs.pages import text_of
 
-PAGE = "docs/api.md"
+PAGE = "docs/how-to/api.md"
 EXAMPLES = re.findall(r"^```python\n(.*?)^```", text_of(PAGE), re.M | re.S)
 
 END = "-- end\n"

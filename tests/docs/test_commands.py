@@ -294,7 +294,7 @@ def test_the_vendors_client(
     bus: Callable[[Sequence[str]], tuple[subprocess.Popen[str], str | None, Path]], tmp_path: Path
 ) -> None:
     """The example with dynamixel-sdk speaks to the bus that the same page starts."""
-    page = "docs/emulated-bus.md"
+    page = "docs/how-to/emulated-bus.md"
     first = next(words for found, words in RUNS if words in BUSES and found == page)
     (example,) = re.findall(r"^```python\n(.*?)^```", text_of(page), re.S | re.M)
     emulator, link, there = bus(first)

@@ -38,7 +38,7 @@ def test_links_lead_somewhere() -> None:
 def test_the_website_builds(tmp_path: Path) -> None:
     words = [sys.executable, "-m", "sphinx", "-q", "-W", "-b", "html"]
     subprocess.run([*words, str(ROOT / "docs"), str(tmp_path)], check=True)
-    assert "xm430-w350" in (tmp_path / "hardware.html").read_text()
+    assert "xm430-w350" in (tmp_path / "how-to" / "hardware.html").read_text()
 
 
 def test_the_pages_stay_short() -> None:
@@ -110,12 +110,12 @@ def test_names_with_an_underscore_are_those_of_the_sources() -> None:
 
 
 def test_every_trip_has_its_section() -> None:
-    sections = re.findall(r"^## ([a-z_]+)$", text_of("docs/trips.md"), re.M)
+    sections = re.findall(r"^## ([a-z_]+)$", text_of("docs/reference/trips.md"), re.M)
     assert sorted(sections) == sorted(trip.label for trip in Trip)
 
 
 def report_keys_named() -> set[str]:
-    table = text_of("docs/report.md").partition("## Keys")[2].partition("\n## ")[0]
+    table = text_of("docs/reference/report.md").partition("## Keys")[2].partition("\n## ")[0]
     return {
         key
         for line in table.splitlines()
@@ -146,13 +146,13 @@ def test_every_key_of_the_report_is_explained(capsys: pytest.CaptureFixture[str]
         "torque",
     }
     assert keys(report) - groups == explained
-    page = text_of("docs/report.md")
+    page = text_of("docs/reference/report.md")
     for name in ("name", "ok", "found", "wanted", "fix"):
         assert f"`{name}`" in page
 
 
 def test_every_column_of_the_log_is_explained() -> None:
-    page = text_of("docs/logs.md")
+    page = text_of("docs/how-to/logs.md")
     rows = re.findall(r"^\| `(\w+)` \| `(\w+)` \|", page, re.M)
     assert dict(rows) == COLUMNS
     assert set(not_none(ROW.names)) == set(COLUMNS.values())
@@ -172,5 +172,6 @@ def test_every_start_up_check_is_explained() -> None:
         (checks,) = bus.start()
     finally:
         bus.close()
-    page = text_of("docs/start-up.md").partition("| check | wanted")[2].partition("\n\n")[0]
-    assert re.findall(r"^\| ([\w -]+) \| ", page, re.M) == [check.name for check in checks]
+    page = text_of("docs/reference/start-up.md").partition("| check | wanted")[2]
+    table = page.partition("\n\n")[0]
+    assert re.findall(r"^\| ([\w -]+) \| ", table, re.M) == [check.name for check in checks]

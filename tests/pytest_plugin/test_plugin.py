@@ -206,7 +206,7 @@ def test_the_example_passes_and_its_workflow_runs_it(tmp_path: Path) -> None:
 
 @pytest.mark.whole
 def test_the_page_s_programs_run(tmp_path: Path) -> None:
-    page = (ROOT / "docs" / "testing-your-code.md").read_text()
+    page = (ROOT / "docs" / "how-to" / "testing-your-code.md").read_text()
     blocks = [part.partition("```")[0] for part in page.split("```python\n")[1:]]
     for number, block in enumerate(blocks):
         uses = "\n\ndef test_bus(bus):\n    assert bus.ids == (1,)\n" if "def bus(" in block else ""

@@ -263,7 +263,7 @@ def test_any_text_of_yaml_s_own_characters_is_read_or_refused_in_words(text: str
 
 def test_the_manual_shows_the_messages_as_they_are() -> None:
     changes = ["wall.stifness=20", "guard.margin=1.2", "wall.side=abov"]
-    manual = Path(__file__).parents[3] / "docs" / "configuration.md"
+    manual = Path(__file__).parents[3] / "docs" / "reference" / "configuration.md"
     with pytest.raises(ConfigError) as refused:
         load_config("simulated", changes)
     assert f"haptic-wall: {refused.value}\n```" in manual.read_text(encoding="utf-8")

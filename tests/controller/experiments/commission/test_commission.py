@@ -399,6 +399,6 @@ def test_the_plan_moves_nothing(desk: Desk) -> None:
 
 
 def test_the_page_shows_lines_of_the_output() -> None:
-    page = (ROOT / "docs" / "commissioning.md").read_text()
+    page = (ROOT / "docs" / "how-to" / "commissioning.md").read_text()
     shown = not_none(re.search(r"^```text\n(.*?)^```", page, re.S | re.M))[1]
     assert set(shown.splitlines()) <= set(OUTPUT.read_text().splitlines())
