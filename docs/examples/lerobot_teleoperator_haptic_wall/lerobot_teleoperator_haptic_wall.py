@@ -70,22 +70,27 @@ class HapticWall(Teleoperator):
         return self._wall is not None and self._wall.running()
 
     def connect(self, calibrate: bool = True) -> None:  # noqa: ARG002 - of the interface
-        """Start the run; return when the positions are known, before the walls are on."""
+        """Start the run; return when every axis has a position, before the walls are on."""
         if self.is_connected:
             raise DeviceAlreadyConnectedError(f"{self} is connected")
         self.disconnect()
         run = haptic_wall.run(self.config.arm, self.config.set, log=self.config.log)
         self._wall = self._scope.enter_context(run)
+        self.get_action()
 
     def get_action(self) -> dict[str, float]:
-        """Return the latest positions.
+        """Return the newest positions.
 
         Raises:
-            DeviceNotConnectedError: The run has ended, or was never started.
+            DeviceNotConnectedError: There are none: the run was never started, has ended, or hangs.
         """
-        if not self.is_connected:
-            raise DeviceNotConnectedError(f"{self} is not connected: {self._why()}")
-        return {f"{name}.pos": self._unit(name, x) for name, x in self._wall.positions().items()}
+        if self._wall is None:
+            raise DeviceNotConnectedError(f"{self}: call connect() first")
+        try:
+            positions = self._wall.positions()
+        except haptic_wall.RunError:
+            raise DeviceNotConnectedError(f"{self}: {self._end()}") from None
+        return {f"{name}.pos": self._unit(name, x) for name, x in positions.items()}
 
     def _unit(self, name: str, position: float) -> float:
         if name in self.config.percent:
@@ -93,15 +98,14 @@ class HapticWall(Teleoperator):
             return min(100.0, max(0.0, 100.0 * (position - low) / (high - low)))
         return position if self.config.radians else math.degrees(position)
 
-    def _why(self) -> str:
-        if self._wall is None:
-            return "call connect()"
+    def _end(self) -> str:
+        """End the run with torque off; return why it ended."""
         try:
-            report = self._wall.wait()
+            report = self._wall.report()
         except haptic_wall.HapticWallError as error:
             return str(error)
-        axis = report.get("stop_axis")
-        return f"the run ended with {report['stop_reason']}" + (f" of {axis}" if axis else "")
+        axis = report["stop_axis"]
+        return f"the run ended: {report['stop_reason']}" + (f" of {axis}" if axis else "")
 
     def send_feedback(self, feedback: dict[str, float]) -> None:
         raise NotImplementedError(
@@ -114,10 +118,8 @@ class HapticWall(Teleoperator):
         lerobot's loops call this after an error too, before they disconnect the follower: so it
         raises nothing.
         """
-        if self._wall is None:
-            return
-        self._wall.end()
-        logger.info("%s: %s", self, self._why())
+        if self._wall is not None:
+            logger.info("%s: %s", self, self._end())
         self._wall = None
         self._scope.close()
 
