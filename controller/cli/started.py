@@ -61,6 +61,7 @@ class RunningWall:
 
     Attributes:
         log: See above.
+        age_s: Age of the oldest of the last ``positions``, when they were returned [s].
     """
 
     def __init__(
@@ -73,6 +74,7 @@ class RunningWall:
         self.log = log
         self._axes = axes
         self._rows: Telemetry | None = None
+        self.age_s = math.inf
         self._answer = tempfile.TemporaryFile()  # noqa: SIM115 - closed in close()
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", __name__, *arguments],
@@ -118,7 +120,8 @@ class RunningWall:
             sampled = rows["sampled_ns"]
             if sampled.size and sampled.all():  # each axis has one
                 run_ns = time.monotonic_ns() - self._rows.words[Word.OFFSET_NS]
-                if run_ns - int(sampled.min()) > most_age_s * 1e9:
+                self.age_s = 1e-9 * (run_ns - int(sampled.min()))
+                if self.age_s > most_age_s:
                     break
                 return dict(zip(self._axes, rows["position"].ravel().tolist(), strict=True))
             time.sleep(_LOOK_S)
