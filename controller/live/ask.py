@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final
 
 from haptic_wall.controller.errors import HapticWallError, UserError
-from haptic_wall.controller.live.run_socket import MOST_BYTES, ROWS, AliveRun, connected
+from haptic_wall.controller.live.run_socket import MOST_BYTES, AliveRun, connected
 from haptic_wall.hw.errors import Problem
 
 COMPUTING_S: Final = 120.0
@@ -60,21 +60,6 @@ def ask(
         field="--run",
         advice="its report lists the applied changes",
     )
-
-
-def shared_rows(run: AliveRun) -> int:
-    """Return a descriptor of the rows of a running wall; the caller closes it.
-
-    Raises:
-        OSError: The run does not answer.
-    """
-    with connected(run.socket) as connection:
-        connection.settimeout(COMPUTING_S)
-        connection.sendall(ROWS + b"\n")
-        _, descriptors, _, _ = socket.recv_fds(connection, MOST_BYTES, 1)
-        if not descriptors:
-            raise ConnectionResetError
-        return descriptors[0]
 
 
 def _not_applied(told: dict[str, Any]) -> NotAppliedError:

@@ -20,7 +20,6 @@ from haptic_wall.controller.live.run_socket import (
     MOST_BYTES,
     NOT_MADE,
     OVER,
-    ROWS,
     Peer,
     peer_of,
 )
@@ -71,7 +70,6 @@ class Dial:
         desk: Returns the desk that makes the changes; called at the first request.
         credentials: Credentials of a connection.
         owner: The user who may change the wall.
-        rows: Descriptor of the rows in shared memory, for clients that ask for it.
     """
 
     def __init__(
@@ -80,14 +78,12 @@ class Dial:
         desk: Callable[[], Desk],
         credentials: Callable[[socket.socket], Peer] = peer_of,
         owner: int | None = None,
-        rows: int | None = None,
     ) -> None:
         self._listener = listener
         self._open_desk = desk
         self._desk: Desk | None = None
         self._credentials = credentials
         self._owner = os.getuid() if owner is None else owner
-        self._rows = rows
         self._client: socket.socket | None = None
         self._began_s = 0.0
         """When the client came, or its change was begun"""
@@ -164,11 +160,6 @@ class Dial:
             self._take(line, client)
 
     def _take(self, line: bytes, client: socket.socket) -> None:
-        if line == ROWS and self._rows is not None:
-            with contextlib.suppress(OSError):
-                socket.send_fds(client, [b"{}\n"], [self._rows])
-            self._leave()
-            return
         try:
             request = json.loads(line)
             sets, wait_s = request["set"], float(request.get("wait_s", 0.0))

@@ -75,7 +75,7 @@ def _dial(place: Path, orders: Mapping[str, Any]) -> Dial | None:
 
         return ChangeDesk.of(orders, say)
 
-    return Dial(listener, desk, rows=orders["telemetry"])
+    return Dial(listener, desk)
 
 
 if __name__ == "__main__":

@@ -27,8 +27,6 @@ SUFFIX: Final = ".sock"
 MOST_BYTES: Final = 1 << 16
 """Longest request, and longest answer"""
 OVER: Final = "the run is over"
-ROWS: Final = b'{"rows": true}'
-"""Request of the descriptor of the rows"""
 NOT_MADE: Final = 3
 """Exit status of a change that was not made"""
 _CREDENTIALS: Final = struct.Struct("3i")
