@@ -25,6 +25,9 @@ DAMPING: Final = 0.1
 operator"""
 _FIELDS: Final = struct.Struct("<qqqddd")
 _NUMBER: Final = struct.Struct("<q")
+_MOUNT: Final = struct.Struct("<dd")
+"""Sign and offset of the servo"""
+_MOUNT_AT: Final = 64
 _SIZE: Final = 4096
 _TRIES: Final = 3
 
@@ -69,13 +72,20 @@ class SharedHand:
     def __init__(self, descriptor: int) -> None:
         self.descriptor = descriptor
         self._map = mmap.mmap(descriptor, _SIZE)
+        self._sign, self._offset = _MOUNT.unpack_from(self._map, _MOUNT_AT)
         self._last: Grasp | None = None
 
     @classmethod
-    def create(cls) -> Self:
-        """Return a hand that holds nothing; the caller closes it."""
+    def create(cls, sign: int = 1, offset: float = 0.0) -> Self:
+        """Return a hand that holds nothing; the caller closes it.
+
+        Args:
+            sign: Of the servo, see ``DriverSettings``: the hand is told positions of the joint.
+            offset: Of the servo [rad].
+        """
         descriptor = os.memfd_create("haptic-wall-hand")
         os.ftruncate(descriptor, _SIZE)
+        os.pwrite(descriptor, _MOUNT.pack(sign, offset), _MOUNT_AT)
         return cls(descriptor)
 
     def close(self) -> None:
@@ -91,6 +101,7 @@ class SharedHand:
             shaft: Position of the shaft, where the hand takes it [rad].
             now_ns: The present time on the servo's clock [ns].
         """
+        target, shaft = (self._sign * (each - self._offset) for each in (target, shaft))
         last = self._last
         held = last is not None and now_ns < last.until_ns
         origin = last.position(now_ns) if held and last is not None else shaft

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any, Final, Literal
 
-from haptic_wall.hw.truth import TrueServo
+from haptic_wall.hw.truth import TrueArm, TrueServo
 
 EMULATED: Final = "emulated"
 """The port value that selects the program's own emulated bus"""
@@ -58,6 +58,8 @@ class ServoSettings(DriverSettings):
     """Name of the backend that opens it"""
     true: TrueServo | None = None
     """True parameters of a simulated or emulated servo; None: it is real"""
+    arm: TrueArm | None = None
+    """True links between the servos of its bus; None: there are none"""
     faults: tuple[str, ...] = ()
     """Injected faults of an emulated bus, in the syntax of ``haptic_wall.hw.emulated.faults``"""
     fault_seed: int = 0

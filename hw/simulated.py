@@ -14,9 +14,10 @@ from collections.abc import Sequence
 
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.hand import SharedHand
+from haptic_wall.hw.plant.arm import couple
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.servo import Check, Facts, Outcome, Reading
-from haptic_wall.hw.truth import TrueServo
+from haptic_wall.hw.truth import TrueArm, TrueServo
 
 GRAIN_NS = 1000
 """Resolution of the motion in real time [ns]: steps of equal length repeat, and their responses are
@@ -29,18 +30,32 @@ class SimulatedBus:
     Args:
         trues: The servos.
         clock: Their time, which begins with ``start``.
+        arm: The links between them; None: there are none.
+        mounts: ``sign`` and ``offset`` of each, see ``DriverSettings``; None: 1 and 0.
+
+    Raises:
+        SpecError: They cannot be the joints of this arm.
     """
 
     traffic = None
 
-    def __init__(self, trues: Sequence[TrueServo], clock: Clock) -> None:
+    def __init__(
+        self,
+        trues: Sequence[TrueServo],
+        clock: Clock,
+        arm: TrueArm | None = None,
+        mounts: Sequence[tuple[int, float]] | None = None,
+    ) -> None:
         self._trues = trues
+        self._arm = arm
+        self._mounts = [(1, 0.0)] * len(trues) if mounts is None else mounts
         self._now_ns = clock.now_ns
         self._written: Sequence[float] = ()
         """The last torques, which act from ``_written_ns`` on; applied when time advances"""
         self._written_ns = 0
         self._grain_ns = 1 if isinstance(clock, SimulatedClock) else GRAIN_NS
         self._mechanisms = [Mechanism(true, self._instant()) for true in trues]
+        couple(arm, self._mechanisms)
         self._hand: SharedHand | None = None
         self._readings: list[Reading] = []
         self._running = False
@@ -59,6 +74,7 @@ class SimulatedBus:
         """Start their time; there is nothing to check."""
         now_ns = self._instant()
         self._mechanisms = [Mechanism(true, now_ns, operator_waits=True) for true in self._trues]
+        couple(self._arm, self._mechanisms)
         for mechanism in self._mechanisms:
             mechanism.engage_operator(now_ns)
         if self._hand is not None:
@@ -71,10 +87,11 @@ class SimulatedBus:
         """Sample the positions now."""
         now_ns = self._now_ns()
         self._pass_until(now_ns - now_ns % self._grain_ns)
-        self._readings = [
-            Reading(Outcome.OK, *mechanism.measured(), now_ns, math.nan, False)
-            for mechanism in self._mechanisms
-        ]
+        self._readings = []
+        for mechanism, (sign, offset) in zip(self._mechanisms, self._mounts, strict=True):
+            position, counts = mechanism.measured()
+            position = sign * position + offset
+            self._readings.append(Reading(Outcome.OK, position, counts, now_ns, math.nan, False))
 
     def collect(self, deadline_ns: int) -> list[Reading]:  # noqa: ARG002 - nothing to wait for
         """Return the samples of the last ``request``, without waiting.
@@ -99,15 +116,16 @@ class SimulatedBus:
         """
         if not self._running:
             raise RuntimeError("a torque was written while torque is off; call start first")
+        signs = [sign for sign, _ in self._mounts]
         acting = [
-            mechanism.limited(torque)
-            for mechanism, torque in zip(self._mechanisms, torques, strict=True)
+            mechanism.limited(sign * torque)
+            for mechanism, sign, torque in zip(self._mechanisms, signs, torques, strict=True)
         ]
         now_ns = self._instant()
         if self._written:  # the last torques acted until now
             self._pass_until(now_ns)
         self._written, self._written_ns = acting, now_ns
-        return acting
+        return [sign * torque for sign, torque in zip(signs, acting, strict=True)]
 
     def stop(self) -> bool:
         """Switch the torques off; the servos move on by themselves. Always succeeds."""

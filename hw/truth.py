@@ -215,7 +215,7 @@ class TrueServo:
         0.0, "Position of the wall for the scripted hand", "rad", -1e6, 1e6, kinds=()
     )
     hand_direction: Literal[1, -1] = _true(
-        1, "1: the wall fills the positions above hand_origin; -1: below", kinds=()
+        1, "1: the scripted hand pushes toward positive positions; -1: negative", kinds=()
     )
 
     def __post_init__(self) -> None:
@@ -232,16 +232,46 @@ class TrueServo:
         return self.load_inertia > 0.0
 
 
+@dataclass(frozen=True, slots=True)
+class TrueArm:
+    """True links between the first servos of a simulated or emulated bus.
+
+    Raises:
+        SpecError: A value is out of range.
+    """
+
+    shape: Literal["none", "planar"] = _true(
+        "none", "Links between the servos: planar, two in a horizontal plane, between the first two"
+    )
+    length_1: float = _true(0.15, "Length of the first link", "m", high=10, above=True)
+    length_2: float = _true(0.15, "Length of the second link", "m", high=10, above=True)
+    mass_1: float = _true(0.1, "Mass at the end of the first link", "kg", high=100)
+    mass_2: float = _true(0.1, "Mass at the end of the second link", "kg", high=100)
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            name, value = f"arm.{each.name}", getattr(self, each.name)
+            if not fits(name, value):
+                raise _refusal(name, value)
+
+
 ABOUT: Final[dict[str, About]] = {each.name: each.metadata["about"] for each in fields(TrueServo)}
 """The declarations by name"""
-TYPES: Final[dict[str, Any]] = get_type_hints(TrueServo)
+ARM: Final[dict[str, About]] = {
+    f"arm.{each.name}": each.metadata["about"] for each in fields(TrueArm)
+}
+"""Those of the arm by their paths"""
+TYPES: Final[dict[str, Any]] = get_type_hints(TrueServo) | {
+    f"arm.{name}": kind for name, kind in get_type_hints(TrueArm).items()
+}
+_ALL: Final = ABOUT | ARM
 NUMBERS: Final = (int, float, float | None)
 """Types of the true parameters that have a range"""
 
 
 def fits(name: str, value: Any) -> bool:  # noqa: ANN401 - whatever was given
     """Whether this is a value of the true parameter, by itself."""
-    about, kind = ABOUT[name], TYPES[name]
+    about, kind = _ALL[name], TYPES[name]
     if kind not in NUMBERS:
         return isinstance(value, bool) if kind is bool else value in get_args(kind)
     if value is None:
@@ -253,7 +283,7 @@ def fits(name: str, value: Any) -> bool:  # noqa: ANN401 - whatever was given
 
 def wanted(name: str) -> str:
     """Return the accepted values of a true parameter in words."""
-    about, kind = ABOUT[name], TYPES[name]
+    about, kind = _ALL[name], TYPES[name]
     if kind not in NUMBERS:
         return "true or false" if kind is bool else "one of " + ", ".join(map(str, get_args(kind)))
     words = "a whole number" if kind is int else "a number"

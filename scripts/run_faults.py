@@ -14,7 +14,6 @@ from pathlib import Path
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from scripts.whole_program import PROGRAM, Bus, children_of
 
-TELEMETRY = "haptic-wall-telemetry"
 HANGS = """
 import os, signal, sys
 
@@ -52,9 +51,8 @@ class Target:
         """Look for its processes; whether all are there."""
         self.pids = {"supervisor": self.run.pid, **children_of(self.run.pid)}
         with contextlib.suppress(OSError):
-            for link in Path(f"/proc/{self.run.pid}/fd").iterdir():
-                if self.words is None and TELEMETRY in str(link.readlink()):
-                    self.words = Telemetry(os.open(link, os.O_RDWR)).words
+            if self.words is None:
+                self.words = Telemetry.of(self.run.pid).words
         return (
             self.run.poll() is None
             and self.pids.keys() >= {"loop", "recorder", "door"}

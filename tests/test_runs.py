@@ -136,10 +136,7 @@ def ticking(*arguments: str, cwd: Path) -> Iterator[tuple[subprocess.Popen[str],
 
 def shared_words(pid: int) -> memoryview:
     """The control words of the telemetry that a process holds."""
-    for link in Path(f"/proc/{pid}/fd").iterdir():
-        if "haptic-wall-telemetry" in str(link.readlink()):
-            return Telemetry(os.open(link, os.O_RDWR)).words
-    raise AssertionError(f"process {pid} holds no telemetry")
+    return Telemetry.of(pid).words
 
 
 def run_arguments(*more: str, servo: str = "emulated-ideal") -> list[str]:

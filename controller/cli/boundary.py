@@ -14,6 +14,7 @@ from haptic_wall.controller.cli.drawing import drawn_or_noted
 from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import (
     answer,
+    axis_option,
     config_argument,
     json_option,
     set_option,
@@ -31,7 +32,7 @@ from haptic_wall.controller.guard.boundary import (
 )
 from haptic_wall.controller.guard.types import Situation
 from haptic_wall.controller.report.boundary_text import boundary_text
-from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.settings.load import load_axis
 from haptic_wall.controller.theory.servos import SERVOS
 
 _MOST_PERIODS: Final = 500
@@ -42,6 +43,7 @@ _POSITIVE: Final = Number(0, above=True)
 @click.command()
 @config_argument(needed=False)
 @set_option
+@axis_option
 @click.option("--servo", type=click.Choice(list(SERVOS), case_sensitive=False),
               help="A servo with published parameters, for what is not given.")  # fmt: skip
 @click.option("--inertia", type=Number(0, above=True, form="range"), metavar="M",
@@ -77,6 +79,7 @@ _POSITIVE: Final = Number(0, above=True)
 def command(
     config: str | None,
     sets: tuple[str, ...],
+    axis: str | None,
     dampings: list[float] | None,
     plot: Path | None,
     **given: Any,  # noqa: ANN401 - the options that make the question
@@ -91,9 +94,10 @@ def command(
     \b
     haptic-wall boundary --servo MX-64 --period 0.001 --delay 0.002 --virtual-damping 0,0.1,0.5
     """  # noqa: D301 - the \b is what click takes for "as it stands"
-    if config is None and sets:
-        raise UserError("there is no CONFIG", field="--set", advice="give a preset or a file too")
-    question = _of_options(given) if config is None else _of_config(config, sets, given)
+    if config is None and (sets or axis):
+        field = "--set" if sets else "--axis"
+        raise UserError("there is no CONFIG", field=field, advice="give a preset or a file too")
+    question = _of_options(given) if config is None else _of_config(config, sets, axis, given)
     try:
         chosen = default_dampings(question) if dampings is None else dampings
         with working("computing the limits"):
@@ -107,7 +111,9 @@ def command(
     answer(found, lambda: boundary_text(found))
 
 
-def _of_config(name: str, sets: tuple[str, ...], given: dict[str, Any]) -> Question:
+def _of_config(
+    name: str, sets: tuple[str, ...], axis: str | None, given: dict[str, Any]
+) -> Question:
     """Return the question of a configuration: servo and loop as it believes them to be.
 
     Raises:
@@ -120,7 +126,7 @@ def _of_config(name: str, sets: tuple[str, ...], given: dict[str, Any]) -> Quest
                 field=f"--{option.replace('_', '-')}",
                 advice="leave the option out, or change CONFIG with --set",
             )
-    config = load_config(name, sets).config
+    config = load_axis(name, sets, axis).config
     belief, period = config.belief(), config.period_ns * 1e-9
     before, lag = config.delay.steps * period + config.guard.sample_age, belief.delay
     usual = Bounded(before + lag.value, before + lag.low, before + lag.high)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import click
@@ -12,6 +13,7 @@ from haptic_wall.controller.cli.options import (
     json_option,
     set_option,
 )
+from haptic_wall.controller.settings.axes import OWN, split_path
 from haptic_wall.controller.settings.fields import Field, fields
 from haptic_wall.controller.settings.load import Loaded, load_config
 from haptic_wall.controller.system.wrapping import wrapped
@@ -31,7 +33,7 @@ def command(config: str, sets: tuple[str, ...]) -> None:
     CONFIG. This kind of servo does not use the values marked -.
     """
     loaded = load_config(config, sets)
-    listed = {field.path: _entry(loaded, field) for field in fields().values()}
+    listed = {path: _entry(loaded, path) for path in _paths(loaded)}
     report = {"name": loaded.name, "servo": _kind(loaded), "fields": listed}
     answer(report, lambda: _listed(loaded))
 
@@ -39,46 +41,66 @@ def command(config: str, sets: tuple[str, ...]) -> None:
 def _listed(loaded: Loaded) -> str:
     lines = [f"{loaded.name} ({_kind(loaded)} servo)"]
     section = ""
-    for field in fields().values():
-        name = field.path.split(".")[0]
+    for path in _paths(loaded):
+        name = path.rpartition(".")[0]
         if name != section:
             lines.append("")
             section = name
-        lines.append(_row(loaded, field))
+        lines.append(_row(loaded, path))
     return "\n".join(lines)
+
+
+def _paths(loaded: Loaded) -> Iterator[str]:
+    """Yield the paths of all settings; of an axis those that it gives, or that differ."""
+    yield from fields()
+    for name in loaded.config.axes:
+        for path in fields():
+            own = f"axes.{name}.{path}"
+            if path.split(".")[0] in OWN and (
+                own in loaded.origins or _value(loaded, own) != _value(loaded, path)
+            ):
+                yield own
 
 
 def _kind(loaded: Loaded) -> str:
     return loaded.config.servo.kind
 
 
-def _value(loaded: Loaded, field: Field) -> Any:  # noqa: ANN401 - values are what they are
-    section, key = field.path.split(".")
-    value = getattr(getattr(loaded.config, section), key)
+def _value(loaded: Loaded, path: str) -> Any:  # noqa: ANN401 - values are what they are
+    axis, bare = split_path(path)
+    section, key = bare.split(".")
+    holder = loaded.config.axes[axis[5:-1]] if axis else loaded.config
+    value = getattr(getattr(holder, section), key)
     if hasattr(value, "model_dump"):
         bounds = value.model_dump()
         return bounds["value"] if len(set(bounds.values())) == 1 else bounds
     return value
 
 
-def _entry(loaded: Loaded, field: Field) -> dict[str, Any]:
+def _field(path: str) -> Field:
+    return fields()[split_path(path)[1]]
+
+
+def _entry(loaded: Loaded, path: str) -> dict[str, Any]:
+    field = _field(path)
     return {
-        "value": _value(loaded, field),
+        "value": _value(loaded, path),
         "unit": field.unit or None,
-        "from": loaded.origins.get(field.path, "default"),
+        "from": loaded.origins.get(path, "default"),
         "wanted": field.wanted,
         "meaning": field.meaning,
         "used": _kind(loaded) in field.used_by,
     }
 
 
-def _row(loaded: Loaded, field: Field) -> str:
-    """Format a field in two or more lines: name, value, unit and origin; then range and meaning."""
-    origin = loaded.origins.get(field.path, "default")
-    value = f"{_text(_value(loaded, field))} {field.unit}"
+def _row(loaded: Loaded, path: str) -> str:
+    """Format a field: name, value, unit and origin; then, not of an axis, range and meaning."""
+    field, origin = _field(path), loaded.origins.get(path, "default")
+    value = f"{_text(_value(loaded, path))} {field.unit}"
     mark = " " if _kind(loaded) in field.used_by else "-"
-    head = f"{mark} {field.path:<24}  {value:<{_VALUE_WIDTH}}  {origin}"
-    return "\n".join([head, *wrapped(f"{field.meaning} ({field.wanted})", " " * 6, " " * 6)])
+    head = f"{mark} {path:<24}  {value:<{_VALUE_WIDTH}}  {origin}"
+    about = wrapped(f"{field.meaning} ({field.wanted})", " " * 6, " " * 6)
+    return "\n".join([head, *([] if path not in fields() else about)])
 
 
 def _text(value: Any) -> str:  # noqa: ANN401

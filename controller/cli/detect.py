@@ -59,9 +59,10 @@ OWN = "the run's own result; any option makes detect judge the recorded motion"
     metavar="X",
     help="Position of the rendered wall [rad].",
 )
+@click.option("--axis", metavar="NAME", help="The axis, in a log of several.")
 @plot_option("Draw the result as PNG to this path.")
 @json_option
-def command(log: Path, plot: Path | None, **values: float | None) -> None:
+def command(log: Path, plot: Path | None, axis: str | None, **values: float | None) -> None:
     """Look for an oscillation in LOG: a log that run wrote, or a CSV.
 
     Of a log this is what the run itself saw, with the growth of the recorded motion. With an
@@ -78,9 +79,9 @@ def command(log: Path, plot: Path | None, **values: float | None) -> None:
     with reading("LOG", log, "a log of run, or a CSV"):
         verdict = None
         if is_log(log) and not given and plot is None:
-            verdict = verdict_of(LogReader.open(log))
+            verdict = verdict_of(LogReader.open(log).axis(axis))
         with working("analysing the motion", log.stat().st_size / _BYTES_S):
-            report = _judged(log, given, plot, needed=verdict is None)
+            report = _judged(log, axis, given, plot, needed=verdict is None)
     if verdict is not None:
         report |= verdict
         if verdict["state"] == "quiet":
@@ -90,7 +91,12 @@ def command(log: Path, plot: Path | None, **values: float | None) -> None:
 
 
 def _judged(
-    log: Path, given: Mapping[str, float], plot: Path | None, *, needed: bool
+    log: Path,
+    axis: str | None,
+    given: Mapping[str, float],
+    plot: Path | None,
+    *,
+    needed: bool,
 ) -> dict[str, Any]:
     """Judge the recorded motion; return the report.
 
@@ -100,7 +106,7 @@ def _judged(
     from haptic_wall.controller.detector.detection import NO_WALL
     from haptic_wall.controller.logs.detected import detect_all, read_recording
 
-    recording = read_recording(log)
+    recording = read_recording(log, axis)
     if not recording.parts and not needed:
         names = ("growth_per_s", "samples", "parts", "period_s", "known", "plot")
         return dict.fromkeys(names)

@@ -18,13 +18,13 @@ from haptic_wall.controller.runtime import realtime
 from haptic_wall.hw.emulated.adapter import BLOCKS
 from haptic_wall.hw.emulated.faults import KINDS, suggestion
 from haptic_wall.hw.errors import Problem, SpecError
-from haptic_wall.hw.truth import read
+from haptic_wall.hw.truth import ARM, read
 
 _TERMINALS: Final = Path("/dev/pts")
 
 
 class _TrueValue(AnyType):
-    """``servo.NAME=VALUE``, as name and value."""
+    """A true parameter, as section (``servo``, ``servo@ID`` or ``arm``), name and value."""
 
     name = "true parameter"
 
@@ -33,17 +33,22 @@ class _TrueValue(AnyType):
         value: Any,  # noqa: ANN401 - click's signature
         param: click.Parameter | None,
         ctx: click.Context | None,
-    ) -> tuple[str, Any]:
+    ) -> tuple[str, str, Any]:
         """Read the value; refuse an unknown name, and a value out of range."""
         path, equals, text = str(value).partition("=")
         section, _, name = path.strip().partition(".")
         if not equals:
             self.fail(f"found {value} without a value, wanted servo.NAME=VALUE", param, ctx)
-        if section != "servo" or name not in NAMES:
-            near = suggestion(name or section, NAMES, "servo.")
+        kind, at, id_ = section.partition("@")
+        known = [each.partition(".")[2] for each in ARM] if section == "arm" else NAMES
+        if section != "arm" and (kind != "servo" or id_.isdecimal() != bool(at)):
+            known = ()
+        if name not in known:
+            near = suggestion(name or section, known or NAMES, f"{section if known else 'servo'}.")
             self.fail(f"an emulated servo has no {path}; {near}", param, ctx)
+        full = {"arm": f"arm.{name}"}.get(section, "position" if name == "kick" else name)
         try:
-            return name, read("position" if name == "kick" else name, text)
+            return section, name, read(full, text)
         except SpecError as error:
             self.fail(f"{path}: {error}", param, ctx)
 
@@ -77,13 +82,18 @@ class _TrueValue(AnyType):
               "ends a fault, `list` lists them.")  # fmt: skip
 @click.option("--seed", type=int, default=0, show_default=True,
               help="Seed of the servos' clocks and of the random faults.")  # fmt: skip
+@click.option("--arm", type=click.Choice(["none", "planar"]), default="none", show_default=True,
+              help="Links between the servos. planar: the first two move two links in a horizontal "
+              "plane, with a mass at the end of each.")  # fmt: skip
 @click.option("--set", "sets", multiple=True, metavar="servo.NAME=VALUE", type=_TrueValue(),
-              help="True parameter of the servos (repeatable): " + ", ".join(NAMES)
-              + ". SI units.")  # fmt: skip
+              help="True parameter of the servos (repeatable), of one of them as "
+              "servo@ID.NAME=VALUE: " + ", ".join(NAMES) + "; or of the links: "
+              + ", ".join(ARM) + ". SI units.")  # fmt: skip
 @force_option
 def command(
     servos: tuple[str, ...],
-    sets: tuple[tuple[str, Any], ...],
+    sets: tuple[tuple[str, str, Any], ...],
+    arm: str,
     link: Path | None,
     record: Path | None,
     **given: Any,  # noqa: ANN401 - the fields of a plan
@@ -97,7 +107,12 @@ def command(
         _refuse_foreign(link)
     for name, path in (("link", link), ("record", record)):
         given[name] = path and str(path)
-    plan = Plan(servos, dict(sets), **given)
+    sections: dict[str, dict[str, Any]] = {"servo": {}, "arm": {}}
+    for section, name, value in sets:
+        sections.setdefault(section, {})[name] = value
+    truth, links = sections.pop("servo"), {"shape": arm} | sections.pop("arm")
+    own = {section.partition("@")[2]: values for section, values in sections.items()}
+    plan = Plan(servos, truth, own, links, **given)
     for setting in realtime.apply("best-effort", PRIORITY, os.sched_getaffinity(0)):
         if setting.name == "scheduler" and not setting.ok:
             say(f"replies may be late on a busy machine: {setting.wanted} was {setting.found}; "

@@ -23,6 +23,7 @@ from haptic_wall.controller.cli.interrupt import INTERRUPTED
 from haptic_wall.controller.cli.options import (
     answer,
     as_json,
+    axis_option,
     config_argument,
     json_option,
     say,
@@ -33,7 +34,7 @@ from haptic_wall.controller.cli.places import force_option, new_stem, take_folde
 from haptic_wall.controller.cli.working import Work, working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.settings.load import Loaded, file_of, load_config
+from haptic_wall.controller.settings.load import Loaded, file_of, load_axis
 from haptic_wall.controller.settings.servo import Servo
 from haptic_wall.controller.system.files import whole
 from haptic_wall.controller.system.json_text import RESULT_MARK
@@ -97,10 +98,12 @@ def experiment(
             config: str,
             sets: tuple[str, ...],
             out: Path | None,
+            axis: str | None,
             yes: bool = False,
             **own: Any,  # noqa: ANN401 - the command's own options
         ) -> None:
-            function(asked_of(config, sets, out, yes, of_walls=of_walls, filters=filters), **own)
+            asked = asked_of(config, sets, out, yes, axis, of_walls=of_walls, filters=filters)
+            function(asked, **own)
 
         return experiment_options(out, config_argument(default), moves=moves)(command)
 
@@ -113,7 +116,8 @@ def experiment_options(
     """Give a command the options of all experiments, for ``asked_of``; see ``experiment``."""
 
     def decorated(command: Callable[..., None]) -> Callable[..., None]:
-        for option in (json_option, force_option, *[_YES] * moves, out, set_option, config):
+        last = (out, axis_option, set_option, config)
+        for option in (json_option, force_option, *[_YES] * moves, *last):
             command = option(command)
         return command
 
@@ -125,6 +129,7 @@ def asked_of(
     sets: tuple[str, ...],
     out: Path | None,
     yes: bool,
+    axis: str | None,
     *,
     of_walls: bool = False,
     filters: bool = False,
@@ -134,7 +139,7 @@ def asked_of(
     Raises:
         UserError: It is wrong, or has what the experiment does not know.
     """
-    loaded = load_config(config, sets, runs=not of_walls)
+    loaded = load_axis(config, sets, axis, runs=not of_walls)
     wall = loaded.config.wall
     for name, found, wanted in (
         ("law", wall.law if of_walls else "wall", "wall: only walls are measured"),

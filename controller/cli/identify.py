@@ -81,6 +81,7 @@ def command(
     config: str | None,
     sets: tuple[str, ...],
     out: Path | None,
+    axis: str | None,
     yes: bool,
     plot: Path | None,
     logs: Path | None,
@@ -101,7 +102,14 @@ def command(
     given = [name for name, value in pendulum.items() if value is not None]
     missing = [name for name in pendulum if name not in given]
     if record is not None:
-        needless = {"CONFIG": config, "--set": sets, "--out": out, "--logs": logs, "--yes": yes}
+        needless = {
+            "CONFIG": config,
+            "--set": sets,
+            "--axis": axis,
+            "--out": out,
+            "--logs": logs,
+            "--yes": yes,
+        }
         needless["--reach"] = reach != REACH
         if named := " and ".join(name for name, has in needless.items() if has):
             raise UserError(
@@ -120,7 +128,7 @@ def command(
         raise UserError("found without --record", field=given[0], advice=advice)
     if config is None:
         raise UserError("missing", field="CONFIG", advice="give a configuration, or --record FILE")
-    asked = asked_of(config, sets, out, yes)
+    asked = asked_of(config, sets, out, yes, axis)
     from haptic_wall.controller.experiments.identify.identification import announcement, bounds_of
     from haptic_wall.controller.experiments.identify.text import report
 

@@ -7,7 +7,7 @@ import os
 import sys
 import termios
 import tty
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -50,6 +50,20 @@ def line_of(row: Any, lost: int, *, loses: bool, columns: int) -> str:  # noqa: 
     return "".join(parts)[: max(0, columns - 1)]
 
 
+def worst_of(rows: Sequence[Any], failed: Sequence[int]) -> int:
+    """Return the index of the axis that a person must look at first.
+
+    Args:
+        rows: The newest row of each axis.
+        failed: Number of the last readings of each that have failed.
+    """
+    order = [
+        (row["oscillation"], lost > 0, abs(row["torque"]))
+        for row, lost in zip(rows, failed, strict=True)
+    ]
+    return order.index(max(order))
+
+
 def _state(row: Any, *, loses: bool) -> str:  # noqa: ANN401 - a record
     flags, oscillation = int(row["flags"]), State(int(row["oscillation"]))
     if oscillation >= State.SUSTAINED:
@@ -60,10 +74,14 @@ def _state(row: Any, *, loses: bool) -> str:  # noqa: ANN401 - a record
 
 
 @contextlib.contextmanager
-def live_line(telemetry: Telemetry) -> Iterator[None]:
+def live_line(telemetry: Telemetry, axes: Sequence[str]) -> Iterator[None]:
     """Show the run's line until the block ends; space or ``q`` ends the run with torque off.
 
     The terminal is left as it was found, however the block ends.
+
+    Args:
+        telemetry: Of the run.
+        axes: Names of the axes; the line shows the worst of several.
     """
     tail = lost = 0
 
@@ -76,9 +94,13 @@ def live_line(telemetry: Telemetry) -> Iterator[None]:
         rows, tail = telemetry.read(tail)
         if not len(rows):
             return ""
-        failed = int(np.count_nonzero(rows["outcome"] != Outcome.OK))
-        lost += failed
-        return line_of(rows[-1], lost, loses=failed > 0, columns=columns)
+        failed = np.count_nonzero(rows["outcome"] != Outcome.OK, axis=0)
+        lost += int(failed.sum())
+        last = rows[-1]
+        worst = worst_of(last, failed)
+        of = f"{axes[worst]}: " if axes[worst] else ""
+        loses = bool(failed[worst])
+        return of + line_of(last[worst], lost, loses=loses, columns=columns - len(of))
 
     with _keys() as keyboard, working("", text=text, every_s=EVERY_S):
         yield

@@ -33,6 +33,7 @@ _READ_BYTES_S, _WRITTEN_ROWS_S = 5e7, 1.2e5
 @click.command()
 @click.argument("log", type=click.Path(path_type=Path))
 @stretch_options
+@click.option("--axis", metavar="NAME", help="Of several axes only this one, as if alone.")
 @click.option("--csv", "csv_path", type=FileToWrite(), help="Write the rows as CSV to this path.")
 @plot_option("Draw the rows as PNG to this path.")
 @json_option
@@ -40,6 +41,7 @@ def command(
     log: Path,
     start_s: float | None,
     end_s: float | None,
+    axis: str | None,
     csv_path: Path | None,
     plot: Path | None,
 ) -> None:
@@ -52,6 +54,8 @@ def command(
         working("reading the log", log.stat().st_size / _READ_BYTES_S),
     ):
         read = LogReader.open(log, TimeSpan(*stretch_between(start_s, end_s)))
+        if axis is not None:
+            read = read.axis(axis)
         found = _found(read)
     if not found["rows"] and (start_s or end_s or csv_path or plot):
         raise UserError("holds no rows in that stretch", field="LOG", given=log)

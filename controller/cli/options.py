@@ -59,6 +59,13 @@ def set_option(command: Command) -> Command:
     )(command)
 
 
+def axis_option(command: Command) -> Command:
+    """Add ``--axis NAME``, passed to the command as ``axis``."""
+    return click.option(
+        "--axis", metavar="NAME", help="The axis, where CONFIG has several; others stay torque off."
+    )(command)
+
+
 def json_option(command: Command) -> Command:
     """Add ``--json``, which ``answer`` obeys."""
     return click.option(

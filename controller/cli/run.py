@@ -135,7 +135,7 @@ def command(
     if shown_live is not None:
         say(f"live: {shown_live.address}")
     if not wants_json() and is_shown(sys.stderr) and not memory:
-        shown: Shown = live_line
+        shown: Shown = partial(live_line, axes=plan.axes)
     else:
         shown = partial(_progress, (seconds or math.inf) * effective.loop.rate_hz)
     ended = run(plan, say, shown)

@@ -25,8 +25,8 @@ from pathlib import Path
 from typing import IO, Any, Final
 
 from haptic_wall.controller.errors import HapticWallError, UserError
-from haptic_wall.controller.live.ask import ask, shared_rows
-from haptic_wall.controller.live.run_socket import AliveRun, socket_of
+from haptic_wall.controller.live.ask import ask
+from haptic_wall.controller.live.run_socket import AliveRun, connected, socket_of
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 
@@ -56,8 +56,8 @@ class RunningWall:
     Args:
         log: Path of its log.
         arguments: Of its command, ``haptic-wall`` left out.
+        axes: Names of its axes; one empty name: it has one servo.
         said: File that its messages go to; None: standard error.
-        axes: Names of its axes.
 
     Attributes:
         log: See above.
@@ -68,12 +68,12 @@ class RunningWall:
         self,
         log: Path,
         arguments: Sequence[str],
-        said: IO[str] | None = None,
         axes: Sequence[str] = ("",),
+        said: IO[str] | None = None,
     ) -> None:
         self.log = log
         self._axes = axes
-        self._rows: Telemetry | None = None
+        self._telemetry: Telemetry | None = None
         self.age_s = math.inf
         self._answer = tempfile.TemporaryFile()  # noqa: SIM115 - closed in close()
         self._process = subprocess.Popen(
@@ -100,12 +100,13 @@ class RunningWall:
                 unchanged.
             UserError: The run has ended.
         """
-        return ask(self._run, _texts(changes), wait_s, lambda _text: None)
+        run = AliveRun(socket_of(self.log), self._process.pid)
+        return ask(run, _texts(changes), wait_s, lambda _text: None)
 
     def positions(self, most_age_s: float = 0.1) -> dict[str, float]:
-        """Return the newest position of each axis [rad], by its name; "" without ``axes``.
+        """Return the newest position of each axis by its name [rad]; one servo has an empty name.
 
-        It reads shared memory, and waits only until the servos have answered for the first time.
+        It reads shared memory, and waits only until each servo has answered for the first time.
 
         Args:
             most_age_s: Largest time since the sample was requested from the servo [s].
@@ -115,15 +116,19 @@ class RunningWall:
                 replies.
         """
         end_s = time.monotonic() + START_S
-        while self._rows is not None and self.running() and time.monotonic() < end_s:
-            rows, _ = self._rows.read(max(0, int(self._rows.words[Word.HEAD]) - 1), 1)
-            sampled = rows["sampled_ns"]
-            if sampled.size and sampled.all():  # each axis has one
-                run_ns = time.monotonic_ns() - self._rows.words[Word.OFFSET_NS]
-                self.age_s = 1e-9 * (run_ns - int(sampled.min()))
-                if self.age_s > most_age_s:
-                    break
-                return dict(zip(self._axes, rows["position"].ravel().tolist(), strict=True))
+        while self.running() and time.monotonic() < end_s:
+            with contextlib.suppress(OSError):  # it has not made its memory yet, or ends
+                if self._telemetry is None:
+                    self._telemetry = Telemetry.of(self._process.pid, len(self._axes))
+                words = self._telemetry.words
+                rows, _ = self._telemetry.read(max(0, words[Word.HEAD] - 1), 1)
+                sampled = rows["sampled_ns"]
+                if sampled.size and sampled.all():
+                    run_ns = time.monotonic_ns() - words[Word.OFFSET_NS]
+                    self.age_s = 1e-9 * (run_ns - int(sampled.min()))
+                    if self.age_s > most_age_s:
+                        break
+                    return dict(zip(self._axes, rows[0]["position"].tolist(), strict=True))
             time.sleep(_LOOK_S)
         raise RunError(
             f"no position is younger than {most_age_s:g} s: the run has ended or hangs, or a servo"
@@ -170,18 +175,12 @@ class RunningWall:
             ) from None
         return self.wait()
 
-    @property
-    def _run(self) -> AliveRun:
-        return AliveRun(socket_of(self.log), self._process.pid)
-
     def await_start(self) -> None:
         """Wait until the run takes changes, or has ended."""
         end_s = time.monotonic() + START_S
         while self.running() and time.monotonic() < end_s:
             with contextlib.suppress(OSError):
-                descriptor = shared_rows(self._run)
-                self._rows = Telemetry(descriptor, mapped=False)
-                os.close(descriptor)
+                connected(socket_of(self.log)).close()
                 return
             time.sleep(_LOOK_S)
 
@@ -196,7 +195,7 @@ class RunningWall:
             self._process.wait(END_S)
         self._process.kill()
         self._process.wait()
-        for stream in (self._process.stdin, self._answer):
+        for stream in (self._process.stdin, self._answer, self._telemetry):
             if stream is not None:
                 stream.close()
 
@@ -242,9 +241,8 @@ def run(
         RunError: The run could not start.
     """
     sets = _sets(changes)
-    loaded = load_config(os.fspath(config), sets).config
-    simulated = loaded.loop.clock == "simulated"
-    if duration_s is None and simulated:
+    effective = load_config(os.fspath(config), sets).config
+    if duration_s is None and effective.loop.clock == "simulated":
         raise UserError(
             "found none",
             field="duration_s",
@@ -260,7 +258,7 @@ def run(
         arguments = ["run", os.fspath(config), "--json", "--no-plot", "--log", os.fspath(log)]
         arguments += [f"--duration={math.inf if duration_s is None else float(duration_s)!r}"]
         arguments += [f"--set={change}" for change in sets]
-        wall = RunningWall(Path(log), arguments, axes=tuple(loaded.each))
+        wall = RunningWall(Path(log), arguments, tuple(effective.each))
         scope.callback(wall.close)
         wall.await_start()
         if not wall.running():

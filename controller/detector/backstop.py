@@ -8,6 +8,10 @@ uses no belief about the servo.
 
 A two-sided wall, and a one-sided one under a steady push, is watched by its half-cycles; bouncing
 off a one-sided wall by its contacts.
+
+Several axes have a backstop each. A motion of the arm shows in many of them, and the part of its
+energy in each spring depends on the pose. So all walls are probed and reduced together: the motion
+then becomes twice as slow whatever the pose, like that of one servo. One probe goes on at a time.
 """
 
 from __future__ import annotations
@@ -59,6 +63,20 @@ class Cause(IntEnum):
     """No hand moves a shaft so fast, so sharply, or so regularly."""
 
 
+class Shared:
+    """What the backstops of a run share.
+
+    Attributes:
+        axes: All of them.
+        asking: The one whose motion is probed, or has led to the reduction.
+    """
+
+    def __init__(self) -> None:
+        """Start without an axis."""
+        self.axes: list[Backstop] = []
+        self.asking: Backstop | None = None
+
+
 class Backstop:
     """Finds persisting motion, probes the wall, reduces it, and gives up if that fails.
 
@@ -76,9 +94,11 @@ class Backstop:
             torque: most likely a limit cycle of backlash.
     """
 
-    def __init__(self, settings: WatchSettings) -> None:
-        """Start to watch the whole wall."""
+    def __init__(self, settings: WatchSettings, shared: Shared | None = None) -> None:
+        """Start to watch the whole wall; ``shared``: with the other axes of the run."""
         self._settings = settings
+        self._shared = shared or Shared()
+        self._shared.axes.append(self)
         self._tuning = tuning = settings.tuning
         self.half_cycles = HalfCycles(settings.period, settings.position_step, tuning)
         self.swings = Regularity(self.half_cycles, settings, contacts=False)
@@ -90,7 +110,8 @@ class Backstop:
         self.derating = Derating()
         self.probe = Probe(tuning)
         self.phase, self._cause = Phase.WATCHING, Cause.STOPPED
-        self._time = self._begun = self._stiffness = self._elongation = 0.0
+        self._time = self._begun = self._elongation = 0.0
+        self._stiffness = self._damping = self._torque = 0.0
         self._stops = self._count = self._step = self._thrown = 0
         self._hand = self._stop = NEVER
         self.alarm = self.failed = self.backlash = False
@@ -111,7 +132,7 @@ class Backstop:
         """
         settings = self._settings
         self._time += span
-        self._stiffness = stiffness
+        self._stiffness, self._damping, self._torque = stiffness, damping, torque
         ended = self.half_cycles.update(away, torque, span)
         bounced, elongation = False, away
         if settings.side:
@@ -138,15 +159,15 @@ class Backstop:
             self._answer_time(elongation, last)
         if ended:
             self.news = True
-            self._ended(self.swings, damping)
+            self._ended(self.swings)
         if bounced:
             self.news = True
-            self._ended(self._bounces, damping)
+            self._ended(self._bounces)
         if self._contacts.gaining != self._thrown and self.phase is _WATCHING:
             self._thrown = self._contacts.gaining
             if self._thrown >= self._tuning.throws:
                 self.news = True
-                self._probe_what_throws(damping)
+                self._probe_what_throws()
         if self.derating.scale != 1.0:
             self._follow_load(away, torque, span, ended=ended)
 
@@ -161,15 +182,16 @@ class Backstop:
         if hold.torque and hold.left(elongation, soft=self.phase == Phase.REDUCED):
             hold.leave()
             if self.phase == Phase.PROBING:
-                self._answer(Verdict.HAND if hold.inside else Verdict.CHANGED)
-        motion = self._asked.motion
-        if self.phase == Phase.PROBING:
-            if self.probe.still(self._asked):
-                self._stopped()
-        elif self.phase == Phase.RETURNING:
+                self._answer(Verdict.HAND if hold.inside and self._asks else Verdict.CHANGED)
+        if self.phase == Phase.RETURNING:
             self._return(elongation, last)
-        elif self.phase == Phase.REDUCED and motion.elapsed > self._tuning.still * motion.interval:
-            self._died()
+        elif self._asks:
+            motion = self._asked.motion
+            if self.phase == Phase.PROBING:
+                if self.probe.still(self._asked):
+                    self._stopped()
+            elif motion.elapsed > self._tuning.still * motion.interval:
+                self._died()
 
     def _follow_load(self, away: float, torque: float, span: float, *, ended: bool) -> None:
         """Hold the load as it is now, except in a probe.
@@ -233,7 +255,7 @@ class Backstop:
 
     def raise_again(self) -> None:
         """Restore the gains as soon as the spring is at rest, and restart the watch."""
-        self.phase = Phase.RETURNING
+        self._let_return()
         self.alarm = self._small_cycle = False
         self.news = True
         self._hand = self._stop = NEVER
@@ -250,7 +272,7 @@ class Backstop:
         self.news = True
         self._hold.drop()
         if self.phase == Phase.PROBING:
-            self.phase = Phase.RETURNING
+            self._let_return()
 
     def change(self, settings: WatchSettings, moved_by: float) -> None:
         """Go on with the motion at another law; what was seen of it stays.
@@ -270,6 +292,16 @@ class Backstop:
             self._contacts = Contacts(settings.position_step, settings.tuning)
             self._bounces = Regularity(self._contacts, settings, contacts=True)
             self._thrown = 0
+
+    @property
+    def _asks(self) -> bool:
+        """Whether the walls are soft because of this axis."""
+        return self._shared.asking is self
+
+    def _let_return(self) -> None:
+        """Let each wall return as soon as its spring is at rest."""
+        for axis in self._shared.axes:
+            axis.phase = Phase.RETURNING
 
     def _return(self, elongation: float, last: float) -> None:
         """Restore the gains where that does not change the torque: the spring is at rest there.
@@ -295,25 +327,43 @@ class Backstop:
         held = self._hold.acts(elongation, self._stiffness, scale)
         return (1.0 - scale) * self._stiffness * elongation + held
 
-    def _ended(self, seen: Regularity, damping: float) -> None:
-        """Process the end of a half-cycle or contact; ``damping``: B [N·m·s/rad]."""
+    def _ended(self, seen: Regularity) -> None:
+        """Process the end of a half-cycle or contact."""
         seen.take(self._time)
-        if self.phase == Phase.WATCHING:
-            self._watch(seen, damping)
+        phase = self.phase
+        if phase == Phase.WATCHING:
+            self._watch(seen)
             return
-        if self.phase == Phase.REDUCED and not self.alarm and seen is not self._asked:
-            self._asked, self._cause = seen, Cause.STOPPED  # this motion goes on instead
+        if phase == Phase.REDUCED:
+            self._go_on_with(seen)
         if seen is not self._asked:
             return
-        if self.phase == Phase.PROBING:
-            self._answer(self.probe.ended(seen, self._time))
-        elif self.phase == Phase.REDUCED:
-            self._judge(seen)
-        elif seen.steady and seen.size >= self._settings.threshold:
-            self._take_up(seen)
-            self._alarm(Cause.BEYOND_HANDS)  # the wall still waits for its spring to be at rest
+        if phase == Phase.RETURNING:
+            if seen.steady and seen.size >= self._settings.threshold:
+                self._take_up(seen)
+                self._alarm(Cause.BEYOND_HANDS)  # the wall still waits for its spring to be at rest
+        elif self._asks:
+            if phase == Phase.PROBING:
+                self._answer(self.probe.ended(seen, self._time))
+            else:
+                self._judge(seen)
 
-    def _watch(self, seen: Regularity, damping: float) -> None:
+    def _go_on_with(self, seen: Regularity) -> None:
+        """Judge another motion with the reduced walls from now on, if the last one has died."""
+        asking = self._shared.asking
+        if asking is self:
+            if not self.alarm and seen is not self._asked:
+                self._asked, self._cause = seen, Cause.STOPPED
+        elif asking is None or asking.alarm or asking._count:
+            return
+        elif seen.size >= self._settings.threshold:
+            self._asked, self._cause = seen, Cause.STOPPED
+            self._begun, self._count, self._step = self._time, 0, asking._step
+            self.probe.before = sighting(seen.motion.last, self._time)
+            self._small_cycle = False
+            self._shared.asking = self
+
+    def _watch(self, seen: Regularity) -> None:
         """React to a motion that does not decay: alarm, probe, or wait."""
         settings, last = self._settings, seen.motion.last
         large = seen.size >= settings.threshold
@@ -323,7 +373,7 @@ class Backstop:
             regular = seen.repeats or saturated
         if regular and seen.motion.gain > self._tuning.least_gain:
             beyond = large and not seen.contacts and beyond_hands(last, self._tuning)
-            self._consider(seen, damping, beyond=beyond)
+            self._consider(seen, beyond=beyond)
         elif seen is self._asked:
             self.alarm = False
 
@@ -335,12 +385,11 @@ class Backstop:
         self._settled = is_limit_cycle(last, self._settings.torque_limit, self._tuning)
         self.probe.before = sighting(last, self._time)
 
-    def _consider(self, seen: Regularity, damping: float, *, beyond: bool) -> None:
+    def _consider(self, seen: Regularity, *, beyond: bool) -> None:
         """Decide how to react to a regular motion that does not decay.
 
         Args:
             seen: The motion.
-            damping: B [N·m·s/rad].
             beyond: No hand makes it.
         """
         settings, tuning = self._settings, self._tuning
@@ -362,11 +411,11 @@ class Backstop:
             return
         elif self._held_off() and self._made_by_hand():
             if seen.streak and seen.streak % tuning.regular_long == 0:
-                self._ask(damping)  # a hand seldom goes on so regularly
+                self._ask()  # a hand seldom goes on so regularly
         else:
-            self._ask(damping)
+            self._ask()
 
-    def _probe_what_throws(self, damping: float) -> None:
+    def _probe_what_throws(self) -> None:
         """Probe a wall that returns the shaft faster, contact by contact, regular or not."""
         seen, settings = self._bounces, self._settings
         last = self._contacts.last
@@ -377,7 +426,7 @@ class Backstop:
             return
         self._settled = False
         if not self._gives_way(0):
-            self._ask(damping)
+            self._ask()
 
     def _made_by_hand(self) -> bool:
         """Whether the last hand that a probe found made a motion like this."""
@@ -400,17 +449,36 @@ class Backstop:
             return load > tuning.loaded * limit
         return load > tuning.loaded_contacts * tuning.scale**steps * limit
 
-    def _ask(self, damping: float) -> None:
-        """Start a probe at a turning point, or after a contact; ``damping``: B [N·m·s/rad]."""
-        self.phase = Phase.PROBING
+    def _ask(self) -> None:
+        """Start a probe at a turning point, or after a contact."""
+        if not (self._stiffness or self._damping):
+            return  # without a torque there is nothing to soften
         self.probes += 1
-        self._hold.begin(self._stiffness)
+        self._shared.asking = self
         self.probe.begin()
+        for axis in self._shared.axes:
+            axis.phase = Phase.PROBING
+            axis._soften_for(self.probe.before.cycle)
+
+    def _soften_for(self, cycle: float) -> None:
+        """Soften this wall for the probe of a motion with a period [s]."""
+        hold, tuning, settings = self._hold, self._tuning, self._settings
+        rests = not self._begin_hold()
+        loaded = abs(self._torque) > tuning.loaded_contacts * settings.torque_limit
+        if rests and loaded and not hold.permitted:
+            return  # the load would push through: this wall holds none
         # Damping that acts late stiffens the wall by up to B w, and would hide the softer spring.
         # Whole, it slows down a shaft whose load is let go.
-        stiffens = damping * math.tau > self._stiffness * self.probe.before.cycle
-        scale = self._tuning.scale
-        self._scale(scale, 1.0 if self._hold.torque and not stiffens else scale)
+        stiffens = self._damping * math.tau > self._stiffness * cycle
+        scale = tuning.scale
+        self._scale(scale, 1.0 if hold.torque and not stiffens else scale)
+
+    def _begin_hold(self) -> bool:
+        """Begin to hold the load; return whether the shaft moves."""
+        moves = self._asks or self.half_cycles.settled <= self._tuning.hold_settled
+        rest = None if moves else (self._elongation, self._torque)
+        self._hold.begin(self._stiffness, rest)
+        return moves
 
     def _answer(self, verdict: Verdict) -> None:
         """React to the verdict of a probe."""
@@ -421,9 +489,9 @@ class Backstop:
         elif verdict == Verdict.HAND:
             self.hands += 1
             self._hand = self.probe.before._replace(at=self._time)
-            self.phase = Phase.RETURNING
+            self._let_return()
         elif verdict == Verdict.CHANGED:
-            self.phase = Phase.RETURNING
+            self._let_return()
 
     def _stopped(self) -> None:
         """Process a motion that has stopped in the probe.
@@ -442,7 +510,7 @@ class Backstop:
         self._stop = before._replace(at=self._time)
         if not large:
             self.backlash = self._settled  # it was as regular as a machine's
-        self.phase = Phase.RETURNING
+        self._let_return()
 
     def _alarm(self, cause: Cause) -> None:
         """Reduce the wall; keep the damping if the probe took longer: the spring is the cause."""
@@ -455,12 +523,14 @@ class Backstop:
         if not settings.acts:
             return
         self._cause = cause
-        if self.phase == Phase.WATCHING:
-            self._hold.begin(self._stiffness)
-        self.phase = Phase.REDUCED
+        self._shared.asking = self
         self._step, self._count = 1, 0
         scale = self._tuning.scale
-        self._scale(scale, scale if cause == Cause.STOPPED else 1.0)
+        for axis in self._shared.axes:
+            if axis.phase == Phase.WATCHING:
+                axis._begin_hold()
+            axis.phase = Phase.REDUCED
+            axis._scale(scale, scale if cause == Cause.STOPPED else 1.0)
 
     def _judge(self, seen: Regularity) -> None:
         """Continue to reduce a persisting motion."""
@@ -492,7 +562,8 @@ class Backstop:
                 self.failed = not seen.contacts or seen.motion.gain > tuning.reduced_gain
         elif not softest:
             self._hold.begin(self._stiffness)
-            self._scale(tuning.scale ** (self._step + 1), tuning.scale**self._step)
+            for axis in self._shared.axes:
+                axis._scale(tuning.scale ** (self._step + 1), tuning.scale**self._step)
             self._step += 1
             self._count = 0
 

@@ -52,7 +52,7 @@ class LoadHold:
         self.one_sided = settings.side != 0
         self.permitted = settings.elongation is None
 
-    def begin(self, stiffness: float) -> None:
+    def begin(self, stiffness: float, rest: tuple[float, float] | None = None) -> None:
         """Hold the load of the last cycle from now on; on a softer wall, what is held already.
 
         The whole spring carries the load in the middle of the motion: where the middle of the last
@@ -60,11 +60,17 @@ class LoadHold:
 
         Args:
             stiffness: K of the whole spring [N·m/rad].
+            rest: Place [rad] and torque of the wall [N·m] where the shaft rests; None: it moves.
         """
         motion, load = self._motion, self.torque
         last = list(motion.last)[-2:]
         turned = [place for one in last for place in (one.start, one.end)] or [0.0]
-        if self.whole:
+        if rest is not None:
+            self._since_rest = -1
+            self._low = self._high = rest[0]
+            turned.append(rest[0])
+            load = rest[1] if self.permitted else 0.0
+        elif self.whole:
             self._since_rest = known = len(motion.last)
             load = motion.mean_torque(known) if known >= 2 and self.permitted else 0.0
             side = math.copysign(1.0, load)

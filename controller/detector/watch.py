@@ -12,7 +12,7 @@ import math
 from math import isnan
 
 from haptic_wall.controller.detector.acting import ActingTorque
-from haptic_wall.controller.detector.backstop import Backstop
+from haptic_wall.controller.detector.backstop import Backstop, Shared
 from haptic_wall.controller.detector.settings import WatchSettings
 from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.laws.wall import Law
@@ -44,12 +44,13 @@ class Watch:
         sent: Stores the torque that the tick has sent [N·m].
     """
 
-    def __init__(self, settings: WatchSettings) -> None:
+    def __init__(self, settings: WatchSettings, shared: Shared | None = None) -> None:
+        """Start to watch an axis; ``shared``: with the watches of the run's other axes."""
         self._settings = settings
         self._period = settings.period
         self._acting = ActingTorque(0.0)
         self.sent = self._acting.send
-        self.backstop = Backstop(settings)
+        self.backstop = Backstop(settings, shared)
         self._mean = 0.0
         self._periods = self._ticks = 0
         self.acted = self.commanded = 0.0

@@ -99,7 +99,7 @@ def _port_of(config: Config, settings: ServoSettings) -> Iterator[str]:
         yield settings.port
         return
     cores = pick_cores(config.realtime.core)[1]
-    with emulated_bus(emulator_arguments(settings), cores) as (_, path):
+    with emulated_bus(emulator_arguments([settings]), cores) as (_, path):
         assert path is not None  # nobody stops it while it starts
         yield path
 

@@ -39,6 +39,8 @@ class DynamixelBus:
         seed: Decides the start of the servos' clocks, and the random choices of the faults.
         truth: True parameters of the servos, by name without ``servo.``, e.g.
             ``{"position": 1.0}``; see ``haptic-wall emulate --help``. SI units.
+        own: The same of single servos, by id.
+        arm: Links between the servos, e.g. ``{"shape": "planar", "length_1": 0.2}``.
     """
 
     def __init__(
@@ -51,6 +53,8 @@ class DynamixelBus:
         faults: Sequence[str] = (),
         seed: int = 0,
         truth: Mapping[str, float | str] | None = None,
+        own: Mapping[int, Mapping[str, float | str]] | None = None,
+        arm: Mapping[str, float | str] | None = None,
     ) -> None:
         for name, value in (("servos", servos), ("faults", faults)):
             if isinstance(value, str):
@@ -64,6 +68,8 @@ class DynamixelBus:
         self._plan: dict[str, Any] = {
             "servos": list(servos),
             "truth": dict(truth or {}),
+            "own": {str(id_): dict(values) for id_, values in (own or {}).items()},
+            "arm": dict(arm or {}),
             "baud": baud,
             "latency_timer": latency_timer,
             "faults": list(faults),

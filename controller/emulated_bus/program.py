@@ -34,7 +34,7 @@ from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.emulated.witness import Witness
 from haptic_wall.hw.errors import SpecError
 from haptic_wall.hw.hand import SharedHand
-from haptic_wall.hw.truth import ABOUT, TrueServo
+from haptic_wall.hw.truth import ABOUT, TrueArm, TrueServo
 
 PRIORITY: Final = 70
 """Of SCHED_FIFO where it is granted: below the controller's loop"""
@@ -60,6 +60,10 @@ class Plan:
     """``MODEL[:ID[:FIRMWARE]]`` each"""
     truth: Mapping[str, Any] = field(default_factory=dict)
     """True parameters of all servos, by name; others have the defaults of the model"""
+    own: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Those of single servos, by id; they come before the ones of all"""
+    arm: Mapping[str, Any] = field(default_factory=dict)
+    """Fields of ``TrueArm``; empty: the servos are not coupled"""
     baud: int = 4_000_000
     """[bit/s]"""
     latency_timer: int = 0
@@ -99,17 +103,20 @@ def run_bus(
         Why the record is incomplete; None: it is complete, or there is none.
 
     Raises:
-        SpecError: A servo, its truth or a fault is wrong; the field is the option of ``emulate``.
+        SpecError: A servo, its truth, the arm or a fault is wrong; the field is the option of
+            ``emulate``.
         ValueError: They do not fit together.
         OSError: Terminal, link or record cannot be made.
     """
     ids = [servo_of(each) for each in plan.servos]
+    if missing := set(plan.own) - {str(each[1]) for each in ids}:
+        raise SpecError(f"no servo has the id {min(missing)}", field="--set")
     start_ns = time.monotonic_ns()
     ticks = random.Random(plan.seed)
     servos = [
         EmulatedServo(
             *each,
-            truth_of(each[0], plan.truth),
+            truth_of(each[0], {**plan.truth, **plan.own.get(str(each[1]), {})}),
             start_ns=start_ns,
             baud=plan.baud,
             tick=ticks.randrange(TICK_MODULUS),
@@ -134,9 +141,11 @@ def run_bus(
                 witness=witness,
                 adapter=Adapter(timer_ns, plan.block, start_ns) if timer_ns else None,
                 faults=faults,
+                arm=TrueArm(**plan.arm),
             )
         except SpecError as error:
-            raise SpecError(replace(error.problem, field="--fault")) from error
+            field = error.problem.field or "--fault"
+            raise SpecError(replace(error.problem, field=field)) from error
         _say(terminal.path)
         console = Console(bus, sys.stdin.fileno(), _say, complain) if sys.stdin else None
         shared = None if plan.elastic is None else BusClock(shared_words(plan.elastic))

@@ -39,6 +39,8 @@ class Kind:
 
 
 SUM: Final = "sum"
+NONE: Final = "none"
+"""The law that reads the position and commands no torque"""
 LAWS: Final[dict[str, Kind]] = {
     "wall": Kind("a wall at a position", ("side",), one_sided.make, {}),
     "stops": Kind(
@@ -81,7 +83,8 @@ EXAMPLES: Final[dict[str, Mapping[str, Any]]] = {
 
 def names() -> list[str]:
     """Return the names that ``wall.law`` takes besides ``module:Class``."""
-    return [*LAWS, SUM, *(each for each in own.registered() if each not in LAWS and each != SUM)]
+    ours = [*LAWS, SUM, NONE]
+    return [*ours, *(each for each in own.registered() if each not in ours)]
 
 
 def shape_of(numbers: Numbers, grid: Grid) -> Shape:
@@ -107,8 +110,9 @@ def shape_of(numbers: Numbers, grid: Grid) -> Shape:
 def _sum(numbers: Numbers, grid: Grid) -> Sum:
     made = []
     for place, part in enumerate(numbers.parts):
-        if part.law == SUM:
-            raise LawError("parts", f"found a sum in part {place}", "its parts in this list")
+        if part.law in (SUM, NONE):
+            wanted = "its parts in this list" if part.law == SUM else "no such part"
+            raise LawError("parts", f"found a {part.law} in part {place}", wanted)
         try:
             made.append((part.law, shape_of(part, grid), part.share))
         except LawError as error:
@@ -123,7 +127,7 @@ def _sum(numbers: Numbers, grid: Grid) -> Sum:
 def rendered_law(numbers: Numbers, grid: Grid, position: float, clip: float = math.inf) -> Law:
     """Return the law to render, with stiffness and damping 0.
 
-    A wall, a spring and a damper are linear, and rendered by the quickest code.
+    A wall, a spring, a damper and none are linear, and rendered by the quickest code.
 
     Args:
         numbers: Name and numbers of the law.
@@ -142,8 +146,8 @@ def rendered_law(numbers: Numbers, grid: Grid, position: float, clip: float = ma
     return ShapedLaw(numbers.law, shape_of(numbers, grid), position, clip)
 
 
-LINEAR: Final = ("wall", "spring", "damper")
-"""Laws with one spring of one slope"""
+LINEAR: Final = ("wall", "spring", "damper", NONE)
+"""Laws with one spring of one slope, perhaps 0"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +176,7 @@ def facts_of(numbers: Numbers, grid: Grid) -> Facts:
     if name == "wall":
         return Facts(numbers.side, True, "", math.inf, None)
     if name in LINEAR:
-        return Facts("both", True, name, math.inf, 0.0 if name == "damper" else None)
+        return Facts("both", True, name, math.inf, None if name == "spring" else 0.0)
     shape = shape_of(numbers, grid)
     steepest = f"{name}, {shape.steepest}" if shape.steepest else name
     own_stiffness = shape.stiffness if isinstance(shape, Profile) else None

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-from haptic_wall.controller.errors import ConfigError, HapticWallError
+from haptic_wall.controller.errors import ConfigError, HapticWallError, UserError
 from haptic_wall.controller.guard.decision_report import decision_report
 from haptic_wall.controller.live.log_events import send_event
 from haptic_wall.controller.live.run_socket import NOT_MADE, OVER, Peer
@@ -38,6 +38,7 @@ class _Asked:
 
     peer: Peer
     sets: list[str]
+    axis: int
     new: Config
     until_s: float
     began_s: float
@@ -65,7 +66,7 @@ class ChangeDesk:
         offers: Offers,
         tell: Callable[[dict[str, Any]], None],
     ) -> None:
-        self._config = config
+        self._names, self._configs = list(config.each), list(config.each.values())
         self._telemetry = telemetry
         self._words = telemetry.words
         self._offers = offers
@@ -76,9 +77,9 @@ class ChangeDesk:
     @classmethod
     def of(cls, orders: Mapping[str, Any], tell: Callable[[dict[str, Any]], None]) -> ChangeDesk:
         """Return the desk of a run, by the orders of its process."""
-        telemetry = Telemetry(orders["telemetry"], mapped=False)
-        to_log = socket.socket(fileno=orders["to_log"])
         config = Config.model_validate_json(orders["config"], context=RUNS)
+        telemetry = Telemetry(orders["telemetry"], axes=len(config.each), mapped=False)
+        to_log = socket.socket(fileno=orders["to_log"])
 
         def told(change: dict[str, Any]) -> None:
             tell({"change": change, "logged": send_event(to_log, change)})
@@ -98,15 +99,36 @@ class ChangeDesk:
         """
         began_s = time.monotonic()
         try:
-            new = changed(self._config, sets)
-            asked = self._asked = _Asked(peer, sets, new, 0.0, began_s)
-            if not difference(self._config, new):
+            axis, own = self._addressed(sets)
+            new = changed(self._configs[axis], own)
+            asked = self._asked = _Asked(peer, sets, axis, new, 0.0, began_s)
+            if not difference(self._configs[axis], new):
                 self._asked = None
                 return {"applied": True, "changed": {}, "waited_s": 0.0}
         except ExplainedError as error:
             return self._refused(peer, sets, error)
         asked.until_s = began_s + max(wait_s, START_S)
         return self._sent(asked, wait_s)
+
+    def _addressed(self, sets: list[str]) -> tuple[int, list[str]]:
+        """Return the index of the axis that changes are for, and the changes as for it alone.
+
+        Raises:
+            UserError: There are several axes, and they are not for the wall of one.
+        """
+        for axis, name in enumerate(self._names):
+            prefix = self._prefix(axis)
+            if not name or (sets and all(each.startswith(f"{prefix}wall.") for each in sets)):
+                return axis, [each.removeprefix(prefix) for each in sets]
+        raise UserError(
+            "found no change of the wall of one axis",
+            field="set",
+            wanted=f"axes.NAME.wall...=VALUE, where NAME is one of {', '.join(self._names)}",
+        )
+
+    def _prefix(self, axis: int) -> str:
+        """Return the beginning of the paths of an axis."""
+        return f"axes.{self._names[axis]}." if self._names[axis] else ""
 
     def _sent(self, asked: _Asked, wait_s: float) -> dict[str, Any] | None:
         """Compute the change at hand and send it to the loop, once the servo is known.
@@ -118,7 +140,7 @@ class ChangeDesk:
             changes = self._known()
             if changes is None:
                 return None
-            change = changes.computed(asked.new)
+            change = changes.computed(asked.new, asked.axis)
             asked.number = change.number
             self._offers.send(change)
         except ExplainedError as error:
@@ -189,18 +211,22 @@ class ChangeDesk:
 
     def _known(self) -> Changes | None:
         if self._changes is None:
-            servo = self._offers.servo()
-            if servo is not None:
-                self._changes = Changes(self._config, servo)
+            servos = self._offers.servos()
+            if servos is not None:
+                self._changes = Changes(self._configs, servos)
         return self._changes
 
     def _made(self, asked: _Asked, settled: Settled) -> dict[str, Any]:
         changes = self._changes
         assert changes is not None and changes.decided is not None
-        new_values = dict(difference(self._config, asked.new))
-        self._config = changes.config = asked.new
+        new_values = {
+            f"{self._prefix(asked.axis)}{path}": value
+            for path, value in difference(self._configs[asked.axis], asked.new).items()
+        }
+        self._configs[asked.axis] = asked.new
         self._asked = None
-        told = decision_in_force(asked.new, changes.servo, changes.decided, settled.bin)
+        servo = changes.servos[asked.axis]
+        told = decision_in_force(asked.new, servo, changes.decided, settled.bin)
         guard = decision_report(told)
         made_ns = self._made_ns(settled.row)
         answer = {
@@ -218,7 +244,7 @@ class ChangeDesk:
     def _made_ns(self, row: int) -> int:
         """Return when the tick with a change was due [ns]."""
         rows, _ = self._telemetry.read(row, 1)
-        return int(rows[0]["deadline_ns"]) if len(rows) else self._now_ns()
+        return int(rows[0, 0]["deadline_ns"]) if len(rows) else self._now_ns()
 
     def _now_ns(self) -> int:
         """Return the time on the loop's clock [ns]."""

@@ -45,7 +45,7 @@ class Source(Protocol):
 
 
 class RunningSource:
-    """The rows of a running loop.
+    """The rows of a running loop's first axis.
 
     Args:
         telemetry: Its memory.
@@ -72,7 +72,8 @@ class RunningSource:
 
     def read(self, tail: int, most: int) -> tuple[NDArray[np.void], int]:
         """Return rows from ``tail`` on, and the next tail; see ``Telemetry.read``."""
-        return self._telemetry.read(tail, most)
+        rows, tail = self._telemetry.read(tail, most)
+        return rows[:, 0], tail
 
 
 class LoggedSource:

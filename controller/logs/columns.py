@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -33,11 +33,27 @@ COLUMNS: Final = {
     "sampled_s": "sampled_ns",
     "seq": "seq",
 }
-"""Column names, and the field of a row that each comes from"""
+"""Columns of one axis, and the field of a row that each comes from"""
+SHARED: Final = frozenset(("time_s", "missed_ticks", "lateness_us", "work_us", "bus_us", "seq"))
+"""Columns that have one value for all axes"""
 WHOLE: Final = frozenset(
     name for name, field in COLUMNS.items() if ROW[field].kind == "i" and not field.endswith("_ns")
 )
 """Columns of whole numbers"""
+
+
+def columns_of(axes: Sequence[str]) -> dict[str, tuple[str, int]]:
+    """Return the columns of a log: of each the name in ``COLUMNS``, and the index of its axis.
+
+    Args:
+        axes: Names of the axes, which become the columns' prefixes; one empty name: no prefix.
+    """
+    return {
+        name if name in SHARED or not axis else f"{axis}.{name}": (name, index)
+        for name in COLUMNS
+        for index, axis in enumerate(axes)
+        if index == 0 or name not in SHARED
+    }
 
 
 def values(rows: NDArray[np.void], column: str, origin_ns: int) -> NDArray[Any]:

@@ -77,6 +77,7 @@ _REPORT: Final = {
     "oscillation": dict | None,
     "warnings": list | None,
     "rows": int | None,
+    "axes": dict | None,
 }
 _NUMBER: Final = int | float | None
 _INSIDE: Final[Mapping[str, Mapping[str, Any]]] = {
@@ -101,8 +102,11 @@ def fault_of_report(report: object) -> str | None:
     fault = _fault(report, _REPORT, "its report")
     if fault is not None or not isinstance(report, dict):
         return fault
-    for name, kinds in _INSIDE.items():
-        fault = fault or _fault(report.get(name) or {}, kinds, f"its report's {name}")
+    for part in (report, *(report.get("axes") or {}).values()):
+        if not isinstance(part, dict):
+            return "an axis of its report is no object"
+        for name, kinds in _INSIDE.items():
+            fault = fault or _fault(part.get(name) or {}, kinds, f"its report's {name}")
     return fault
 
 

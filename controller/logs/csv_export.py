@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.logs.columns import COLUMNS, values
+from haptic_wall.controller.logs.columns import columns_of, values
 from haptic_wall.controller.logs.reader import LogReader
 
 
@@ -21,10 +21,12 @@ def write_csv(path: Path, log: LogReader) -> None:
     """
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(COLUMNS)
-        for rows in log.blocks():
-            columns = [_column(values(rows, column, log.origin_ns)) for column in COLUMNS]
-            writer.writerows(zip(*columns, strict=True))
+        columns = columns_of(log.axes)
+        writer.writerow(columns)
+        # Not strict: a running log grows meanwhile.
+        for rows in zip(*(log.axis(name).blocks() for name in log.axes), strict=False):
+            texts = [_column(values(rows[k], name, log.origin_ns)) for name, k in columns.values()]
+            writer.writerows(zip(*texts, strict=False))
 
 
 def _column(numbers: NDArray[Any]) -> list[str]:

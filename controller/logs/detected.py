@@ -18,6 +18,7 @@ from haptic_wall.controller.detector.detection import (
     detect,
 )
 from haptic_wall.controller.detector.state import State
+from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.csv_recording import recording_of_csv
 from haptic_wall.controller.logs.file import is_log
 from haptic_wall.controller.logs.reader import LogReader
@@ -52,19 +53,24 @@ class Detected:
 _VERDICT = ("state", "frequency_hz", "amplitude_rad", "first_alarm_s")
 
 
-def read_recording(path: Path) -> Recording:
+def read_recording(path: Path, axis: str | None = None) -> Recording:
     """Read a log, or a CSV with the columns ``time_s``, ``position_rad``, ``torque_nm``.
 
     Args:
         path: A file with a log's content is a log, whatever its name. Any other file is a CSV; its
             torque, the one commanded at that sample, may be missing.
+        axis: Name of the axis in a log of several; None: there is only one.
 
     Raises:
         UserError: The file holds no usable motion; the message says what was found.
         LogFormatError: The file is not a log of this program.
         OSError: It cannot be read, or is no regular file.
     """
-    return recording_of_log(path) if is_log(path) else recording_of_csv(path)
+    if is_log(path):
+        return recording_of_log(path, axis)
+    if axis is not None:
+        raise UserError(f"found {axis}", field="--axis", wanted="none: a CSV has no axes")
+    return recording_of_csv(path)
 
 
 def detect_all(

@@ -5,13 +5,14 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import re
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
 from haptic_wall.controller.errors import LogFormatError
-from haptic_wall.controller.logs.columns import COLUMNS, WHOLE
+from haptic_wall.controller.logs.columns import WHOLE, columns_of
 from haptic_wall.controller.system.files import opened
 
 SUFFIX: Final = ".hwlog"
@@ -19,15 +20,10 @@ APPLICATION: Final = 0x6877_6C67
 """``application_id`` of the file: the letters hwlg"""
 VERSION: Final = 1
 """``user_version`` of the file. A new column or a new meaning raises it."""
-_KINDS: Final = {name: " INTEGER" if name in WHOLE else " REAL" for name in COLUMNS}
-SCHEMA: Final = {
-    "rows": "CREATE TABLE rows ("
-    + ", ".join(name + kind for name, kind in (_KINDS | {"seq": " INTEGER PRIMARY KEY"}).items())
-    + ")",
-    "events": "CREATE TABLE events (time_s REAL, text TEXT)",
-    "meta": "CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT)",
-}
-"""The statement that makes each table"""
+ONE_AXIS: Final = ("",)
+"""Names of the axes of a log of one servo"""
+MOST_AXES: Final = 16
+_PREFIX: Final = re.compile(r'"([a-z][a-z0-9_]{0,23})\.position_rad"')
 MOST_BYTES: Final = 1 << 22
 """Largest text in a log: its configuration, an event, its report [bytes]"""
 BESIDE: Final = ("-wal", "-shm", "-journal")
@@ -44,6 +40,29 @@ _ERRORS: Final = {
     sqlite3.SQLITE_READONLY: errno.EROFS,
     sqlite3.SQLITE_CANTOPEN: errno.EACCES,
 }
+
+
+def schema(axes: Sequence[str]) -> dict[str, str]:
+    """Return the statement that makes each table of a log of these axes."""
+    kinds = {
+        quoted(column): "INTEGER" if name in WHOLE else "REAL"
+        for column, (name, _) in columns_of(axes).items()
+    } | {"seq": "INTEGER PRIMARY KEY"}
+    return {
+        "rows": f"CREATE TABLE rows ({', '.join(map(' '.join, kinds.items()))})",
+        "events": "CREATE TABLE events (time_s REAL, text TEXT)",
+        "meta": "CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT)",
+    }
+
+
+def axes_in(statement: str) -> tuple[str, ...]:
+    """Return the names of the axes in the statement that made ``rows``."""
+    return tuple(_PREFIX.findall(statement)[:MOST_AXES]) or ONE_AXIS
+
+
+def quoted(column: str) -> str:
+    """Return a column's name as SQL wants it."""
+    return f'"{column}"' if "." in column else column
 
 
 def is_log(path: Path) -> bool:

@@ -13,22 +13,26 @@ import sqlite3
 import time
 from array import array
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.errors import LogFormatError
-from haptic_wall.controller.logs.columns import COLUMNS, WHOLE, rows_of
+from haptic_wall.controller.errors import LogFormatError, UserError
+from haptic_wall.controller.logs.columns import COLUMNS, SHARED, WHOLE, columns_of, rows_of
 from haptic_wall.controller.logs.content import fault_of_change, fault_of_report, fault_of_rows
 from haptic_wall.controller.logs.file import (
+    MOST_AXES,
     MOST_BYTES,
-    SCHEMA,
+    ONE_AXIS,
     as_os_error,
+    axes_in,
     connected,
+    quoted,
     refuse_other,
+    schema,
 )
 from haptic_wall.controller.runtime.telemetry import ROW
 from haptic_wall.controller.system import json_text
@@ -56,7 +60,7 @@ ALL: Final = TimeSpan()
 
 @dataclass(frozen=True, slots=True)
 class LogReader:
-    """A log, or a stretch of it; its rows can be read any number of times."""
+    """A log, or a stretch of it; its rows, of one axis, can be read any number of times."""
 
     path: Path
     metadata: Mapping[str, Any]
@@ -66,6 +70,10 @@ class LogReader:
     end: Mapping[str, Any] | None
     """The run's report; None: the run goes on, or was killed"""
     stretch: TimeSpan = ALL
+    axes: tuple[str, ...] = ONE_AXIS
+    """Names of the axes; one empty name: the log of one servo"""
+    columns: tuple[str, ...] = tuple(COLUMNS)
+    """Columns that are read: those of the first axis until ``axis`` chooses one"""
 
     @classmethod
     def open(cls, path: Path, stretch: TimeSpan = ALL) -> LogReader:
@@ -75,7 +83,7 @@ class LogReader:
             LogFormatError: The file is not a log of this program.
             OSError: It cannot be read, or is no regular file.
         """
-        with _opened(path) as db:
+        with _opened(path) as (db, axes):
             db.set_progress_handler(_clock(), _STEPS)
             metadata = {}
             for key, value in _texts(path, db, "SELECT key, value FROM meta"):
@@ -92,7 +100,50 @@ class LogReader:
         if why is not None:
             raise refusal(path, why)
         changes = tuple(_UNKNOWN | change for change in told)
-        return cls(path, metadata, changes, end, stretch)
+        return cls(path, metadata, changes, end, stretch, axes, _of_axis(axes, 0))
+
+    def axis(self, name: str | None) -> LogReader:
+        """Return the log of one axis, as if it had run alone.
+
+        Args:
+            name: Its name; None: that of the only one.
+
+        Raises:
+            UserError: There is no such axis, or there are several.
+        """
+        if name is None and len(self.axes) == 1:
+            name = self.axes[0]
+        if name not in self.axes:
+            names = ", ".join(filter(None, self.axes))
+            raise UserError(
+                "found none" if name is None else f"found {name}",
+                field="--axis",
+                wanted=f"one of {names}" if names else "none: the log is of one servo",
+            )
+        if self.axes == ONE_AXIS:
+            return self
+        prefix, config, end = f"axes.{name}.", self.metadata.get("config"), self.end
+        if isinstance(config, dict) and isinstance(config.get("axes"), dict):
+            config = config_of(config, name)
+        if end is not None and name in (parts := end.get("axes") or {}):
+            part = parts[name]
+            if isinstance(end.get("bus"), dict) and isinstance(part.get("bus"), dict):
+                part = part | {"bus": end["bus"] | part["bus"]}
+            end = {key: value for key, value in end.items() if key != "axes"} | part
+        changes = []
+        for change in self.changes:
+            new = change["changed"] or {}
+            mine = {p.removeprefix(prefix): v for p, v in new.items() if p.startswith(prefix)}
+            if mine or not new:
+                changes.append({**change, "changed": mine or change["changed"]})
+        return replace(
+            self,
+            metadata={**self.metadata, "config": config},
+            changes=tuple(changes),
+            end=end,
+            axes=ONE_AXIS,
+            columns=_of_axis(self.axes, self.axes.index(name)),
+        )
 
     @property
     def origin_ns(self) -> int:
@@ -108,9 +159,10 @@ class LogReader:
         """
         where, values = self._where()
         last = None
-        with _opened(self.path) as db:
+        some = map(quoted, self.columns)
+        with _opened(self.path) as (db, _):
             found = db.execute(
-                f"SELECT {', '.join(COLUMNS)} FROM rows NOT INDEXED {where} ORDER BY seq", values
+                f"SELECT {', '.join(some)} FROM rows NOT INDEXED {where} ORDER BY seq", values
             )
             while chunk := found.fetchmany(_ROWS):
                 rows = _typed(self.path, chunk, self.origin_ns)
@@ -134,7 +186,7 @@ class LogReader:
             LogFormatError: As ``blocks``.
             OSError: As ``blocks``.
         """
-        with _opened(self.path) as db:
+        with _opened(self.path) as (db, _):
             where, values = self._where()
             found = db.execute(f"SELECT count(*) FROM rows NOT INDEXED {where}", values)
             return int(found.fetchone()[0])
@@ -152,9 +204,29 @@ class LogReader:
 _UNKNOWN: Final = dict.fromkeys(("at_s", "row", "changed", "why"))
 
 
+def _of_axis(axes: tuple[str, ...], index: int) -> tuple[str, ...]:
+    """Return the columns of one axis, in the order of ``COLUMNS``."""
+    return tuple(
+        column
+        for column, (name, place) in columns_of(axes).items()
+        if place == index or name in SHARED
+    )
+
+
+def config_of(config: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Return the configuration of one axis of several, as if it were alone."""
+    own = config["axes"].get(name)
+    shared = {section: value for section, value in config.items() if section not in _OF_ALL}
+    return shared | (own if isinstance(own, dict) else {})
+
+
+_OF_ALL: Final = ("axes", "arm")
+"""Sections of a configuration that no axis has alone"""
+
+
 @contextlib.contextmanager
-def _opened(path: Path) -> Iterator[sqlite3.Connection]:
-    """Open a log for reading, with nothing of SQLite that a log does not need.
+def _opened(path: Path) -> Iterator[tuple[sqlite3.Connection, tuple[str, ...]]]:
+    """Open a log for reading, with nothing of SQLite that a log does not need; name its axes.
 
     Raises:
         LogFormatError: It is not a log, or damaged.
@@ -162,34 +234,37 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
     """
     refuse_other(path)
     try:
-        db = _looked_at(path, "mode=ro")
+        db, axes = _looked_at(path, "mode=ro")
     except OSError as error:
         if error.errno not in (errno.EACCES, errno.EROFS):
             raise
-        db = _looked_at(path, "mode=ro&immutable=1")  # in a folder that cannot be written
+        db, axes = _looked_at(path, "mode=ro&immutable=1")  # in a folder that cannot be written
     with contextlib.closing(db):
         try:
-            yield db
+            yield db, axes
         except sqlite3.Error as error:
             raise refusal(path, str(error)) from None
 
 
-def _looked_at(path: Path, mode: str) -> sqlite3.Connection:
-    """Return a connection to a file with the tables of a log."""
+def _looked_at(path: Path, mode: str) -> tuple[sqlite3.Connection, tuple[str, ...]]:
+    """Return a connection to a file with the tables of a log, and the names of its axes."""
     db = connected(path, mode)
     try:
         db.text_factory = bytes
         db.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_BYTES)
-        db.setlimit(sqlite3.SQLITE_LIMIT_COLUMN, 2 * len(COLUMNS))
+        db.setlimit(sqlite3.SQLITE_LIMIT_COLUMN, (1 + MOST_AXES) * len(COLUMNS))
         db.set_progress_handler(_clock(), _STEPS)
         for pragma in ("trusted_schema=OFF", "query_only=ON", "cell_size_check=ON"):
             db.execute(f"PRAGMA {pragma}")
         tables = {}
-        for name, statement in SCHEMA.items():
+        for name in schema(ONE_AXIS):
             found = db.execute(
                 "SELECT sql FROM sqlite_master WHERE type = 'table' AND name = ? LIMIT 2", (name,)
             )
-            tables[name] = found.fetchall() == [(statement.encode(),)]
+            tables[name] = [str(sql or b"", "utf-8", "replace") for (sql,) in found]
+        axes = axes_in("".join(tables["rows"]))
+        wanted = schema(axes)
+        wrong = [name for name, found in tables.items() if found != [wanted[name]]]
         db.set_progress_handler(None, 0)
     except sqlite3.OperationalError as error:
         db.close()
@@ -200,10 +275,10 @@ def _looked_at(path: Path, mode: str) -> sqlite3.Connection:
     except sqlite3.Error as error:
         db.close()
         raise refusal(path, str(error)) from None
-    if wrong := [name for name, is_ours in tables.items() if not is_ours]:
+    if wrong:
         db.close()
         raise refusal(path, f"its table {wrong[0]} is not one that this program makes")
-    return db
+    return db, axes
 
 
 _CLOSED: Final = (

@@ -74,15 +74,19 @@ class Part:
         return Part(self.times[some], self.positions[some], torques)
 
 
-def recording_of_log(path: Path) -> Recording:
+def recording_of_log(path: Path, axis: str | None = None) -> Recording:
     """Return the motion of a log while the wall was on, with the servo that its run believed in.
 
+    Args:
+        path: The log.
+        axis: Name of the axis; None: there is only one.
+
     Raises:
-        UserError: The wall was on for too short a time, or for too long.
+        UserError: The wall was on for too short a time, or for too long; or there is no such axis.
         LogFormatError: The file is not a log of this program.
         OSError: It cannot be read, or is no regular file.
     """
-    log = LogReader.open(path)
+    log = LogReader.open(path).axis(axis)
     held: list[tuple[NDArray[np.void], ...]] = []
     count = 0
     for block in log.blocks():

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.logs.columns import COLUMNS, values
+from haptic_wall.controller.logs.columns import COLUMNS, columns_of, values
 from haptic_wall.controller.logs.reader import LogReader, TimeSpan
 from haptic_wall.controller.runtime.telemetry import ROW
 
-_KINDS = [
-    (name, "<f8" if name.endswith(("_s", "_us")) else ROW[field]) for name, field in COLUMNS.items()
-]
+
+def _kind(name: str) -> Any:  # noqa: ANN401 - what NumPy takes for a type
+    return "<f8" if name.endswith(("_s", "_us")) else ROW[COLUMNS[name]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,14 +53,16 @@ def read_log(
     """
     try:
         log = LogReader.open(Path(path), TimeSpan(start_s, end_s))
-        raw = log.rows()
+        raw = [log.axis(name).rows() for name in log.axes]
     except OSError as error:
         raise UserError(
             f"cannot be read: {error.strerror or error}",
             given=os.fspath(path),
             advice="wanted the log of a run, a .hwlog file",
         ) from None
-    rows = np.empty(len(raw), np.dtype(_KINDS))
-    for column in COLUMNS:
-        rows[column] = values(raw, column, log.origin_ns)
+    columns = columns_of(log.axes)
+    kinds = [(column, _kind(name)) for column, (name, _) in columns.items()]
+    rows = np.empty(min(map(len, raw)), np.dtype(kinds))  # a running log grows meanwhile
+    for column, (name, axis) in columns.items():
+        rows[column] = values(raw[axis][: len(rows)], name, log.origin_ns)
     return Log(rows=rows, metadata=log.metadata, end=log.end, changes=log.changes)

@@ -18,20 +18,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.logs.columns import COLUMNS, values
+from haptic_wall.controller.logs.columns import columns_of, values
 from haptic_wall.controller.logs.file import (
     APPLICATION,
     BESIDE,
-    SCHEMA,
+    ONE_AXIS,
     VERSION,
     as_os_error,
     connected,
     foreign_beside,
     refuse_other,
+    schema,
 )
 from haptic_wall.controller.system.files import would_be_lost
-
-_INSERT = f"INSERT INTO rows VALUES ({', '.join('?' * len(COLUMNS))})"
 
 
 class LogWriter:
@@ -43,6 +42,7 @@ class LogWriter:
     Args:
         path: The file to write.
         metadata: Values by their keys in the table ``meta``, as JSON can hold them.
+        axes: Names of the axes.
         force: Replace a file; else one that exists is refused.
         resume: Continue the log of a dead writer; ``metadata`` and ``force`` do not matter.
         begun: Called with the value of ``identity`` as soon as the file is there, before it is a
@@ -57,12 +57,14 @@ class LogWriter:
         self,
         path: Path,
         metadata: Mapping[str, Any],
+        axes: Sequence[str] = ONE_AXIS,
         *,
         force: bool = False,
         resume: bool = False,
         begun: Callable[[int], None] = lambda _identity: None,
     ) -> None:
         self._path = Path(os.path.realpath(path))
+        self._columns = columns_of(axes).values()
         self._origin_ns: int | None = None
         self._closed = False
         if resume:
@@ -82,14 +84,14 @@ class LogWriter:
                 with self._whole():
                     self._db.execute(f"PRAGMA application_id={APPLICATION}")
                     self._db.execute(f"PRAGMA user_version={VERSION}")
-                    for statement in SCHEMA.values():
+                    for statement in schema(axes).values():
                         self._db.execute(statement)
                     self._set(metadata)
             self._db.execute("PRAGMA journal_mode=WAL")
             undo.pop_all()
 
     def append(self, rows: NDArray[np.void]) -> None:
-        """Write rows, shape (n,), dtype ``telemetry.ROW``.
+        """Write rows, shape (ticks, axes), or (ticks,) of one axis, dtype ``telemetry.ROW``.
 
         Raises:
             OSError: They could not be written (a full disk); the log is as before, and ``append``
@@ -97,13 +99,16 @@ class LogWriter:
         """
         if not len(rows):
             return
-        origin_ns = self._origin_ns
+        rows, origin_ns = rows.reshape(len(rows), -1), self._origin_ns
         with as_os_error(self._path), self._whole():
             if origin_ns is None:
-                origin_ns = int(rows["deadline_ns"][0])
+                origin_ns = int(rows[0, 0]["deadline_ns"])
                 self._set({"origin_ns": origin_ns})
-            columns = (values(rows, name, origin_ns).tolist() for name in COLUMNS)
-            self._db.executemany(_INSERT, zip(*columns, strict=True))
+            columns = [
+                values(rows[:, axis], name, origin_ns).tolist() for name, axis in self._columns
+            ]
+            into = f"INSERT INTO rows VALUES ({', '.join('?' * len(columns))})"
+            self._db.executemany(into, zip(*columns, strict=True))
         self._origin_ns = origin_ns
 
     def seqs_from(self, seq: int) -> NDArray[np.int64]:

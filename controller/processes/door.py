@@ -65,7 +65,8 @@ class Door:
                 self._news, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
                 inherited["news"] = handed.enter_context(theirs).fileno()
                 if plan.config.servo.kind != "hardware" and live.token:
-                    self.hand = SharedHand.create()
+                    (held, *_) = plan.config.servos()  # the first
+                    self.hand = SharedHand.create(held.sign, held.offset)
                     inherited["hand"] = self.hand.descriptor
             shown = {
                 "name": plan.metadata["name"],

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -21,27 +21,30 @@ from haptic_wall.hw.settings import ServoSettings
 
 
 def emulator_arguments(
-    settings: ServoSettings,
+    servos: Sequence[ServoSettings],
     witness: Path | None = None,
     *,
+    arm: Mapping[str, Any] | None = None,
     hand: int | None = None,
     elastic: int | None = None,
 ) -> list[str]:
-    """Return the arguments after ``python -m`` that start an emulated bus with one servo.
+    """Return the arguments after ``python -m`` that start an emulated bus.
 
     Args:
-        settings: Settings of the servo; its truth must be known.
+        servos: Settings of the servos; their truth must be known.
         witness: Where the bus keeps a record; None: nowhere.
+        arm: The links between them; None: there are none.
         hand: Descriptor of the memory of a person's hand on the shaft, inherited; None: none.
         elastic: Descriptor of the memory of the time that it shares with the loop; None: none.
     """
-    assert settings.true is not None
+    first = servos[0]
     plan: dict[str, Any] = {
-        "servos": [f"{settings.model}:{settings.id}"],
-        "truth": asdict(settings.true),
-        "baud": settings.baud,
-        "faults": list(settings.faults),
-        "seed": settings.fault_seed,
+        "servos": [f"{one.model}:{one.id}" for one in servos],
+        "own": {str(one.id): asdict(one.true) for one in servos if one.true is not None},
+        "arm": arm or {},
+        "baud": first.baud,
+        "faults": list(first.faults),
+        "seed": first.fault_seed,
         "record": None if witness is None else str(witness),
         "starter": os.getpid(),
         "hand": hand,

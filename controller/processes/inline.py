@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 from haptic_wall.controller.processes.plan import Ended, Plan, Tell
@@ -19,7 +20,7 @@ def run_inline(plan: Plan, telemetry: Telemetry, tell: Tell = lambda _text: None
     Raises:
         ServoError: The servo could not be started.
     """
-    statistics = RunStatistics()
+    statistics = RunStatistics(telemetry.axes)
     recorder: Recorder | None = None
     warnings: list[str] = []
     lost = False
@@ -32,7 +33,8 @@ def run_inline(plan: Plan, telemetry: Telemetry, tell: Tell = lambda _text: None
         if counted and not warnings:
             try:
                 if recorder is None:
-                    log = begun_log(telemetry, plan.log, plan.metadata, force=plan.force)
+                    begin = partial(begun_log, telemetry, plan.log, plan.metadata)
+                    log = begin(plan.axes, force=plan.force)
                     recorder = Recorder(telemetry, log)
                 recorder.drain()
             except OSError as error:

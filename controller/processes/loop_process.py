@@ -43,6 +43,8 @@ class Orders:
     """The effective configuration as JSON"""
     telemetry: int
     """Descriptor of the shared memory"""
+    axes: int
+    """Number of axes"""
     port: int | None
     """Descriptor of the open serial port"""
     parent: int
@@ -62,7 +64,7 @@ class Orders:
 def main() -> None:
     """Run one session as ordered; at its end the torque is off, or the control words deny it."""
     orders = Orders(**read_orders())
-    telemetry = Telemetry(orders.telemetry)
+    telemetry = Telemetry(orders.telemetry, axes=orders.axes)
 
     def stop(_signal: int, _frame: object) -> None:
         telemetry.words[Word.STOP] = 1

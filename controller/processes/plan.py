@@ -93,6 +93,11 @@ class Plan:
     """Whether log and record may replace existing files"""
 
     @property
+    def axes(self) -> tuple[str, ...]:
+        """Return the names of the axes; one empty name: there is one servo."""
+        return tuple(self.config.each)
+
+    @property
     def elastic(self) -> bool:
         """Whether loop and emulated bus wait for each other."""
         config = self.config

@@ -10,7 +10,7 @@ import contextlib
 import signal
 import socket
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,18 +33,23 @@ SYNC_S = 0.75
 """Time that blocks gather between two syncs to the disk [s]; a power cut loses no more than both
 times, and what the disk itself takes."""
 BLOCK = 500
-"""Largest number of rows in a block. A backlog from a full disk is written in parts that fit; a
-copy of these 80 kB reuses the process's memory, that of a larger block would be fetched page by
-page."""
+"""Largest number of rows of all axes in a block. A backlog from a full disk is written in parts
+that fit; a copy of these 80 kB reuses the process's memory, that of a larger block would be fetched
+page by page."""
 
 
 def rows_lacking(words: memoryview[int]) -> int:
-    """Return how many of the rows so far are not in the log."""
+    """Return how many of the ticks so far are not in the log."""
     return words[Word.HEAD] - words[Word.TAIL] + words[Word.LACKING]
 
 
 def begun_log(
-    telemetry: Telemetry, path: Path, metadata: Mapping[str, Any], *, force: bool
+    telemetry: Telemetry,
+    path: Path,
+    metadata: Mapping[str, Any],
+    axes: Sequence[str],
+    *,
+    force: bool,
 ) -> LogWriter:
     """Begin a log, and note in the control words which file it is.
 
@@ -55,7 +60,7 @@ def begun_log(
     def note(number: int) -> None:
         telemetry.words[Word.LOG_FILE] = number
 
-    return LogWriter(path, metadata, force=force, begun=note)
+    return LogWriter(path, metadata, axes, force=force, begun=note)
 
 
 class Recorder:
@@ -80,6 +85,7 @@ class Recorder:
         self._events = events
         self._log = log
         self._tail = 0
+        self._most = max(1, BLOCK // telemetry.axes)
         if resumes:
             self._tail = telemetry.words[Word.TAIL]
             # The writer of the last block may have died before it updated the control words.
@@ -97,13 +103,13 @@ class Recorder:
             take_events(self._events, self._log.event)
         begin, end = self._tail, self._telemetry.words[Word.HEAD]
         while self._tail < end:
-            block, _ = self._telemetry.read(self._tail, BLOCK)
+            block, _ = self._telemetry.read(self._tail, self._most)
             self._log.append(block)
-            self._count(block["seq"])
+            self._count(block[:, 0]["seq"])
         return self._tail > begin
 
     def _count(self, seqs: NDArray[np.int64]) -> None:
-        """Record that rows are in the log, and how many earlier ones are lost."""
+        """Record that ticks are in the log, and how many earlier ones are lost."""
         if seqs.size == 0:
             return
         words = self._telemetry.words
@@ -176,10 +182,10 @@ class _Attempts:
         ours = orders["resume"] and begun != 0 and identity(path) == begun
         with contextlib.suppress(LogFormatError):  # the dead one had not finished its first lines
             if ours:
-                log = LogWriter(path, {}, resume=True)
+                log = LogWriter(path, {}, orders["axes"], resume=True)
                 return Recorder(self._telemetry, log, self._events, resumes=True)
         force = ours or orders.get("force", False)
-        log = begun_log(self._telemetry, path, orders["metadata"], force=force)
+        log = begun_log(self._telemetry, path, orders["metadata"], orders["axes"], force=force)
         return Recorder(self._telemetry, log, self._events)
 
     def _keep(self, keep: Callable[[], None]) -> None:
@@ -202,7 +208,7 @@ def main() -> None:
     """Record until the supervisor reports that no more rows will come."""
     orders = read_orders()
     orphaned = ended_by(signal.SIGUSR1)
-    telemetry = Telemetry(orders["telemetry"])
+    telemetry = Telemetry(orders["telemetry"], axes=len(orders["axes"]))
     stand_back()
     die_with_parent(orders["parent"], signal.SIGUSR1)
     attempts = _Attempts(telemetry, orders)

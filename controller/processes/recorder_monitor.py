@@ -42,6 +42,7 @@ def recorder_starter(
         "telemetry": telemetry,
         "parent": os.getpid(),
         "log": str(plan.log),
+        "axes": plan.axes,
         "period_ns": plan.config.period_ns,
         "metadata": plan.metadata,
         "force": plan.force,

@@ -35,6 +35,7 @@ class RowCount:
     def __init__(self, telemetry: Telemetry, plan: Plan, tell: Tell) -> None:
         self._telemetry = telemetry
         self._tell = tell
+        self._axes = plan.axes
         self._reduces = plan.config.safety.on_oscillation == "reduce"
         self._silent = bool(plan.program)  # an experiment judges oscillations itself
         self._looked_at = 0
@@ -42,7 +43,7 @@ class RowCount:
         self._oscillates = False
         self._held = plan.hold is not None
         self._told = ""
-        self.statistics = RunStatistics()
+        self.statistics = RunStatistics(telemetry.axes)
 
     def look(self) -> None:
         """Report changes of the oscillation's state; count if a batch is complete."""
@@ -50,7 +51,7 @@ class RowCount:
         if rows.size and not self._silent:
             self._tell_of_oscillation(rows)
         if rows.size and self._held:
-            self._tell_of_hold(rows[-1])
+            self._tell_of_hold(max(rows[-1], key=lambda row: row["flags"] & FLAG_OFF))
         if self._looked_at - self._counted >= BATCH:
             self._count()
 
@@ -64,7 +65,8 @@ class RowCount:
         self.statistics.add(rows)
 
     def _tell_of_oscillation(self, rows: NDArray[np.void]) -> None:
-        oscillates = bool(np.any(rows["oscillation"] >= State.SUSTAINED))
+        seen = rows["oscillation"].max(axis=0) >= State.SUSTAINED
+        oscillates = bool(np.any(seen))
         if oscillates and not self._oscillates:
             softer = (
                 f"; stiffness and damping are reduced until it decays, `kill -USR1 {os.getpid()}`"
@@ -72,10 +74,14 @@ class RowCount:
                 if self._reduces
                 else ""
             )
-            self._tell(f"the wall oscillates by itself{softer}")
+            names = ", ".join(
+                name for name, sees in zip(self._axes, seen.tolist(), strict=True) if sees
+            )
+            of = f" of {names}" if names else ""
+            self._tell(f"the wall{of} oscillates by itself{softer}")
         elif self._oscillates and not oscillates:
-            stiffness = float(rows["stiffness"][-1])
-            self._tell(f"the oscillation is over; the stiffness is {stiffness:.4g} N·m/rad")
+            stiffness = ", ".join(f"{each:.4g}" for each in rows["stiffness"][-1])
+            self._tell(f"the oscillation is over; the stiffness is {stiffness} N·m/rad")
         self._oscillates = oscillates
 
     def _tell_of_hold(self, row: np.void) -> None:

@@ -77,7 +77,7 @@ def run(plan: Plan, tell: Tell, shown: Shown | None = None) -> Ended:
         PlatformError: This machine has no memory for its rows.
     """
     try:
-        memory = Telemetry.create()
+        memory = Telemetry.create(len(plan.axes))
     except OSError as error:
         raise PlatformError(
             f"there is no memory for the rows ({error.strerror})",

@@ -29,6 +29,11 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
     result = ended.result or {}
     statistics = ended.statistics
     elapsed = result.get("elapsed_s") or ended.ticks / config.loop.rate_hz
+    axes = {
+        name: {key: part.get(key) for key in ("guard", "oscillation", "delay_s", "bus")}
+        | {"wall_came_on": part["wall_came_on"], "torque": statistics.torque(index)}
+        for index, (name, part) in enumerate(result.get("axes", {}).items())
+    }
     return {
         "ticks": ended.ticks,
         "duration_s": elapsed,
@@ -44,12 +49,14 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
         "delay_s": result.get("delay"),
         "guard": result.get("guard"),
         "oscillation": result.get("oscillation"),
-        "torque": {"max": statistics.max_torque, "saturated_ticks": statistics.saturated},
+        "torque": statistics.torque(),
+        **({"axes": axes} if axes else {}),
         "stop_reason": ended.stop_reason,
+        "stop_axis": result.get("stop_axis"),
         "explanation": explanation(ended, config.servo),
         "wall_came_on": bool(result.get("wall_came_on")),
         "waited_for": result.get("waited_for") or None,
-        "no_stiffness": no_stiffness(result.get("guard")),
+        "no_stiffness": no_stiffness(result),
         "torque_off": ended.torque_off,
         "servo_checks": result.get("checks", []),
         "realtime": ended.realtime,
@@ -62,19 +69,23 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
     }
 
 
-def no_stiffness(guard: dict[str, Any] | None) -> str | None:
-    """Describe a wall that was requested and was commanded no stiffness; None: it had one.
+def no_stiffness(result: dict[str, Any]) -> str | None:
+    """Describe the walls that were requested and were commanded no stiffness; None: there are none.
 
     Args:
-        guard: The guard's part of a report.
+        result: The loop's result.
     """
-    if guard is None:
-        return None
-    asked, given = guard["requested"]["stiffness"], guard["commanded"]["stiffness"]
-    if given >= min(asked, NO_STIFFNESS):
-        return None
-    text = f"the guard commands {given:.2g} of {asked:.4g} N·m/rad"
-    return f"{text}, limited by {guard['binding']}" if guard["binding"] else text
+    texts = []
+    for name, part in (result.get("axes") or {"": result}).items():
+        guard = part.get("guard")
+        if guard is None:
+            continue
+        asked, given = guard["requested"]["stiffness"], guard["commanded"]["stiffness"]
+        if given < min(asked, NO_STIFFNESS):
+            limit = f", limited by {guard['binding']}" if guard["binding"] else ""
+            of = f"{name}: " if name else ""
+            texts.append(f"{of}the guard commands {given:.2g} of {asked:.4g} N·m/rad{limit}")
+    return "; ".join(texts) or None
 
 
 def explanation(ended: Ended, servo: Servo) -> str | None:
@@ -101,6 +112,8 @@ def explained(ended: Ended, servo: Servo) -> Problem | None:
         means = replace(means, what=f"{stalled}: {means.what}", advice=advice)
     elif trip in OF_THE_BUS and servo.is_emulated:
         means = EMULATOR_LATE
+    if axis := (ended.result or {}).get("stop_axis"):
+        means = replace(means, what=f"{axis}: {means.what}")
     if ended.cause:
         return replace(means, what="; ".join(filter(None, (ended.cause, means.what))))
     message = (ended.result or {}).get("message", "")

@@ -131,7 +131,8 @@ class Supervisor:
         plan, emulator, servos = self._plan, None, self._servos
         if plan.config.servo.kind == "emulated":
             hand, shared = self._hand(), self._telemetry.descriptor if plan.elastic else None
-            arguments = emulator_arguments(servos[0], plan.witness, hand=hand, elastic=shared)
+            arm = plan.config.arm.model_dump()
+            arguments = emulator_arguments(servos, plan.witness, arm=arm, hand=hand, elastic=shared)
             inherited = [each for each in (hand, shared) if each is not None]
             bus = emulated_bus(
                 arguments, self._others, lambda: bool(self._words[Word.STOP]), inherited
@@ -170,6 +171,7 @@ class Supervisor:
         orders = Orders(
             config=plan.config.model_dump_json(),
             telemetry=self._telemetry.descriptor,
+            axes=self._telemetry.axes,
             port=self._cut.port,
             parent=os.getpid(),
             core=self._core,

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from haptic_wall.controller.errors import LogFormatError
+from haptic_wall.controller.logs.file import ONE_AXIS
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.walls import walls_of
 from haptic_wall.controller.report import run_panels
@@ -19,6 +20,10 @@ from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+MOST_AXES: Final = 6
+"""Axes in one picture"""
 
 
 def plot_log(log: LogReader, path: Path, stop_reason: str | None = None) -> None:
@@ -36,8 +41,57 @@ def plot_log(log: LogReader, path: Path, stop_reason: str | None = None) -> None
     count = log.count()
     if not count:
         raise LogFormatError(f"{log.path} holds no rows")
-    sketch = sketched(log.blocks(), count, log.origin_ns)
-    plot_run(sketch, log.metadata, path, stop_reason, log.changes)
+    if log.axes == ONE_AXIS:
+        sketch = sketched(log.blocks(), count, log.origin_ns)
+        plot_run(sketch, log.metadata, path, stop_reason, log.changes)
+        return
+    runs = {}
+    for name in log.axes[:MOST_AXES]:
+        one = log.axis(name)
+        sketch = sketched(one.blocks(), count, log.origin_ns)
+        runs[name] = _drawn(sketch, one.metadata, one.changes)
+    shown = f"{_name(log.metadata)}: {len(log.axes)} axes"
+    if len(log.axes) > MOST_AXES:
+        shown += f", of which the first {MOST_AXES} are shown: `haptic-wall log LOG --axis NAME`"
+    _plot_axes(runs, f"{shown}{_trip(stop_reason or '')}", path)
+
+
+def _plot_axes(runs: Mapping[str, run_panels.DrawnRun], title: str, path: Path) -> None:
+    """Draw position and torque of each axis, one row an axis."""
+    size = 11.0, 1.2 + 1.6 * len(runs)
+    with picture(path, *size, {"figure.dpi": 120}) as figure:
+        figure.suptitle(titled(title), fontsize=12, ha="left", x=0.01)
+        rows = figure.subplots(len(runs), 2, sharex=True, squeeze=False)
+        panels = (run_panels.position, "{}\n[rad]"), (run_panels.torque, "torque [N·m]")
+        for (name, run), row in zip(runs.items(), rows, strict=True):
+            for ax, (panel, label) in zip(row, panels, strict=True):
+                _draw(panel, ax, run)
+                ax.set_ylabel(label.format(name))
+        told = dict[str, Any]()
+        for ax in rows.flat:
+            handles, labels = ax.get_legend_handles_labels()
+            told |= {
+                each: one for each, one in zip(labels, handles, strict=True) if "±" not in each
+            }
+        figure.legend(
+            [*told.values()], [*told], loc="outside lower left", ncols=4, fontsize=8, frameon=False
+        )
+        for ax in rows[-1]:
+            ax.set_xlabel("time [s]")
+        figure.align_ylabels(rows)
+
+
+def _draw(
+    panel: Callable[[Axes, run_panels.DrawnRun], None], ax: Axes, run: run_panels.DrawnRun
+) -> None:
+    """Draw a panel over the time of its run, without a legend."""
+    panel(ax, run)
+    run_panels.shade_warm_up(ax, run)
+    ax.grid(True, color="#e6e6e6", linewidth=0.6)
+    ax.set_axisbelow(True)
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(False)
+    ax.set_xlim(run.time[0], max(run.time[-1], run.time[0] + 1e-3))
 
 
 def plot_run(
@@ -71,16 +125,10 @@ def plot_run(
     heights = [height for _, height in panels]
     with picture(path, 11.0, 1.1 * sum(heights), {"figure.dpi": 120}) as figure:
         axes = figure.subplots(len(panels), 1, sharex=True, height_ratios=heights)
-        name = metadata.get("name")
-        title = _title(run, name if isinstance(name, str) else "run", stop_reason or "")
+        title = _title(run, _name(metadata), stop_reason or "")
         figure.suptitle(title, fontsize=12, ha="left", x=0.01)
         for (panel, _), ax in zip(panels, axes, strict=True):
-            panel(ax, run)
-            run_panels.shade_warm_up(ax, run)
-            ax.grid(True, color="#e6e6e6", linewidth=0.6)
-            ax.set_axisbelow(True)
-            for side in ("top", "right"):
-                ax.spines[side].set_visible(False)
+            _draw(panel, ax, run)
             handles, labels = ax.get_legend_handles_labels()
             if handles:
                 ax.legend(
@@ -92,7 +140,6 @@ def plot_run(
                     frameon=False,
                 )
         axes[-1].set_xlabel("time [s]")
-        axes[-1].set_xlim(run.time[0], max(run.time[-1], run.time[0] + 1e-3))
         figure.align_ylabels(axes)
 
 
@@ -122,9 +169,17 @@ def _title(run: run_panels.DrawnRun, name: str, stop_reason: str) -> str:
         parts.append("simulated clock")
     if not run.on.any():
         parts = ["the wall was never on"]
+    return f"{titled(name)}: {what}{where}{_trip(stop_reason)}\n" + "   ".join(parts)
+
+
+def _name(metadata: Mapping[str, Any]) -> str:
+    name = metadata.get("name")
+    return name if isinstance(name, str) else "run"
+
+
+def _trip(stop_reason: str) -> str:
     trip = Trip.of(stop_reason)
-    ended = "" if trip is None else f", ENDED BY A SAFETY TRIP: {titled(trip.label)}"
-    return f"{titled(name)}: {what}{where}{ended}\n" + "   ".join(parts)
+    return "" if trip is None else f", ENDED BY A SAFETY TRIP: {titled(trip.label)}"
 
 
 def _commanded(name: str, commanded: float, requested: float, unit: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from haptic_wall.controller.runtime.safety import Trip
@@ -29,10 +29,10 @@ def report_text(report: Mapping[str, Any], *, brief: bool = False) -> str:
         report: The report, as for ``--json``; fields that are None are omitted.
         brief: In about eight lines.
     """
-    guard = report.get("guard")
-    notes, reasons = report.get("warnings") or [], (guard or {}).get("reasons") or []
-    changes = report.get("changes") or []
-    told = [*_ending(report), *_motion(report), *_wall(guard)]
+    notes, changes = report.get("warnings") or [], report.get("changes") or []
+    reasons = [text for _, text in _of_guards(report, _reasons)]
+    told = [*_ending(report), *_motion(report)]
+    told += _axes(report) if report.get("axes") else _wall(report.get("guard"))
     if brief:
         others = (len(notes) - 1, "note"), (len(changes), "change"), (len(reasons) - 1, "reason")
         more = [f"{count} {what}{'s' * (count > 1)}" for count, what in others if count > 0]
@@ -49,7 +49,8 @@ def report_text(report: Mapping[str, Any], *, brief: bool = False) -> str:
             told += [("note", text) for text in notes[-1:]]
             told += [("more", f"{', '.join(more)}: `{where}`")] if more else []
     else:
-        told += [*_limits(guard), *_ticks(report), *_timing(report), *_bus(report.get("bus"))]
+        told += _of_guards(report, _limits)
+        told += [*_ticks(report), *_timing(report), *_bus(report.get("bus"))]
         told += [*_delay(report), *_realtime(report.get("realtime"))]
         told += [("why", text) for text in reasons]
         told += [("change", _change(each)) for each in changes]
@@ -65,7 +66,8 @@ def _ending(report: Mapping[str, Any]) -> Lines:
     reason = str(report["stop_reason"])
     how = {"duration": "ended as planned", "interrupted": "interrupted"}.get(reason, reason)
     if trip := Trip.of(reason):
-        how = f"ENDED BY A SAFETY TRIP: {trip.label}"
+        of = f" of {report['stop_axis']}" if report.get("stop_axis") else ""
+        how = f"ENDED BY A SAFETY TRIP: {trip.label}{of}"
     log = str(report.get("log_state"))
     flaw = f", AND ITS LOG IS {log.upper()}" if log in _WITHOUT_END else ""
     off = report.get("torque_off")
@@ -84,6 +86,37 @@ def _ending(report: Mapping[str, Any]) -> Lines:
         yield "", str(report["explanation"])
     if off is False:
         yield "", _UNCONFIRMED
+
+
+def _parts(report: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
+    """Return the part on each axis, by its name; of one servo it is the report itself."""
+    return list((report.get("axes") or {"": report}).items())
+
+
+def _of_guards(
+    report: Mapping[str, Any], lines: Callable[[Mapping[str, Any] | None], Lines]
+) -> Lines:
+    """Yield lines on each axis's guard; what holds for some of the axes only begins with those."""
+    parts, told = _parts(report), dict[tuple[str, str], list[str]]()
+    for name, part in parts:
+        for line in lines(part.get("guard")):
+            told.setdefault(line, []).append(name)
+    for (label, text), names in told.items():
+        yield label, text if len(names) == len(parts) else f"{', '.join(names)}: {text}"
+
+
+def _reasons(guard: Mapping[str, Any] | None) -> Lines:
+    for text in (guard or {}).get("reasons") or []:
+        yield "why", str(text)
+
+
+def _axes(report: Mapping[str, Any]) -> Lines:
+    """Say in a line for each axis what it commanded, and what it saw."""
+    for name, part in _parts(report):
+        said = [text for _, text in (*_wall(part.get("guard")), *_motion(part))]
+        bus = part.get("bus") or {}
+        said += [f"{bus[kind]} {kind}" for kind in ("lost", "corrupt", "refused") if bus.get(kind)]
+        yield "axis", f"{name}: {'; '.join(said)}"
 
 
 def _motion(report: Mapping[str, Any]) -> Lines:
@@ -137,7 +170,7 @@ def _limits(guard: Mapping[str, Any] | None) -> Lines:
         above = "" if ceiling is None else f"; damping ceiling {number(ceiling)}"
         yield "limits", f"{', '.join(limits)} N·m/rad x margin {guard['margin']:g}{star}{above}"
     if assumed := guard.get("assumed"):
-        yield "assumed", assumed
+        yield "assumed", str(assumed)
 
 
 def _ticks(report: Mapping[str, Any]) -> Lines:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from haptic_wall.controller.detector.backstop import Shared
 from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.guard.bins import Bins
 from haptic_wall.controller.guard.guard import Decision, Situation
@@ -135,9 +136,13 @@ def _bins(
 
 
 def situation_of(config: Config, servo: KnownServo) -> Situation:
-    """Return the situation of the wall: the belief, the period, the limits of the servo."""
+    """Return the situation of the wall: the belief, the period, the limits of the servo.
+
+    All axes of a run count the longest delay of any: with their own, some arms are unstable.
+    """
+    belief = config.belief()
     return Situation(
-        belief=config.belief(),
+        belief=belief if servo.lag is None else replace(belief, delay=servo.lag),
         period=config.period_ns * 1e-9,
         torque_limit=servo.facts.torque_limit,
         position_step=servo.facts.position_step,
@@ -194,6 +199,8 @@ def assembled(
     config: Config,
     servo: KnownServo,
     telemetry: Telemetry,
+    inbox: Inbox,
+    shared: Shared,
     schedule: GainSchedule,
     law: Law,
 ) -> Axis:
@@ -203,6 +210,8 @@ def assembled(
         config: The effective configuration.
         servo: The servo, started if its limits come from the device.
         telemetry: Destination of the rows.
+        inbox: Changes of the running wall.
+        shared: What the watches of all axes share.
         schedule: The guard's decisions.
         law: The law to render.
     """
@@ -245,7 +254,7 @@ def assembled(
                 kicked=kick is not None and abs(kick) <= MOST_KICK,
             )
         ),
-        watch=Watch(watch_settings(config, facts, law)),
+        watch=Watch(watch_settings(config, facts, law), shared),
         passivity=(
             PassivityControl(period, SLOWEST)
             if law.guarded and config.wall.passivity_control
@@ -264,6 +273,6 @@ def assembled(
             # A program comes on wherever the shaft is: it starts there.
             start_room=config.start_room if law.guarded else math.inf,
         ),
-        inbox=Inbox(telemetry),
+        inbox=inbox,
         changeover=Changeover(rest_torque, facts.torque_limit, period),
     )

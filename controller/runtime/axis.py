@@ -39,7 +39,7 @@ JITTER: Final = 0.1
 velocity would omit a quarter of the damping."""
 _OK: Final = Outcome.OK  # looking up an enum member is slow: a plain name is many times faster
 _REFUSED: Final = Outcome.REFUSED
-_HEAD, _OFFERED, _WITHDRAWN = int(Word.HEAD), int(Word.OFFERED), int(Word.WITHDRAWN)
+_HEAD, _WITHDRAWN = int(Word.HEAD), int(Word.WITHDRAWN)
 
 
 @dataclass(slots=True)
@@ -58,6 +58,11 @@ class Tick:
     """When the readings had come [ns]"""
     sent_ns: int = 0
     """When the torques were sent [ns]"""
+    age_ns: int = 0
+    """Age of the oldest sample when the torques were sent [ns]"""
+    interval_ns: int = 0
+    """Longest interval of an axis from its last tick with a reading to this one [ns]; 0: the
+    reading of that axis failed, and the interval continues"""
     held: bool = True
     """The dead man is held, or there is none"""
     raises: int = 0
@@ -84,7 +89,7 @@ class Axis:
     passivity: PassivityControl | None
     """Injects damping where the wall generates energy; None: none"""
     telemetry: Telemetry
-    """Takes the rows, and hands over changes"""
+    """Takes the rows"""
     period_ns: int
     """Of the grid [ns]"""
     torque_limit: float
@@ -94,9 +99,13 @@ class Axis:
     engagement: Engagement
     """Decides when the wall may come on"""
     inbox: Inbox
-    """Changes of the running wall"""
+    """Hears what becomes of a change of the running wall"""
     changeover: Changeover
     """Finds the tick for a change"""
+    change: Change | None = None
+    """The change at hand; None: none is"""
+    made: Change | None = None
+    """The last change that was made; None: none was"""
     trip: Trip | None = None
     """Why the run must end; None: no trip"""
     came_on: bool = False
@@ -111,6 +120,8 @@ class Axis:
     """Velocity that the law's damping acts on: filtered if the wall has a filter [rad/s]"""
     sampled_ns: int | None = None
     """When ``position`` was sampled [ns]; None: none is known yet"""
+    served_ns: int = 0
+    """Wake-up of the last tick with a reading [ns]; 0: none"""
     measured_torque: float = math.nan
     """Torque in the last reply [N·m]; NaN: the servo measures none"""
     _on: bool = False
@@ -118,8 +129,6 @@ class Axis:
     _flags: int = 0
     _may_raise: bool = True
     """K may go up after this tick"""
-    _served_ns: int = 0
-    """Wake-up of the last tick with a reading [ns]; 0: none"""
     _delay_s: float = 0.0
     _started_at: float = 0.0
     """Added to the positions of laws [rad]"""
@@ -176,7 +185,7 @@ class Axis:
             # The last position again, so dx = 0. Before the first good reading the torque is zero.
             self.velocity = self.damped = 0.0
             self.trip = self.safety.failed(tick.read_ns)
-        change, missed = self.inbox.change, tick.missed
+        change, missed = self.change, tick.missed
         flags = 0 if change is None else self._change(change)
         law, watch, position, wall_torque = self.law, self.watch, self.position, 0.0
         contact = law.in_contact(position)
@@ -226,7 +235,7 @@ class Axis:
             self.damped = self.velocity_filter.update(self.velocity)
 
     def after(self, torque: float, sent: float, tick: Tick) -> None:
-        """Do what can wait until the torque is sent: gains, row, changes.
+        """Do what can wait until the torque is sent: gains and row.
 
         Args:
             torque: As commanded [N·m].
@@ -239,17 +248,14 @@ class Axis:
         if size > self.torque_limit or size >= law.clip:
             flags |= FLAG_SATURATED
         age_ns = 0
-        interval_ns = 0  # to the next tick with a sample: a lost reading is part of the interval
-        if outcome is _OK:
-            interval_ns = tick.woke_ns - self._served_ns if self._served_ns else self.period_ns
-            self._served_ns = tick.woke_ns
         if self.sampled_ns is not None:
             age_ns = tick.sent_ns - self.sampled_ns
             if tick.raises != self._raises:  # the return to the full wall is requested
                 self._raises = tick.raises
                 flags |= FLAG_RAISED
                 watch.raise_again()
-            if self.gains.follow(age_ns, interval_ns, self._may_raise or self._may_rise()):
+            may_raise = self._may_raise or self._may_rise()
+            if self.gains.follow(tick.age_ns, tick.interval_ns, may_raise):
                 self._follow_gains()
         derating = law.derating
         self.telemetry.write(
@@ -274,8 +280,6 @@ class Axis:
             self.measured_torque,
             law.held,
         )
-        if self.telemetry.words[_OFFERED] != self.inbox.taken:
-            self.inbox.take()
 
     def _injected(self, passivity: PassivityControl, position: float) -> float:
         """Return the damping that the energy of the motion asks for [N·m·s/rad]."""
@@ -300,6 +304,7 @@ class Axis:
         if self.trip is not None or self.telemetry.words[_WITHDRAWN] >= change.number:
             gains.release()
             changeover.restart()
+            self.change = None
             inbox.settle(-1, 0)
             return 0
         obstacle = self._obstacle(change)
@@ -307,6 +312,7 @@ class Axis:
             inbox.waits(obstacle, changeover.size)
             return 0
         self._make(change)
+        self.change, self.made = None, change
         inbox.settle(self.telemetry.words[_HEAD], gains.schedule.index)
         return FLAG_CHANGED
 

@@ -20,25 +20,30 @@ class Changes:
     """Computes the changes of a run, one after the other.
 
     Attributes:
-        config: Configuration in force now.
+        configs: Configuration of each axis in force now.
+        servos: Of each axis.
         decided: The decisions for the configuration that was computed last.
     """
 
-    config: Config
-    servo: KnownServo
+    configs: list[Config]
+    servos: list[KnownServo]
     number: int = 0
     decided: Decided | None = None
     _known: dict[str, Decided] = field(default_factory=dict)
 
-    def computed(self, new: Config) -> Change:
+    def computed(self, new: Config, axis: int = 0) -> Change:
         """Return the change to ``new``; takes milliseconds to seconds.
+
+        Args:
+            new: The configuration of the axis with the change.
+            axis: Its index.
 
         Raises:
             ConfigError: The encoder does not resolve the law.
         """
-        old, servo = self.config, self.servo
+        old, servo = self.configs[axis], self.servos[axis]
         self.number += 1
-        self.decided = self._decided(new)
+        self.decided = self._decided(new, axis)
         law = new.law(servo.facts.position_step)
         elsewhere = moved_by(old, new) != 0.0
         return Change(
@@ -53,13 +58,15 @@ class Changes:
             and old.wall.stiffness >= new.wall.stiffness,
             table=self.decided.table,
             steps=new.delay.steps,
+            axis=axis,
         )
 
-    def _decided(self, new: Config) -> Decided:
+    def _decided(self, new: Config, axis: int) -> Decided:
         """Return the guard's decisions; those of the last few requests are kept."""
-        asked = repr((new.request(self.servo.facts.position_step), new.delay.steps))
+        servo = self.servos[axis]
+        asked = repr((axis, new.request(servo.facts.position_step), new.delay.steps))
         if asked not in self._known:
             if len(self._known) >= _KEPT:
                 self._known.pop(next(iter(self._known)))
-            self._known[asked] = guard_decisions(new, self.servo)
+            self._known[asked] = guard_decisions(new, servo)
         return self._known[asked]

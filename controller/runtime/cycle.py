@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Final, Literal
 
 from haptic_wall.controller.runtime.axis import Axis, Tick
+from haptic_wall.controller.runtime.handover import Inbox
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.telemetry import Word
 from haptic_wall.controller.settings.shares import COLLECT_SHARE
@@ -18,9 +19,10 @@ LONGER_SHARE: Final = 1.05
 flushes its buffer periodically. A request sent after giving up can then miss each tick by the time
 that it takes itself, for ever. With the first fraction that happens at phases of 0.8 to about 0.95
 periods, with this one at 0.05 to 0.2, so that changing the fraction leaves either."""
-_LOST: Final = Outcome.LOST
+_LOST, _OK = Outcome.LOST, Outcome.OK
 _HEARTBEAT_NS, _CUT = int(Word.HEARTBEAT_NS), int(Word.CUT)
 _TICKS, _MISSED, _RAISE = int(Word.TICKS), int(Word.MISSED), int(Word.RAISE)
+_STOP_AXIS, _OFFERED = int(Word.STOP_AXIS), int(Word.OFFERED)
 _HELD_NS, _OFFSET_NS, _WAITED_NS = int(Word.HELD_NS), int(Word.OFFSET_NS), int(Word.WAITED_NS)
 
 
@@ -47,6 +49,7 @@ class Cycle:
         bus: The servos, started.
         axes: One for each servo, in the same order.
         words: The control words of the run.
+        inbox: Changes of the running wall.
         period_ns: Of the grid [ns].
         pipelined: Requests are sent at the end of the period before; else in the period of the
             sample.
@@ -64,6 +67,7 @@ class Cycle:
         bus: Bus,
         axes: Sequence[Axis],
         words: memoryview[int],
+        inbox: Inbox,
         period_ns: int,
         *,
         pipelined: bool,
@@ -73,7 +77,8 @@ class Cycle:
         self.done = False
         self.ticks = self.missed = 0
         self._now = clock.now_ns
-        self._words = words
+        self._words, self._inbox = words, inbox
+        self._period_ns = period_ns
         self._pipelined = pipelined
         self._collect_ns = int(COLLECT_SHARE * period_ns)
         self._other_collect_ns = int(LONGER_SHARE * period_ns)
@@ -123,6 +128,9 @@ class Cycle:
             trip = trip or axis.trip
         if trip is not None:
             self.trip, torques = trip, self._zeros
+            tripped = [number for number, axis in enumerate(axes, 1) if axis.trip is not None]
+            if len(tripped) < len(axes):  # else it is the bus, or the loop
+                words[_STOP_AXIS] = tripped[0]
         if words[_CUT]:
             return  # the supervisor has taken the bus: write nothing more
         # From sending the request to sending the torques: both have the same travel time, which
@@ -133,10 +141,13 @@ class Cycle:
             self._take_turns(readings)
             bus.request()
 
+        self._measure(tick)
         self.done = True
         for axis, torque, one in zip(axes, torques, sent):  # noqa: B905 - quicker
             axis.after(torque, one, tick)
             self.done = self.done and axis.law.done
+        if words[_OFFERED] != self._inbox.taken and (change := self._inbox.take()):
+            axes[change.axis].change = change
         self.ticks = words[_TICKS] = self.ticks + 1
         self.missed = words[_MISSED] = self.missed + missed
         bus_ns = self._traffic.waited_ns
@@ -148,6 +159,23 @@ class Cycle:
             work_ns += ended - offset - waited_ns
         self._offset = ended
         tick.work_ns, tick.bus_ns = work_ns, bus_ns
+
+    def _measure(self, tick: Tick) -> None:
+        """Find the oldest sample and the longest interval: all axes count the worst of them."""
+        sent_ns, woke_ns = tick.sent_ns, tick.woke_ns
+        oldest_ns, longest_ns, ended = sent_ns, 0, True
+        for axis in self.axes:
+            if axis.sampled_ns is not None and axis.sampled_ns < oldest_ns:
+                oldest_ns = axis.sampled_ns
+            interval_ns = woke_ns - axis.served_ns if axis.served_ns else self._period_ns
+            if interval_ns > longest_ns:
+                longest_ns, ended = interval_ns, True
+            if axis.outcome is _OK:
+                axis.served_ns = woke_ns
+            elif interval_ns == longest_ns:
+                ended = False
+        tick.age_ns = sent_ns - oldest_ns
+        tick.interval_ns = longest_ns if ended else 0
 
     def _take_turns(self, readings: Sequence[Reading]) -> None:
         """After a lost reply wait for the next ones as long as the other fraction says."""

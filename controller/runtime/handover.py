@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from haptic_wall.controller.detector.settings import WatchSettings
 from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.guard.belief import Bounded
 from haptic_wall.controller.guard.schedule import GainTable
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.runtime.changeover import Obstacle
@@ -31,6 +32,8 @@ class KnownServo:
     """Of its bus; None: no reply travels"""
     simulated: bool
     """Whether the loop runs on the simulated clock"""
+    lag: Bounded | None = None
+    """The longest device delay that is believed of any servo on its bus [s]; None: it is alone"""
 
 
 @dataclass(slots=True)
@@ -40,7 +43,7 @@ class Change:
     number: int
     """Counts the changes of a run, from 1"""
     config: str
-    """The configuration with the change, as JSON; read after the run"""
+    """The axis' configuration with the change, as JSON; read after the run"""
     law: Law | None
     """New law, positioned without the start position; None: the same law with other gains"""
     watch: WatchSettings
@@ -52,6 +55,8 @@ class Change:
     """The guard's decisions"""
     steps: int
     """Steps of the inserted delay [periods]"""
+    axis: int = 0
+    """Index of the axis"""
     placed: bool = False
     """Whether the start position was added to the law's position, where ``wall.reference`` says
     so"""
@@ -77,13 +82,12 @@ class Offers:
         self._halves = telemetry.halves
         self._words = telemetry.words
 
-    def servo(self) -> KnownServo | None:
-        """Return the servo, once the loop's process has told it."""
+    def servos(self) -> list[KnownServo] | None:
+        """Return the servo of each axis, once the loop's process has told them."""
         if not self._words[Word.KNOWN]:
             return None
-        servo = pickle.loads(self._halves[0])
-        assert isinstance(servo, KnownServo)
-        return servo
+        servos: list[KnownServo] = pickle.loads(self._halves[0])
+        return servos
 
     def send(self, change: Change) -> None:
         """Offer a change; the one before is settled, or is given up.
@@ -120,31 +124,31 @@ class Inbox:
 
     Attributes:
         change: The change at hand; None: none is.
-        made: The last change that was made; None: none was.
         taken: Number of the last change taken, to be compared with ``Word.OFFERED``.
     """
 
-    __slots__ = ("_halves", "_words", "change", "made", "taken")
+    __slots__ = ("_halves", "_words", "change", "taken")
 
     def __init__(self, telemetry: Telemetry) -> None:
         self._halves = telemetry.halves
         self._words = telemetry.words
         self.change: Change | None = None
-        self.made: Change | None = None
         self.taken = 0
 
-    def tell(self, servo: KnownServo) -> None:
-        """Tell the other side the facts of the servo, before the loop runs."""
-        _put(self._halves[0], servo)
+    def tell(self, servos: list[KnownServo]) -> None:
+        """Tell the other side the facts of the servos, before the loop runs."""
+        _put(self._halves[0], servos)
         self._words[Word.KNOWN] = 1
 
-    def take(self) -> None:
-        """Take the offered change, unless one is at hand."""
-        if self.change is None:
-            number = self._words[_OFFERED]
-            change = pickle.loads(self._halves[number & 1])
-            assert isinstance(change, Change)
-            self.change, self.taken = change, number
+    def take(self) -> Change | None:
+        """Return the offered change; None: one is at hand."""
+        if self.change is not None:
+            return None
+        number = self._words[_OFFERED]
+        change = pickle.loads(self._halves[number & 1])
+        assert isinstance(change, Change)
+        self.change, self.taken = change, number
+        return change
 
     def waits(self, obstacle: Obstacle, size: float) -> None:
         """Tell why the change at hand is not made in this tick."""
@@ -156,15 +160,13 @@ class Inbox:
         """Tell the outcome of the change at hand, as ``Settled`` has it."""
         change, words = self.change, self._words
         assert change is not None
-        if row >= 0:
-            self.made = change
         self.change = None
         words[Word.CHANGED_AT], words[Word.CHANGED_BIN] = row, index
         words[Word.OBSTACLE] = Obstacle.NONE
         words[Word.SETTLED] = change.number  # last: the others belong to it
 
 
-def _put(half: memoryview[int], what: Change | KnownServo) -> None:
+def _put(half: memoryview[int], what: Change | list[KnownServo]) -> None:
     """Write an object; a reader finds its end by itself."""
     data = pickle.dumps(what, pickle.HIGHEST_PROTOCOL)
     if len(data) > len(half):

@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from haptic_wall.controller.detector.backstop import Shared
 from haptic_wall.controller.detector.watch import oscillation_report
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.runtime.assembly import (
+    Decided,
     assembled,
     decision_in_force,
     gain_schedule,
@@ -23,11 +25,12 @@ from haptic_wall.controller.runtime.assembly import (
 )
 from haptic_wall.controller.runtime.cycle import Cycle, is_pipelined
 from haptic_wall.controller.runtime.deadlines import waiter_for
-from haptic_wall.controller.runtime.handover import KnownServo
+from haptic_wall.controller.runtime.handover import Inbox, KnownServo
 from haptic_wall.controller.runtime.loop import Loop
 from haptic_wall.controller.runtime.realtime import freeze_garbage, reserve_memory
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip
 from haptic_wall.controller.runtime.session_report import (
+    all_axes,
     delay_report,
     guard_report,
     missed_warnings,
@@ -65,17 +68,24 @@ class Result:
     """Duration of the run in real time, without the start-up [s]"""
     grid_hz: float
     guard: dict[str, Any] | None
-    """None, as the next one: a defect occurred before it was reported"""
+    """None, as the next one: there are several axes, or a defect occurred before it was reported"""
     oscillation: dict[str, Any] | None
+    """Of the worst axis"""
     delay: dict[str, float] | None
+    """The longest one"""
     bus: dict[str, Any] | None
     torque_off: bool
+    stop_axis: str | None = None
+    """The axis that ended the run; None: none did, or there is only one"""
+    axes: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """The parts of several axes: guard, oscillation, delay_s, bus, wall_came_on, servo"""
     checks: list[Check] = field(default_factory=list)
     setup: list[Check] = field(default_factory=list)
     """The machine's settings, where the loop has a process of its own"""
-    facts: dict[str, float | None] = field(default_factory=dict)
-    """The servo's values that the oscillation watch uses; None: not known"""
+    facts: dict[str, float | None] | None = None
+    """The servo's values that the oscillation watch uses; None: there are several"""
     wall_came_on: bool = False
+    """All have"""
     waited_for: str = ""
     """The unmet condition of a wall that never came on; empty: it came on, or the run ended before
     """
@@ -156,6 +166,7 @@ class _Session:
         surroundings: Surroundings,
     ) -> None:
         self._config = config
+        self._configs = config.each
         self._clock = clock
         self._telemetry = telemetry
         self._program = program
@@ -164,6 +175,7 @@ class _Session:
         self._started = False
         self._work = Work()
         self._checks: list[Check] = []
+        self._inbox = Inbox(telemetry)
         self.bus = surroundings.open_bus(config.servos(), clock, surroundings.port)
 
     def prepare(self) -> None:
@@ -176,43 +188,61 @@ class _Session:
         self._wait = waiter_for(self._clock, self._config.realtime.spin_us, self._config.period_ns)
 
     def _decide(self) -> None:
-        """Compute the guard's decisions from the servo's known values."""
-        (facts,) = self.bus.facts
-        self._servo = KnownServo(facts, self.bus.traffic, self._simulated)
-        self._decided = guard_decisions(
-            self._config, self._servo, program=bool(self._program), work=self._work
-        )
+        """Compute the guard's decisions from the servos' known values."""
+        self._know()
+        known: dict[str, Decided] = {}  # equal axes are decided once
+        self._decided = []
+        for config, servo in self._each():
+            asked = repr((config.request(servo.facts.position_step), situation_of(config, servo)))
+            if asked not in known:
+                known[asked] = guard_decisions(
+                    config, servo, program=bool(self._program), work=self._work
+                )
+            self._decided.append(known[asked])
+
+    def _know(self) -> None:
+        """Take the facts of the servos, and the longest of their delays."""
+        traffic, simulated = self.bus.traffic, self._simulated
+        delays = (config.belief().delay for config in self._configs.values())
+        lag = max(delays, key=lambda delay: delay.high)
+        self._servos = [KnownServo(each, traffic, simulated, lag) for each in self.bus.facts]
+
+    def _each(self) -> Iterator[tuple[Config, KnownServo]]:
+        """Return configuration and servo of each axis."""
+        return zip(self._configs.values(), self._servos, strict=True)
 
     def start(self) -> None:
         """Check the servo, switch its torque on, and build the cycle; the loop then runs."""
         config, bus, telemetry = self._config, self.bus, self._telemetry
-        limit, asked = self._servo.facts.torque_limit, config.servo.schedule
+        limits, asked = [servo.facts.torque_limit for servo in self._servos], config.servo.schedule
         if not telemetry.words[Word.STOP]:  # no torque is switched on for a session that is to stop
             self._started = True
             if isinstance(self._clock, ElasticClock):
                 self._clock.engage()
-            (self._checks,) = bus.start()
-            if bus.facts[0].torque_limit != limit:  # its own Current Limit: decided at once
+            self._checks = self._named(bus.start())
+            if [each.torque_limit for each in bus.facts] != limits:  # their own Current Limits
                 self._decide()
             passed = f", {len(self._checks)} start-up checks passed" if self._checks else ""
-            self._around.tell(f"{bus.facts[0].name}: torque is on{passed}")
+            names = ", ".join(facts.name for facts in bus.facts)
+            self._around.tell(f"{names}: torque is on{passed}")
         self._pipelined = is_pipelined(asked, bus.traffic, config.period_ns * 1e-9)
         if self._pipelined and asked == "auto" and bus.traffic is not None:
             held_ms = bus.traffic.longest_s * 1e3
             self._around.tell(f"schedule pipelined: the adapter holds replies for {held_ms:.2g} ms")
-        self._servo = replace(self._servo, facts=bus.facts[0])
-        self._axis = assembled(
-            config,
-            self._servo,
-            telemetry,
-            gain_schedule(config, self._decided),
-            rendered(config, self._servo.facts, self._program),
-        )
-        self._axis.inbox.tell(self._servo)
+        self._know()
+        shared = Shared()
+        self._axes = [
+            assembled(
+                *(one, servo, telemetry, self._inbox, shared, gain_schedule(one, decided)),
+                rendered(one, servo.facts, self._program),
+            )
+            for (one, servo), decided in zip(self._each(), self._decided, strict=True)
+        ]
+        self._inbox.tell(self._servos)
         self._health = bus if isinstance(bus, HasHealth) else None
-        words, period_ns = telemetry.words, config.period_ns
+        parts = (self._clock, bus, self._axes, telemetry.words, self._inbox, config.period_ns)
         self._loop = Loop(
-            Cycle(self._clock, bus, [self._axis], words, period_ns, pipelined=self._pipelined),
+            Cycle(*parts, pipelined=self._pipelined),
             self._wait,
             self._clock,
             telemetry,
@@ -223,10 +253,18 @@ class _Session:
         telemetry.words[Word.HEARTBEAT_NS] = self._clock.now_ns()
         telemetry.words[Word.STATE] = LoopState.RUNNING
 
+    def _named(self, checks: list[list[Check]]) -> list[Check]:
+        """Return the checks of all servos; the names of several have their axis before them."""
+        return [
+            replace(check, name=f"{axis}: {check.name}") if axis else check
+            for axis, some in zip(self._configs, checks, strict=True)
+            for check in some
+        ]
+
     def _between_ticks(self) -> None:
-        """Pass on the servo's health, and call ``on_block``."""
+        """Pass on the health of the hottest servo, and call ``on_block``."""
         if self._health is not None:
-            ((volts, celsius),) = self._health.health()
+            volts, celsius = max(self._health.health(), key=lambda each: each[1])
             self._telemetry.words[Word.TEMPERATURE_MC] = round(1e3 * celsius)
             self._telemetry.words[Word.SUPPLY_MV] = round(1e3 * volts)
         self._around.on_block()
@@ -234,9 +272,9 @@ class _Session:
     def run(self, duration_s: float | None) -> None:
         """Run the loop until the end, and switch the torque off."""
         began_s = time.monotonic()
-        self._waiting = WallWait(self._loop, self._config, self._around.tell)
+        self._waiting = WallWait(self._loop, self._configs, self._around.tell)
         self._reason, self._message = _run(
-            self._loop, self._config, self._servo.traffic, duration_s, self._waiting
+            self._loop, self._config, self.bus.traffic, duration_s, self._waiting
         )
         self._real_s = time.monotonic() - began_s
         recent_s = self._loop.stall_s(self._clock.now_ns())
@@ -252,12 +290,16 @@ class _Session:
 
     def finish(self) -> Result:
         """Return the outcome; the servo is closed."""
-        axis, cycle, facts = self._axis, self._loop.cycle, self.bus.facts[0]
         trouble = self.bus.trouble if isinstance(self.bus, HasTrouble) else ""
+        number = self._telemetry.words[Word.STOP_AXIS]
+        found = next(filter(None, (axis.safety.found for axis in self._axes)), "")
+        if number:
+            found = self._axes[number - 1].safety.found
         result = Result(
             stop_reason=self._reason,
-            message=self._message or axis.safety.found or trouble,
-            ticks=cycle.ticks,
+            stop_axis=list(self._configs)[number - 1] if number else None,
+            message=self._message or found or trouble,
+            ticks=self._loop.cycle.ticks,
             missed=self._loop.missed,
             elapsed_s=self._loop.elapsed_s,
             real_s=self._real_s,
@@ -265,39 +307,64 @@ class _Session:
             guard=None,
             oscillation=None,
             delay=None,
-            bus=_bus(self._servo.traffic, axis.safety.refused, pipelined=self._pipelined),
+            bus=None,
             torque_off=self._torque_off,
             checks=self._checks,
-            facts=_facts(facts),
-            wall_came_on=axis.came_on,
             waited_for=self._waiting.lacking(),
             stalled=self._stalled,
             stalled_s=self._loop.stalled_s if isinstance(self._clock, ElasticClock) else None,
         )
+        known = [
+            {
+                "bus": _counts(servo.traffic, index, axis.safety.refused),
+                "wall_came_on": axis.came_on,
+                "servo": _facts(servo.facts),
+            }
+            for index, (axis, servo) in enumerate(zip(self._axes, self._servos, strict=True))
+        ]
+        result = self._with_parts(result, known)
         try:
-            return self._reported(result)
+            self._around.on_block()
+            parts = [self._reported(index, part) for index, part in enumerate(known)]
         except Exception as error:  # noqa: BLE001 - it must not cost what is known of the run
             return _with_defect(result, error)
+        return self._with_parts(result, parts)
 
-    def _reported(self, result: Result) -> Result:
-        """Add the report's computed parts to a result."""
-        servo, axis = self._servo, self._axis
-        schedule, made = axis.gains.schedule, axis.inbox.made
-        config = self._config if made is None else Config.model_validate_json(made.config)
-        self._around.on_block()
-        decision = decision_in_force(config, servo, self._decided, schedule.index, self._work)
+    def _with_parts(self, result: Result, parts: list[dict[str, Any]]) -> Result:
+        """Add the parts on each axis to a result, and what they say together."""
+        told = all_axes(parts)
+        if (bus := told["bus"]) is not None:
+            bus = bus | {"schedule": "pipelined" if self._pipelined else "immediate"}
+        worst_missed = max(axis.safety.worst_missed for axis in self._axes)
         return replace(
             result,
-            guard=guard_report(
-                config, decision, self._loop.cycle, situation_of(config, servo), result.bus
-            ),
-            oscillation=oscillation_report(axis.watch),
-            delay=delay_report(config, decision, schedule.age_ns),
+            guard=told.get("guard"),
+            oscillation=told.get("oscillation"),
+            delay=told.get("delay_s"),
+            bus=bus,
+            facts=told.get("servo"),
+            wall_came_on=told["wall_came_on"],
+            axes={} if "" in self._configs else dict(zip(self._configs, parts, strict=True)),
             warnings=[
-                *missed_warnings(config, axis.safety.worst_missed),
+                *missed_warnings(self._config, worst_missed),
                 *stall_warnings(result.stalled_s),
             ],
         )
+
+    def _reported(self, index: int, known: dict[str, Any]) -> dict[str, Any]:
+        """Return the report's part on an axis, with what has to be computed."""
+        axis, servo = self._axes[index], self._servos[index]
+        config, schedule = list(self._configs.values())[index], axis.gains.schedule
+        if axis.made is not None:
+            config = Config.model_validate_json(axis.made.config)
+        situation, decided = situation_of(config, servo), self._decided[index]
+        decision = decision_in_force(config, servo, decided, schedule.index, self._work)
+        missed = self._loop.cycle.missed
+        return known | {
+            "guard": guard_report(config, decision, axis, missed, situation, known["bus"]),
+            "oscillation": oscillation_report(axis.watch),
+            "delay_s": delay_report(situation, decision, schedule.age_ns),
+        }
 
 
 def _stop(bus: Bus, clock: Clock, telemetry: Telemetry) -> bool:
@@ -310,12 +377,9 @@ def _stop(bus: Bus, clock: Clock, telemetry: Telemetry) -> bool:
     return torque_off
 
 
-def _bus(traffic: Traffic | None, refused: int, *, pipelined: bool) -> dict[str, Any] | None:
-    """Return the counts of a bus, and the schedule that ``auto`` has chosen or that was set."""
-    if traffic is None:
-        return None
-    schedule = "pipelined" if pipelined else "immediate"
-    return asdict(traffic.counts[0]) | {"refused": refused, "schedule": schedule}
+def _counts(traffic: Traffic | None, index: int, refused: int) -> dict[str, int] | None:
+    """Return the counts of a servo's replies."""
+    return None if traffic is None else asdict(traffic.counts[index]) | {"refused": refused}
 
 
 def _facts(facts: Facts) -> dict[str, float | None]:

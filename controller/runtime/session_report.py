@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.guard.decision_report import assumed, decision_report
 from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.guard.guard import Decision, Situation
 from haptic_wall.controller.runtime.axis import Axis
-from haptic_wall.controller.runtime.cycle import Cycle
 from haptic_wall.controller.settings.config import Config
 
 NOTED_S = 0.005
 """Sum of the stalls from which they are noted [s]"""
 
 
-def delay_report(config: Config, decision: Decision, age_ns: int) -> dict[str, float]:
+def delay_report(situation: Situation, decision: Decision, age_ns: int) -> dict[str, float]:
     """Return the parts of the delay that the guard used, and their sum [s]."""
     return {
         "inserted": decision.inserted,
-        "device": config.belief().delay.high,
+        "device": situation.belief.delay.high,
         "measured": age_ns * 1e-9,
         "total": decision.delay,
     }
@@ -30,7 +30,8 @@ def delay_report(config: Config, decision: Decision, age_ns: int) -> dict[str, f
 def guard_report(
     config: Config,
     decision: Decision,
-    cycle: Cycle,
+    axis: Axis,
+    missed: int,
     situation: Situation,
     bus: Mapping[str, Any] | None,
 ) -> dict[str, Any]:
@@ -39,18 +40,18 @@ def guard_report(
     Args:
         config: The effective configuration.
         decision: The decision at the end.
-        cycle: The cycle, with its axis.
+        axis: The axis.
+        missed: Whole periods skipped.
         situation: Servo and loop.
-        bus: Counts of the bus; None: there is none.
+        bus: Counts of the servo's replies; None: none travels.
     """
-    (axis,) = cycle.axes
     if not axis.law.guarded:
         return decision_report(decision) | {"assumed": None}
     model, belief = config.model, situation.belief
     unknown = model.flexible_hz is None and (
         config.servo.kind == "hardware" or belief.transmission_stiffness.high > 0.0
     )
-    further = list(_besides_the_guard(config, decision, axis, cycle.missed, bus))
+    further = list(_besides_the_guard(config, decision, axis, missed, bus))
     return {
         **decision_report(decision, further, now=axis.commanded),
         "assumed": assumed(belief, decision) if unknown else None,
@@ -103,6 +104,26 @@ def _slower(config: Config, decision: Decision, missed: int, bus: Mapping[str, A
 
 def _share(part: float, whole: float) -> float:
     return part / whole if whole else 1.0
+
+
+def all_axes(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return what the parts of a report on each axis say together; of one they are its own."""
+    if len(parts) == 1:
+        return dict(parts[0])
+    watched = [part["oscillation"] for part in parts if "oscillation" in part]
+    delays = [part["delay_s"] for part in parts if "delay_s" in part]
+    counts = [part["bus"] for part in parts if part["bus"] is not None]
+    return {
+        "oscillation": max(watched, key=_severity, default=None),
+        "delay_s": max(delays, key=lambda delay: delay["total"], default=None),
+        "wall_came_on": all(part["wall_came_on"] for part in parts),
+        "bus": {key: sum(each[key] for each in counts) for key in counts[0]} if counts else None,
+    }
+
+
+def _severity(seen: Mapping[str, Any]) -> tuple[int, float]:
+    """Return the rank of what a watch has seen."""
+    return State[seen["state"].upper()], seen["amplitude_rad"] or 0.0
 
 
 def missed_warnings(config: Config, worst: float) -> list[str]:

@@ -6,6 +6,8 @@ It runs outside the loop's process, on batches of rows, in bounded memory: times
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -56,36 +58,52 @@ class RunStatistics:
 
     Ticks of the warm-up are not counted. A row has the work and bus times of the tick before, so
     those of the first row are left out.
+
+    Args:
+        axes: Number of axes.
+
+    Attributes:
+        max_torque: Of each axis [N·m], shape (axes,).
+        saturated: Ticks in which the torque of each axis was limited, shape (axes,).
     """
 
-    def __init__(self) -> None:
+    def __init__(self, axes: int = 1) -> None:
         self.lateness = TimeStatistics()
         self.work = TimeStatistics()
         self.bus = TimeStatistics()
         self.age = TimeStatistics()
-        self.max_torque = 0.0
-        self.saturated = 0
+        self.max_torque = np.zeros(axes)
+        self.saturated = np.zeros(axes, np.int64)
         self.rows = 0
         self.unread = 0
         """Rows that were overwritten before they were read."""
         self._next_seq = 0
 
     def add(self, rows: NDArray[np.void]) -> None:
-        """Count a batch of rows, shape (n,), dtype ``telemetry.ROW``."""
+        """Count a batch of rows, shape (ticks, axes), dtype ``telemetry.ROW``."""
         if rows.size == 0:
             return
-        self.unread += int(rows["seq"][-1]) + 1 - self._next_seq - rows.size
-        self._next_seq = int(rows["seq"][-1]) + 1
+        ticks = rows[:, 0]
+        self.unread += int(ticks["seq"][-1]) + 1 - self._next_seq - ticks.size
+        self._next_seq = int(ticks["seq"][-1]) + 1
         # Column by column: selecting whole rows would copy them field by field.
-        on = (rows["flags"] & FLAG_WARM_UP) == 0
+        on = (ticks["flags"] & FLAG_WARM_UP) == 0
         if not on.any():
             return
         self.rows += int(np.count_nonzero(on))
-        self.lateness.add(rows["lateness_ns"][on])
-        after_first = on & (rows["seq"] > 0)
-        self.work.add(rows["work_ns"][after_first])
-        self.bus.add(rows["bus_ns"][after_first])
-        self.age.add(rows["age_ns"][on & (rows["outcome"] == Outcome.OK)])
-        self.max_torque = max(self.max_torque, float(np.abs(rows["torque"][on]).max()))
-        saturated = (rows["flags"] & FLAG_SATURATED) != 0
-        self.saturated += int(np.count_nonzero(on & saturated))
+        self.lateness.add(ticks["lateness_ns"][on])
+        after_first = on & (ticks["seq"] > 0)
+        self.work.add(ticks["work_ns"][after_first])
+        self.bus.add(ticks["bus_ns"][after_first])
+        self.age.add(rows["age_ns"][on[:, None] & (rows["outcome"] == Outcome.OK)])
+        self.max_torque = np.maximum(self.max_torque, np.abs(rows["torque"][on]).max(axis=0))
+        saturated = (rows["flags"][on] & FLAG_SATURATED) != 0
+        self.saturated += np.count_nonzero(saturated, axis=0)
+
+    def torque(self, axis: int | None = None) -> dict[str, Any]:
+        """Return the report's part on the torque of an axis; None: the largest of all."""
+        some = slice(None) if axis is None else axis
+        return {
+            "max": float(self.max_torque[some].max()),
+            "saturated_ticks": int(self.saturated[some].max()),
+        }

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from haptic_wall.controller.laws.engagement import REST_S, felt_text, start_text, waiting_text
+from haptic_wall.controller.runtime.axis import Axis
 from haptic_wall.controller.runtime.loop import Loop
 from haptic_wall.controller.runtime.safety import End, StopReason
 from haptic_wall.controller.settings.config import Config
@@ -15,11 +16,11 @@ LOOK_S = 0.01
 
 
 class WallWait:
-    """Serves ticks without torque until the wall may come on.
+    """Serves ticks without torque until all walls may come on.
 
     Args:
         loop: The running loop.
-        config: The effective configuration.
+        configs: The configuration of each axis, by its name.
         tell: Called with the positions of wall and shaft, and where the shaft must go.
 
     Attributes:
@@ -27,10 +28,13 @@ class WallWait:
         over: The wall may have come on.
     """
 
-    def __init__(self, loop: Loop, config: Config, tell: Callable[[str], None]) -> None:
+    def __init__(
+        self, loop: Loop, configs: Mapping[str, Config], tell: Callable[[str], None]
+    ) -> None:
         self._loop = loop
-        (self._axis,) = loop.cycle.axes
-        self._config = config
+        names = [f"{name}: " if name else "" for name in configs]
+        self._axes = list(zip(names, loop.cycle.axes, configs.values(), strict=True))
+        self._unknown = self._axes  # those whose start has not been told
         self._tell = tell
         self.waited_for = ""
         self.over = False
@@ -42,7 +46,7 @@ class WallWait:
             most_s: Longest wait [s]; None: for ever.
         """
         cycle = self._loop.cycle
-        known = self._tell_start()
+        self._tell_starts()
         told = set()
         looks = 0
         while not cycle.may_engage():
@@ -56,7 +60,7 @@ class WallWait:
             looks += 1
             if reason := self._loop.serve(LOOK_S):
                 return reason
-            known = known or self._tell_start()
+            self._tell_starts()
         self.over = True
         return None
 
@@ -65,13 +69,17 @@ class WallWait:
 
         The shaft may have moved on in the tick in which the wall was to come on.
         """
-        if self._axis.came_on:
+        if all(axis.came_on for _, axis, _ in self._axes):
             return ""
         return self._reason()[1] if self.over else self.waited_for
 
-    def _tell_start(self) -> bool:
+    def _tell_starts(self) -> None:
+        """Report the positions of each wall and shaft once they are known."""
+        if self._unknown:
+            self._unknown = [each for each in self._unknown if not self._tell_start(*each)]
+
+    def _tell_start(self, name: str, axis: Axis, config: Config) -> bool:
         """Report the positions of wall and shaft; return whether they are known."""
-        config, axis = self._config, self._axis
         law, position = axis.law, axis.position
         if math.isnan(position) and config.servo.kind == "simulated" and not axis.wall_from_start:
             position = config.start_position  # no reading yet, and no torque has moved it
@@ -80,24 +88,25 @@ class WallWait:
         if law.guarded:
             stiffness = axis.gains.schedule.allowed.stiffness
             felt = felt_text(stiffness, config.belief().coulomb.value) if law.linear else ""
-            self._tell(start_text(law, config.wall.acting_side, position) + felt)
+            self._tell(name + start_text(law, config.wall.acting_side, position) + felt)
         return True
 
     def _reason(self) -> tuple[str, str]:
-        """Return the unmet condition: a name, and a text for people."""
-        axis = self._axis
+        """Return the unmet condition of the first axis that has one: a name, a text for people."""
+        waits = [each for each in self._axes if not each[1].engagement.ready]
+        name, axis, config = (waits or self._axes)[0]
         if math.isnan(axis.position):
-            return "reading", "the wall waits for the first reading"
+            return f"{name}reading", f"{name}the wall waits for the first reading"
         if not self._loop.cycle.held():
             return "dead man", "the dead man is not held; the wall comes on when it is"
         stiffness = axis.gains.schedule.allowed.stiffness
         room = axis.engagement.limits.room(stiffness)
         text = waiting_text(
             axis.law,
-            self._config.wall.acting_side,
+            config.wall.acting_side,
             axis.position,
             stiffness,
             room,
             axis.torque_limit,
         )
-        return "place", text
+        return f"{name}place", name + text

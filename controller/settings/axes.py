@@ -7,13 +7,15 @@ configuration holds each axis whole, so that written out and read again it is th
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Final, Literal
+from dataclasses import fields
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
-from pydantic import Field
+from pydantic import Field, create_model
 
 from haptic_wall.controller.settings.model import NUMBERS, Model, Section, Wall, setting
-from haptic_wall.controller.settings.servo import Baud, Port, Servo
+from haptic_wall.controller.settings.servo import Baud, Port, Servo, declared
 from haptic_wall.hw.settings import Way
+from haptic_wall.hw.truth import ARM, TYPES, TrueArm
 
 MOST_AXES: Final = 16
 SHARED: Final = (
@@ -48,19 +50,30 @@ class Bus(Section):
     )
 
 
-class Arm(Section):
-    """True parameters of an arm that simulated servos move."""
+if TYPE_CHECKING:
 
-    shape: Literal["none", "planar"] = setting(
-        "none",
-        "none: the servos move independently; planar: the first two move a horizontal arm of two "
-        "links, with a mass at the end of each",
-        used_by=("emulated",),
+    class _Links(Section, TrueArm):
+        """The fields of ``TrueArm``."""
+
+else:
+    _Links = create_model(
+        "_Links",
+        __base__=Section,
+        __module__=__name__,
+        **{
+            each.name: declared(ARM[f"arm.{each.name}"], TYPES[f"arm.{each.name}"], each.default)
+            for each in fields(TrueArm)
+        },
     )
-    length_1: float = setting(0.2, "True length of the first link", "m", gt=0, le=10)
-    length_2: float = setting(0.2, "True length of the second link", "m", gt=0, le=10)
-    mass_1: float = setting(0.1, "True mass at the end of the first link", "kg", ge=0, le=100)
-    mass_2: float = setting(0.1, "True mass at the end of the second link", "kg", ge=0, le=100)
+
+
+class Arm(_Links):
+    """True parameters of an arm that simulated or emulated servos move."""
+
+    @property
+    def links(self) -> TrueArm | None:
+        """Return the links between the servos; None: there are none."""
+        return TrueArm(**self.model_dump()) if self.shape != "none" else None
 
 
 class Axis(Section):

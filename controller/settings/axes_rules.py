@@ -78,9 +78,14 @@ def _bare(config: Sections) -> Iterator[Problem]:
 def _arm(config: Sections) -> Iterator[Problem]:
     if config.arm.shape == "none":
         return
-    kind, count = config.servo.kind, len(config.axes)
-    if kind != "emulated":
-        wanted = f"none: the servo is {kind}, and only emulated ones move an arm"
-        yield Problem(f"found {config.arm.shape}", wanted=wanted, field="arm.shape")
-    elif count < 2:
-        yield Problem(f"found {config.arm.shape}", wanted="two axes or more", field="arm.shape")
+    found = f"found {config.arm.shape}"
+    if config.servo.kind == "hardware":
+        wanted = f"none: the servo at {config.servo.port} is real"
+        yield Problem(found, wanted=wanted, field="arm.shape")
+    elif len(config.axes) < 2:
+        yield Problem(found, wanted="two axes or more", field="arm.shape")
+    for name, axis in list(config.axes.items())[:2]:
+        if axis.servo.load_inertia:
+            wanted = "0: the links of an arm are rigid"
+            field = f"axes.{name}.servo.load_inertia"
+            yield Problem(f"found {axis.servo.load_inertia:g}", wanted=wanted, field=field)

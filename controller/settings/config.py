@@ -13,7 +13,7 @@ from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.guard.belief import Belief, Bounded, vibration
 from haptic_wall.controller.laws import own
 from haptic_wall.controller.laws.shape import Grid, LawError, Numbers
-from haptic_wall.controller.laws.table import facts_of, rendered_law
+from haptic_wall.controller.laws.table import NONE, facts_of, rendered_law
 from haptic_wall.controller.laws.wall import SIGNS, Law
 from haptic_wall.controller.settings.axes import completed
 from haptic_wall.controller.settings.model import Estimate
@@ -153,13 +153,17 @@ class Config(Sections):
         return MOST_KICK if inward == 0 or inward * servo.kick > 0.0 else 0.0
 
     def surface(self, started_at: float) -> float:
-        """Return the position of the wall, in the servo's own count [rad].
+        """Return the position of the wall, counted over turns [rad].
 
         Args:
             started_at: The first position of the run [rad].
         """
         counted_from = started_at if self.wall.reference == "start" else 0.0
         return counted_from + self.wall.position
+
+    def _own(self, position: float) -> float:
+        """Return a position in the servo's own count [rad]."""
+        return self.servo.sign * (position - self.servo.offset)
 
     def true_servo(self) -> TrueServo:
         """Return the true parameters of the simulated or emulated servo.
@@ -171,13 +175,14 @@ class Config(Sections):
         if servo.kind == "hardware" or servo.inertia is None:
             raise ValueError(f"the servo at {servo.port} is real: only its model.* is known")
         shared = {name: getattr(servo, name) for name in ABOUT if ABOUT[name].kinds}
+        toward = -1 if self.wall.acting_side == "below" and servo.hand != "lean" else 1
         return TrueServo(
             **shared,
             torque_limit=4.1 if servo.torque_limit is None else servo.torque_limit,
             torque_constant=servo.torque_constant or 0.0,
-            position=self.start_position,
-            hand_origin=self.surface(self.start_position) + self._end,
-            hand_direction=-1 if self.wall.acting_side == "below" else 1,
+            position=self._own(self.start_position),
+            hand_origin=self._own(self.surface(self.start_position) + self._end),
+            hand_direction=1 if toward == servo.sign else -1,
         )
 
     def servo_settings(self) -> ServoSettings:
@@ -200,7 +205,8 @@ class Config(Sections):
 
     def servos(self) -> list[ServoSettings]:
         """Return the settings of each servo, with which ``haptic_wall.hw.open`` opens their bus."""
-        return [one.servo_settings() for one in self.each.values()]
+        arm = self.arm.links
+        return [replace(one.servo_settings(), arm=arm) for one in self.each.values()]
 
     def belief(self) -> Belief:
         """Return the belief about the servo: ``model.*``, else the simulated truth.
@@ -263,7 +269,7 @@ class Config(Sections):
         own = facts.own_stiffness
         return Request(
             wall.stiffness if own is None else own,
-            wall.damping,
+            0.0 if wall.law == NONE else wall.damping,
             facts.side,
             wall.velocity_samples,
             facts.steepest,

@@ -110,6 +110,38 @@ def load_config(source: str, sets: Sequence[str] = (), *, runs: bool = False) ->
     return Loaded(config, source, origins)
 
 
+def load_axis(
+    source: str, sets: Sequence[str] = (), axis: str | None = None, *, runs: bool = False
+) -> Loaded:
+    """Load a configuration for a command that works on one servo; see ``load_config``.
+
+    Args:
+        source: A preset's name, or the path of a YAML file.
+        sets: Changes as ``PATH=VALUE``.
+        axis: Name of the axis, which is then alone; None: there is only one.
+        runs: It is run.
+
+    Raises:
+        ConfigError: With every problem found.
+        UserError: It cannot be read, or has no such axis, or several and none is named.
+    """
+    found = load_config(source, sets, runs=runs)
+    each = found.config.each
+    if axis is None and len(each) == 1:
+        (axis,) = each
+    if axis not in each:
+        names = ", ".join(filter(None, each))
+        what = "found no name" if axis is None else f"found {in_line(axis)}"
+        wanted = f"one of {names}: this command works on one servo"
+        if not names:
+            wanted = "no axis: the configuration has no axes"
+        hint = did_you_mean(axis or "", each)
+        raise UserError(what, field="--axis", wanted=wanted, advice=hint)
+    name = f"{source}:{axis}" if axis else source
+    alone = loaded(each[axis].model_dump(), f"{source}, axis {axis}") if axis else found.config
+    return replace(found, config=alone, name=name)
+
+
 def apply_set(data: dict[str, Any], change: str) -> str:
     """Apply one ``PATH=VALUE`` to unchecked data, in place; the value is read as YAML.
 

@@ -17,7 +17,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.laws.table import LAWS
+from haptic_wall.controller.laws.table import LAWS, NONE, SUM
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.system.csv_table import read_columns
 from haptic_wall.hw.errors import Problem
@@ -233,7 +233,7 @@ class LawNumbers(Section):
     law: str = setting(
         "wall",
         f"Rendered law: {', '.join(f'{name} ({kind.meaning})' for name, kind in LAWS.items())}, "
-        "sum (of wall.parts), an installed law, or your own as module:Class",
+        f"{SUM} (of wall.parts), {NONE} (no torque), an installed law, or your own as module:Class",
         min_length=1,
         max_length=200,
     )

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from haptic_wall.controller.laws import own
 from haptic_wall.controller.laws.engagement import MOST_TORQUE
 from haptic_wall.controller.laws.shape import Grid, LawError
-from haptic_wall.controller.laws.table import LAWS, SUM, shape_of
+from haptic_wall.controller.laws.table import LAWS, NONE, SUM, shape_of
 from haptic_wall.controller.settings.axes import OWN
 from haptic_wall.controller.settings.axes_rules import apart, broken_bus_rules
 from haptic_wall.controller.settings.model import MOST_LAG, NUMBERS, LawNumbers, Wall
@@ -263,7 +263,7 @@ def _delay(config: Sections) -> Iterator[Problem]:
 
 def _law(config: Sections) -> Iterator[Problem]:
     wall, counts = config.wall, config.servo.counts_per_rev
-    if wall.law == "wall" or any(map(own.is_closed, law_names(wall))):
+    if wall.law in ("wall", NONE) or any(map(own.is_closed, law_names(wall))):
         yield from _numbers_of_another_law(config)
         return
     # The encoder of a real servo is known only once it is open.
@@ -311,7 +311,7 @@ def _numbers_of_another_law(config: Sections) -> Iterator[Problem]:
 
 def _unused(law: LawNumbers, names: Iterable[str]) -> Iterator[tuple[str, str]]:
     """Yield each number that is set but not used by the law, with the laws that use it."""
-    uses = {name: kind.numbers for name, kind in LAWS.items()} | {SUM: ("parts",)}
+    uses = {name: kind.numbers for name, kind in LAWS.items()} | {SUM: ("parts",), NONE: ()}
     used = uses.get(law.law, ("options",))
     for name in names:
         if name in ("law", "side", *used) or getattr(law, name) == Wall.model_fields[name].default:

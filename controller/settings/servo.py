@@ -100,7 +100,7 @@ class _Named(Section):
     )
 
 
-def _declared(about: About, kind: Any, default: Any) -> tuple[Any, Any]:  # noqa: ANN401
+def declared(about: About, kind: Any, default: Any) -> tuple[Any, Any]:  # noqa: ANN401
     """Return a true parameter as a field; one without a default is null on hardware."""
     if default is MISSING:
         kind, default = kind | None, None
@@ -121,7 +121,7 @@ else:
         __base__=_Named,
         __module__=__name__,
         **{
-            each.name: _declared(ABOUT[each.name], TYPES[each.name], each.default)
+            each.name: declared(ABOUT[each.name], TYPES[each.name], each.default)
             for each in fields(TrueServo)
             if ABOUT[each.name].kinds
         },

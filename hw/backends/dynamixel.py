@@ -133,6 +133,7 @@ def _memory_line(servos: Sequence[ServoSettings], clock: SimulatedClock) -> Line
         baud=first.baud,
         start_ns=now_ns,
         faults=Faults(first.faults, first.fault_seed),
+        arm=first.arm,
     )
     return MemoryLine(bus, clock)
 

@@ -16,7 +16,8 @@ def _open(servos: Sequence[ServoSettings], clock: Clock, _descriptor: int | None
     trues = [one.true for one in servos if one.true is not None]
     if len(trues) < len(servos):
         raise ValueError("found None in ServoSettings.true, wanted the truth of the servo")
-    return SimulatedBus(trues, clock)
+    mounts = [(one.sign, one.offset) for one in servos]
+    return SimulatedBus(trues, clock, servos[0].arm, mounts)
 
 
 BACKEND = Backend(open=_open, several=True, simulated=True, cut_torque=lambda *_: True)

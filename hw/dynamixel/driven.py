@@ -11,12 +11,17 @@ from typing import Final
 from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.health import DrivingRange
 from haptic_wall.hw.dynamixel.register_access import QUICK_NS, Table
-from haptic_wall.hw.dynamixel.registers import COUNTS_PER_REV, WATCHDOG_TRIPPED, WATCHDOG_UNIT_NS
+from haptic_wall.hw.dynamixel.registers import (
+    COUNTS_PER_REV,
+    POSITION_UNIT,
+    WATCHDOG_TRIPPED,
+    WATCHDOG_UNIT_NS,
+)
 from haptic_wall.hw.dynamixel.rules import error_names, what_to_do
 from haptic_wall.hw.dynamixel.startup import Ready, Startup
 from haptic_wall.hw.dynamixel.station import Station
 from haptic_wall.hw.dynamixel.tables import MODELS, Model, model_by_number
-from haptic_wall.hw.dynamixel.torque_law import torque_law
+from haptic_wall.hw.dynamixel.torque_law import TorqueLaw, torque_law
 from haptic_wall.hw.dynamixel.watchdog import rearm, watchdog_units
 from haptic_wall.hw.errors import (
     ServoHealthError,
@@ -85,7 +90,9 @@ class Driven:
         where = settings.port or "the emulated bus in memory"
         name = f"id {settings.id} at {settings.baud} baud on {where}"
         self.table = Table(exchange, station, name, model.registers)
-        self.law = torque_law(model, constant, model.voltage)
+        self._learn(torque_law(model, constant, model.voltage))
+        self.unit, self.offset = settings.sign * POSITION_UNIT, settings.offset
+        """position [rad] = unit * counts + offset"""
         if settings.torque_limit > 0.0 and not self.law.within(settings.torque_limit):
             raise UnfitServoError(
                 advice="raise it above that.",
@@ -140,7 +147,7 @@ class Driven:
                 raise
             raise StrangeServoError(error.problem) from error
         seen = ready.seen
-        self.law = seen.law
+        self._learn(seen.law)
         self.bounds = seen.bounds(self._units)
         self.heard_ns = self.table.clock.now_ns()
         if self.table.read("bus_watchdog") != self._units:
@@ -149,6 +156,11 @@ class Driven:
         # The watchdog counts whole units, so that one set to two may trip soon after the first.
         self.silence_ns = round(max(self._units - 1, 0.75) * WATCHDOG_UNIT_NS)
         return ready
+
+    def _learn(self, law: TorqueLaw) -> None:
+        self.law = law
+        self.turned = replace(law, step=self._settings.sign * law.step)
+        """The same with the servo's sign, between goals and torques of the joint"""
 
     def end(self) -> None:
         """Stop watching for pauses: the torque is off from now."""

@@ -17,7 +17,6 @@ from haptic_wall.hw.dynamixel.driven import Driven
 from haptic_wall.hw.dynamixel.exchange import GOAL_CURRENT, Exchange
 from haptic_wall.hw.dynamixel.health import HealthPolls
 from haptic_wall.hw.dynamixel.register_access import Table
-from haptic_wall.hw.dynamixel.registers import POSITION_UNIT
 from haptic_wall.hw.dynamixel.samples import Way
 from haptic_wall.hw.errors import Problem, ServoError, ServoLostError, UnfitServoError
 from haptic_wall.hw.serialport.line import Line
@@ -167,7 +166,7 @@ class DynamixelGroup:
                 polls.answered()
             one.heard_ns = sampled_ns
             one.alert |= alert
-            position, torque = counts * POSITION_UNIT, one.law.torque(current)
+            position, torque = counts * one.unit + one.offset, one.turned.torque(current)
             readings.append(Reading(outcome, position, counts, sampled_ns, torque, alert))
         return readings
 
@@ -192,12 +191,12 @@ class DynamixelGroup:
         for one, torque in zip(self.servos, torques, strict=True):
             most = one.facts.torque_limit
             fine = torque if -most <= torque <= most else one.limited(torque)
-            goals.append(one.law.goal(fine))
+            goals.append(one.turned.goal(fine))
         self.exchange.send(goals)
         sent = []
         for one, goal in zip(self.servos, goals):  # noqa: B905 - checked
             one.goal = goal
-            sent.append(one.law.torque(goal))
+            sent.append(one.turned.torque(goal))
         return sent
 
     def stop(self) -> bool:

@@ -96,7 +96,7 @@ def prove_the_sign(
     limit = max(1, min(law.within(most), current_limit))
     prober = _Prober(table, name)
     for _ in range(_PUSHES):
-        push = prober.attempt(limit if settings.probe_direction > 0 else -limit)
+        push = prober.attempt(limit if settings.sign * settings.probe_direction > 0 else -limit)
         tripped = not push.moved and table.read("bus_watchdog") == WATCHDOG_TRIPPED
         armed = not tripped or rearm(table, watchdog_units(settings.watchdog_s))
         if push.sign_is_right or not armed:

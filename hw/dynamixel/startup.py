@@ -92,7 +92,8 @@ class Startup:
         self._refuse_if_unfit()
         self._set_up()
         self._judge_constant(seen.law)
-        self._report("position", f"{self._sample().counts * POSITION_UNIT:.3f} rad", "known")
+        position = settings.sign * POSITION_UNIT * self._sample().counts + settings.offset
+        self._report("position", f"{position:.3f} rad", "known")
         longest_ns = self._measure_reply()
         self._refuse_if_unfit()
         advice = "check its supply voltage and Hardware Error Status (70)"

@@ -24,6 +24,8 @@ from haptic_wall.hw.emulated.injection import SILENCING, FaultEvent, Faults, app
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.emulated.traffic import Piece, Reply, instruction_of, pieces
 from haptic_wall.hw.emulated.witness import Event, Witness
+from haptic_wall.hw.plant.arm import couple
+from haptic_wall.hw.truth import TrueArm
 
 GAP_NS = 1_500_000
 """After a longer silence inside a frame servos wait for a new header [ns]"""
@@ -48,9 +50,11 @@ class EmulatedBus:
         witness: Records every event; None: no record.
         adapter: Buffers the bytes to the host; None: one that hands replies over on arrival.
         faults: Faults from the beginning.
+        arm: The links between the servos; None: there are none.
 
     Raises:
-        ValueError: A fault is for an id that no servo has.
+        ValueError: A fault is for an id that no servo has, or the servos cannot be the joints of
+            this arm.
     """
 
     def __init__(
@@ -62,8 +66,12 @@ class EmulatedBus:
         witness: Witness | None = None,
         adapter: Adapter | None = None,
         faults: Faults | None = None,
+        arm: TrueArm | None = None,
     ) -> None:
         self.servos = tuple(servos)
+        couple(arm, [servo.mechanism for servo in servos])
+        for servo in servos:
+            servo.drive.together = tuple(each.drive for each in servos)
         self.host_baud = baud
         self.connected = True
         """The adapter is plugged in at the host"""

@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Sequence
+from operator import attrgetter
 from typing import Final
 
 from haptic_wall.hw.dynamixel.registers import COUNTS_PER_REV, CURRENT_MODE, VELOCITY_UNIT
@@ -32,6 +34,7 @@ STEP_NS: Final = 1_000_000
 SLOPE_UNIT: Final = 1.977
 """[V/s] per unit of PWM Slope"""
 _NEVER_NS: Final = 1 << 62
+_next_ns = attrgetter("next_ns")
 _COUNTS_PER_RAD: Final = COUNTS_PER_REV / (2.0 * math.pi)
 HELD_POSE: Final = (-1, -3)
 """Current and velocity [units] that a servo now and then measures while it holds a pose: side by
@@ -83,12 +86,27 @@ class Drive:
         self.motor = motor
         self.next_ns = _NEVER_NS
         """Time of the next computation [ns]"""
+        self.together: Sequence[Drive] = (self,)
+        """The drives of the bus, which advance together: an arm may couple their shafts"""
+
+    def due(self, now_ns: int) -> bool:
+        """Whether something must be computed before a request of ``now_ns`` [ns] may act."""
+        return now_ns >= self.next_ns or len(self.together) > 1
 
     def advance(self, now_ns: int) -> None:
-        """Advance to ``now_ns`` [ns]."""
-        if now_ns >= self.next_ns:
-            self._catch_up(now_ns)
-        self.mechanism.advance(now_ns)
+        """Advance to ``now_ns`` [ns], and with it all drives of the bus."""
+        together = self.together
+        while (first := min(together, key=_next_ns)).next_ns <= now_ns:
+            first.compute()
+        for each in together:
+            each.mechanism.advance(now_ns)
+
+    def compute(self) -> None:
+        """Compute the next period of the controllers, at its time."""
+        time_ns = max(self.next_ns, self.mechanism.time_ns)
+        self.mechanism.advance(time_ns)
+        self.next_ns = time_ns + STEP_NS
+        self._step(time_ns)
 
     def update(self, now_ns: int) -> None:
         """Set the motor to the registers' present request; call ``advance`` first."""
@@ -119,7 +137,7 @@ class Drive:
                 hold = not self.table.enabled_by_goal
                 self.controllers.engage(mode, self.position(), hold=hold)
             self.next_ns = now_ns
-            self._catch_up(now_ns)
+            self.compute()
 
     def stop(self, now_ns: int) -> None:
         """React to a trip of the Bus Watchdog: limp in current mode, else hold the position."""
@@ -226,16 +244,6 @@ class Drive:
         self._on = True
         torque = current * self.current_unit * self.motor.torque_constant
         self.mechanism.command(torque, now_ns)
-
-    def _catch_up(self, now_ns: int) -> None:
-        """Compute every step up to ``now_ns``."""
-        mechanism = self.mechanism
-        self.next_ns = max(self.next_ns, mechanism.time_ns)
-        while self.next_ns <= now_ns:
-            time_ns = self.next_ns
-            mechanism.advance(time_ns)
-            self.next_ns = time_ns + STEP_NS
-            self._step(time_ns)
 
     def _step(self, now_ns: int) -> None:
         """Compute one period of the controllers."""

@@ -165,8 +165,8 @@ class EmulatedServo:
         open whether packets for other servos count too, and here they do not.
         """
         self._heard_ns = now_ns
-        if now_ns >= self.drive.next_ns or self._by_hand:
-            self.keep_up(now_ns)
+        if self.drive.due(now_ns) or self._by_hand:
+            self.drive.advance(now_ns)
 
     def keep_up(self, now_ns: int) -> None:
         """Compute its controllers up to ``now_ns`` [ns], so that the next instruction is quick.
@@ -175,7 +175,7 @@ class EmulatedServo:
         """
         mechanism = self.mechanism
         behind = mechanism.flexible and now_ns - mechanism.time_ns > _BEHIND_NS
-        if behind or now_ns >= self.drive.next_ns or self._by_hand:
+        if behind or self.drive.due(now_ns) or self._by_hand:
             self.drive.advance(now_ns)
 
     def take_hand(self, hand: SharedHand) -> None:
@@ -216,7 +216,7 @@ class EmulatedServo:
     def write(self, address: int, data: bytes, now_ns: int) -> ErrorCode:
         """Write, with every consequence, at ``now_ns`` [ns]."""
         drive = self.drive
-        if now_ns >= drive.next_ns:
+        if drive.due(now_ns):
             drive.advance(now_ns)
         mode = self.memory["operating_mode"] if address < EEPROM_END else None
         error = self.table.write(address, data)
@@ -230,6 +230,9 @@ class EmulatedServo:
                 # not disturb a start-up that checks the shaft.
                 self._held = True
                 self.mechanism.engage_operator(now_ns)
+                for each in drive.together:  # and for the other servos, checked one by one
+                    if each.mechanism.operator_waits:
+                        each.mechanism.engage_operator(now_ns)
             drive.update(now_ns)
         return error
 

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
 
 from haptic_wall.hw.hand import SharedHand
 from haptic_wall.hw.plant.current_loop import CurrentLoop, Winding, drive_of
 from haptic_wall.hw.plant.encoder import EncoderErrors
 from haptic_wall.hw.plant.mechanics import mechanics_of
-from haptic_wall.hw.plant.operator_model import Grasped, OperatorModel, operator_of
+from haptic_wall.hw.plant.operator_model import FOREVER_NS, Grasped, OperatorModel, operator_of
 from haptic_wall.hw.plant.step import NOBODY, Hand, Kept, kept_for, move
 from haptic_wall.hw.plant.two_masses import ROOM, swing
 from haptic_wall.hw.truth import TrueServo
@@ -56,7 +57,11 @@ class Mechanism:
             operator_waits: The scripted operator does not act until ``engage_operator``.
             operator: Moves the servo from ``start_ns`` on, in place of ``true.hand``.
         """
-        self._mechanics = mechanics_of(true)
+        self.mechanics = mechanics_of(true)
+        self.arm: Callable[[int], None] | None = None
+        """Advances this servo together with others; None: it moves by itself"""
+        self.held = NOBODY
+        """The operator in the present step of an arm"""
         self._braking = 0.0
         self._kept: dict[tuple[float, float, float, float], Kept] = {}
         self._x, self._v = true.position, velocity
@@ -137,9 +142,14 @@ class Mechanism:
         self._operator_ns = now_ns + round(OPERATOR_WAIT_S * 1e9)
 
     @property
+    def operator_waits(self) -> bool:
+        """Whether the scripted operator will take the shaft, but has not yet."""
+        return self._operator_ns is not None
+
+    @property
     def flexible(self) -> bool:
         """Whether a load lies behind a transmission: its motion is computed in substeps."""
-        return self._mechanics.behind > 0.0
+        return self.mechanics.behind > 0.0
 
     def advance(self, now_ns: int) -> None:
         """Advance to ``now_ns`` [ns].
@@ -151,6 +161,8 @@ class Mechanism:
             raise ValueError(
                 f"time went back from {self.time_ns} to {now_ns} ns; advance in order of time"
             )
+        if self.arm is not None:
+            self.arm(now_ns)
         pending = self._pending
         while pending and pending[0][0] <= now_ns:
             acts_ns, torque, braking = pending.popleft()
@@ -239,6 +251,44 @@ class Mechanism:
         counts = round(self._followed * per_radian)
         return counts / per_radian, counts
 
+    def begin(self) -> int:
+        """Let begin what is due at the present time; return when that changes at the latest [ns].
+
+        An arm calls it before each step, then ``drives`` and ``place``.
+        """
+        now_ns, pending = self.time_ns, self._pending
+        while pending and pending[0][0] <= now_ns:
+            _, torque, braking = pending.popleft()
+            self._act(torque, braking)
+        end_ns = pending[0][0] if pending else FOREVER_NS
+        if self._operator_ns is not None:
+            if now_ns >= self._operator_ns:
+                self._take_up(self._operator_ns)
+            else:
+                end_ns = min(end_ns, self._operator_ns)
+        self.held, turn_ns = self._grip(now_ns)
+        if self._loop is not None:
+            end_ns = min(end_ns, self._loop.end_ns)
+        return min(end_ns, turn_ns)
+
+    def drives(self, until_ns: int) -> tuple[float, float]:
+        """Return torque at rest [N·m] and braking [N·m·s/rad] of the motor until ``until_ns``."""
+        loop, now_ns = self._loop, self.time_ns
+        if loop is not None:
+            begin_ns = loop.begin_ns
+            passed = loop.hold(now_ns)[0] * (now_ns - begin_ns) if now_ns > begin_ns else 0.0
+            mean, self._braking = loop.hold(until_ns)
+            self._torque = (mean * (until_ns - begin_ns) - passed) / (until_ns - now_ns)
+        return self._torque, self._braking
+
+    def place(self, position: float, velocity: float, now_ns: int) -> None:
+        """Set the state at the end of a step [rad, rad/s]; with ``begin`` and ``drives``."""
+        self._x, self._v, self.time_ns = position, velocity, now_ns
+        half = self.mechanics.half
+        self._followed = min(max(self._followed, position - half), position + half)
+        if self._loop is not None and now_ns >= self._loop.end_ns:
+            self._loop.moved(velocity, now_ns)
+
     def _command(self, torque: float, braking: float | None, now_ns: int) -> None:
         self.advance(now_ns)
         taken_ns = now_ns if self._loop is None else self._loop.taken_over_ns(now_ns)
@@ -286,26 +336,35 @@ class Mechanism:
             begin_ns, self._operator_ns = self._operator_ns, None
             if begin_ns > self.time_ns:
                 self._move(begin_ns)
-            self._operator = operator_of(replace(self._true, position=self.position))
-            self._start_ns = begin_ns
+            self._take_up(begin_ns)
             if until_ns == begin_ns:
                 return
-        operator, now_ns, start_ns = self._operator, self.time_ns, self._start_ns
+        now_ns = self.time_ns
+        while now_ns < until_ns:
+            hand, turn_ns = self._grip(now_ns)
+            cut_ns = min(until_ns, turn_ns)
+            self._step(hand, cut_ns - now_ns)
+            now_ns = cut_ns
+        self.time_ns = until_ns
+
+    def _take_up(self, begin_ns: int) -> None:
+        """Let the scripted operator act from ``begin_ns`` [ns] on."""
+        self._operator = operator_of(replace(self._true, position=self.position))
+        self._start_ns, self._operator_ns = begin_ns, None
+
+    def _grip(self, now_ns: int) -> tuple[Hand, int]:
+        """Return the operator at ``now_ns``, and until when the reference keeps its slope [ns]."""
+        operator, start_ns = self._operator, self._start_ns
         if self._grasped is not None:
             operator, start_ns = self._grasped, 0
         if operator is None:
-            self._step(NOBODY, until_ns - now_ns)
-        else:
-            while now_ns < until_ns:
-                reference, slope, turn_ns, grip, damping = operator.pull(now_ns - start_ns)
-                cut_ns = min(until_ns, start_ns + turn_ns)
-                self._step(Hand(grip, damping, reference, slope), cut_ns - now_ns)
-                now_ns = cut_ns
-        self.time_ns = until_ns
+            return NOBODY, FOREVER_NS
+        reference, slope, turn_ns, grip, damping = operator.pull(now_ns - start_ns)
+        return Hand(grip, damping, reference, slope), start_ns + turn_ns
 
     def _step(self, hand: Hand, length_ns: int) -> None:
         """Move for a time under the acting torque."""
-        p, torque, braking = self._mechanics, self._torque, self._braking
+        p, torque, braking = self.mechanics, self._torque, self._braking
         duration = length_ns * 1e-9
         if p.behind > 0.0:
             self._end = swing(p, hand, self._z, self._end, torque, braking, duration)

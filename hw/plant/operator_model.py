@@ -131,12 +131,9 @@ class ScriptedOperator:
 
 
 def operator_of(true: TrueServo) -> ScriptedOperator | None:
-    """Return the operator model that moves this simulated servo; None: no operator.
-
-    ``push`` and ``tap`` act on the wall, whatever its side; ``lean`` pushes in the positive
-    direction whatever the wall's side.
-    """
+    """Return the operator model that moves this simulated servo; None: no operator."""
     if true.hand == "none":
         return None
-    direction = 1 if true.hand == "lean" else true.hand_direction
-    return ScriptedOperator(SCRIPTS[true.hand], true.position, true.hand_origin, direction)
+    return ScriptedOperator(
+        SCRIPTS[true.hand], true.position, true.hand_origin, true.hand_direction
+    )

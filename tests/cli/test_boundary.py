@@ -180,3 +180,15 @@ def test_a_configuration_gives_the_limits_of_the_load_that_it_believes(cli: Cli)
     status, out, _ = cli("boundary", *BELIEVED, "--virtual-damping=0.1")
     assert status == 0
     assert "a believed load of 0.003 kg·m² of it that vibrates at 45.96 Hz" in out
+
+
+def test_a_command_for_one_servo_wants_the_name_of_an_axis(cli: Cli) -> None:
+    several = ["--set", "axes.a.servo.inertia=0.01", "--set", "axes.b.servo.inertia=0.03"]
+    ask = ["boundary", "simulated", "--virtual-damping", "0.1"]
+    wanted = "wanted one of a, b: this command works on one servo"
+    assert f"--axis: found no name, {wanted}" in cli.refused(*ask, *several)
+    assert f"--axis: found c, {wanted}" in cli.refused(*ask, *several, "--axis", "c")
+    assert "the configuration has no axes" in cli.refused(*ask, "--axis", "a")
+    (of_axis,) = cli.json(*ask, *several, "--axis", "b")["points"]
+    (alone,) = cli.json(*ask, "--set", "servo.inertia=0.03")["points"]
+    assert of_axis == alone

@@ -47,3 +47,14 @@ def test_config_shows_bounds_of_the_belief_and_marks_what_is_not_used() -> None:
     unused = [line[2:].split()[0] for line in lines if line.startswith("- ")]
     assert unused == [each.path for each in fields().values() if "hardware" not in each.used_by]
     assert {"servo.inertia", "servo.hand"} < set(unused)
+
+
+def test_config_shows_what_an_axis_has_of_its_own() -> None:
+    sets = ["axes.a.wall.law=none", "axes.b.servo.inertia=0.02", "axes.b.wall.stiffness=8"]
+    listed = json.loads(answer(config, "simulated", "--json", *(f"--set={each}" for each in sets)))
+    own = {path: each["value"] for path, each in listed["fields"].items() if "axes" in path}
+    assert own == {
+        "axes.a.wall.law": "none",
+        "axes.b.wall.stiffness": 8.0,
+        "axes.b.servo.inertia": 0.02,
+    }

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptic_wall.controller.cli.live_line import line_of
+from haptic_wall.controller.cli.live_line import line_of, worst_of
 from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, ROW
 from tests.cases import whole_only
@@ -39,6 +39,13 @@ def test_the_line_names_what_a_person_wants_to_know() -> None:
     assert line(row(), 30) == "contact    -0.500 N·m"
     assert line(row(), 10) == "contact  "
     assert line(row(oscillation=State.GROWING), 200).startswith("growing")
+
+
+def test_of_several_axes_the_worst_is_shown() -> None:
+    rows = [row(torque=0.1), row(torque=-0.9), row(torque=0.0)]
+    assert worst_of(rows, [0, 0, 0]) == 1
+    assert worst_of(rows, [0, 0, 4]) == 2, "it loses readings"
+    assert worst_of([row(oscillation=State.SUSTAINED), *rows], [0, 0, 0, 4]) == 0
 
 
 @pytest.mark.whole

@@ -70,6 +70,16 @@ def joined(report: Mapping[str, Any]) -> str:
     return " ".join(report_text(report).split())
 
 
+def test_the_report_of_several_axes_has_a_line_for_each() -> None:
+    part = {key: REPORT[key] for key in ("guard", "oscillation", "torque")}
+    stop = {"stop_reason": "trip:travel", "stop_axis": "elbow", "guard": None}
+    told = report_text(REPORT | stop | {"axes": {"arm": part, "elbow": part}}, brief=True)
+    assert "ENDED BY A SAFETY TRIP: travel of elbow" in told
+    said = "5.5 N·m/rad of 1e+06 requested"
+    assert f"axis        arm: {said}" in told and f"axis        elbow: {said}" in told
+    assert told.count("stiffness 1e+06 asked") == 1, "the reason is the same"
+
+
 def test_the_report_tells_what_happened_in_some_25_lines() -> None:
     text = joined(REPORT)
     for fact in (

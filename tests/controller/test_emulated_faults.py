@@ -70,10 +70,10 @@ def test_they_travel_between_processes_and_to_the_emulator() -> None:
     sets += ["servo.load_inertia=0.003", "servo.transmission_stiffness=200"]
     loaded = load_config(EMULATED, sets).config
     config = Config.model_validate_json(loaded.model_dump_json())
-    plan = json.loads(emulator_arguments(config.servo_settings())[-1])
+    plan = json.loads(emulator_arguments(config.servos())[-1])
     assert (plan["faults"], plan["seed"]) == (["drop:p=0.01", "jump:counts=5"], 3)
     true = config.true_servo()
-    assert TrueServo(**plan["truth"]) == true
+    assert TrueServo(**plan["own"]["1"]) == true
     assert (true.supply, true.load_inertia) == (11.0, 0.003)
 
 
@@ -124,6 +124,6 @@ def test_a_servo_that_falls_silent_ends_the_run_within_the_watchdog_s_time(
     config = load_config(EMULATED, ["loop.clock=simulated", *sets]).config
     found = run_session(config, SimulatedClock(), telemetry, 5.0)
     assert found.stop_reason in ("trip:losses_in_row", "trip:servo_lost")
-    rows, _ = telemetry.read(0)
+    rows = telemetry.read(0)[0][:, 0]
     heard_ns = rows["sampled_ns"][-1]
     assert rows["deadline_ns"][-1] - heard_ns <= 40_000_000

@@ -105,7 +105,7 @@ class ChangedRun:
             seconds,
             surroundings=Surroundings(open_bus=self._open),
         )
-        rows, _ = telemetry.read(0)
+        rows = telemetry.read(0)[0][:, 0]
         telemetry.close()
         return result, rows
 
@@ -113,7 +113,7 @@ class ChangedRun:
         bus = open_bus(servos, clock, port)
         if self.hand is not None:
             bus.take_hand(self.hand)  # type: ignore[attr-defined]
-        self._changes = Changes(self.config, KnownServo(bus.facts[0], None, True))
+        self._changes = Changes([self.config], [KnownServo(bus.facts[0], None, True)])
         return _Asking(bus, self)
 
     def tick(self, position: float) -> None:
@@ -132,8 +132,8 @@ class ChangedRun:
                 return
             at_hand.row, at_hand.number = settled.row, 0
             if settled.row >= 0 and at_hand.new is not None:
-                self._changes.config = at_hand.new
-        config = self._changes.config
+                self._changes.configs[0] = at_hand.new
+        (config,) = self._changes.configs
         sets = tuple(self.ask(row, config, position))
         if not sets:
             return

@@ -57,7 +57,7 @@ class MemorySession:
 
     result: Result
     ticks: np.ndarray
-    """Rows of the telemetry, warm-up included"""
+    """Rows of the first axis, warm-up included"""
     truth: list[Event]
     """The witness's rows, to some time after the end"""
     given_ns: int
@@ -91,25 +91,21 @@ def run_in_memory(
     given_ns: list[int] = []
 
     def opener(servos: Sequence[ServoSettings], _clock: Clock, _port: int | None) -> Bus:
-        (settings,) = servos
-        assert settings.true is not None
-        truth = EmulatedServo(
-            MODELS[settings.model],
-            settings.id,
-            FIRMWARE,
-            settings.true,
-            start_ns=0,
-            baud=settings.baud,
-        )
+        baud = servos[0].baud
+        truths = [
+            EmulatedServo(MODELS[one.model], one.id, FIRMWARE, one.true, start_ns=0, baud=baud)
+            for one in servos
+            if one.true is not None
+        ]
         bus = EmulatedBus(
-            [truth],
-            baud=settings.baud,
+            truths,
+            baud=baud,
             start_ns=0,
             witness=notes,
             adapter=None if adapter is None else Adapter(*adapter, 0),
         )
         buses.append(bus)
-        return DynamixelGroup([settings.driver()], MemoryLine(bus, clock))
+        return DynamixelGroup([one.driver() for one in servos], MemoryLine(bus, clock))
 
     def tell(text: str) -> None:
         if "torque is on" in text:
@@ -118,14 +114,14 @@ def run_in_memory(
             for fault in faults:
                 buses[0].inject(fault, clock.now_ns())
 
-    telemetry = Telemetry.create()
+    telemetry = Telemetry.create(len(config.each))
     blocks: list[np.ndarray] = []
     read = 0
 
     def on_block() -> None:
         nonlocal read
         rows, read = telemetry.read(read)
-        blocks.append(rows)
+        blocks.append(rows[:, 0])
 
     around = Surroundings(on_block=on_block, tell=tell, open_bus=opener)
     result = run_session(config, clock, telemetry, duration_s, surroundings=around)

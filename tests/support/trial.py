@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_wall.controller.detector.backstop import Shared
 from haptic_wall.controller.detector.watch import oscillation_report
 from haptic_wall.controller.guard.schedule import Allowed, GainSchedule, GainTable
 from haptic_wall.controller.guard.types import Decision
@@ -24,7 +25,7 @@ from haptic_wall.controller.runtime.assembly import (
     situation_of,
 )
 from haptic_wall.controller.runtime.cycle import Cycle
-from haptic_wall.controller.runtime.handover import KnownServo
+from haptic_wall.controller.runtime.handover import Inbox, KnownServo
 from haptic_wall.controller.runtime.telemetry import FLAG_SATURATED, NO_DEAD_MAN, Telemetry, Word
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
@@ -181,8 +182,9 @@ def run_trial(
     telemetry.words[Word.HELD_NS] = NO_DEAD_MAN
     known = KnownServo(servo.facts[0], None, simulated=True)
     schedule = _schedule(config, known, tuple(sets), wall)
-    axis = assembled(config, known, telemetry, schedule, rendered(config, known.facts, ()))
-    cycle = Cycle(clock, servo, [axis], telemetry.words, config.period_ns, pipelined=False)
+    inbox, law = Inbox(telemetry), rendered(config, known.facts, ())
+    axis = assembled(config, known, telemetry, inbox, Shared(), schedule, law)
+    cycle = Cycle(clock, servo, [axis], telemetry.words, inbox, config.period_ns, pipelined=False)
     cycle.wall_on()
     blocks: list[NDArray[np.void]] = []
     period_ns, deadline, left, tail = config.period_ns, 0, round(duration_s / config.period_s), 0
@@ -196,7 +198,7 @@ def run_trial(
                 break
         left -= _CHUNK
         rows, tail = telemetry.read(tail)
-        blocks.append(rows)
+        blocks.append(rows[:, 0])
     rows = np.concatenate(blocks)
     backstop = axis.watch.backstop
     return Trial(

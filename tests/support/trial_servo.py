@@ -93,7 +93,7 @@ class TrialServo:
         if self._heavy and now_ns >= self._released_ns:
             self._heavy = False
             plant.advance(self._released_ns)
-            plant._mechanics = mechanics_of(true_servo(self.truth, 0.0))
+            plant.mechanics = mechanics_of(true_servo(self.truth, 0.0))
             plant._kept.clear()
         plant.advance(now_ns)
         self.outputs.append(plant.position)

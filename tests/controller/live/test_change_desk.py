@@ -33,7 +33,7 @@ class Side:
 
     def start(self) -> None:
         """Start the servo."""
-        self.inbox.tell(KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, True))
+        self.inbox.tell([KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, True)])
         self.telemetry.words[Word.STATE] = LoopState.RUNNING
 
 
@@ -44,6 +44,32 @@ def side() -> Iterator[Side]:
     config = load_config("simulated", ("servo.hand=none",)).config
     desk = ChangeDesk(config, telemetry, Offers(telemetry), told.append)
     yield Side(desk, telemetry, Inbox(telemetry), told)
+    telemetry.close()
+
+
+def test_a_change_is_of_the_wall_of_one_axis() -> None:
+    sets = "servo.hand=none", "axes.arm.servo.id=1", "axes.elbow.wall.stiffness=4"
+    told: list[dict[str, Any]] = []
+    telemetry = Telemetry.create(2)
+    inbox = Inbox(telemetry)
+    config = load_config("simulated", sets).config
+    desk = ChangeDesk(config, telemetry, Offers(telemetry), told.append)
+    inbox.tell([KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, True)] * 2)
+    peer = Peer(os.getpid(), os.getuid())
+    for wrong in (
+        ["wall.stiffness=3"],
+        ["axes.arm.delay.steps=2"],
+        ["axes.arm.wall.damping=0.1", "axes.elbow.wall.damping=0.1"],
+    ):
+        answer = desk.begin(wrong, 1.0, peer)
+        assert answer is not None and "NAME is one of arm, elbow" in answer["error"]
+    assert desk.begin(["axes.elbow.wall.stiffness=3"], 1.0, peer) is None
+    change = inbox.take()
+    assert change is not None and change.axis == 1
+    assert change.table.at(0).stiffness == 3.0
+    inbox.settle(0, 0)
+    answer = desk.look()
+    assert answer is not None and answer["changed"] == {"axes.elbow.wall.stiffness": 3.0}
     telemetry.close()
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from haptic_wall.controller.cli.main import main
-from haptic_wall.controller.logs.file import SCHEMA
+from haptic_wall.controller.logs.file import ONE_AXIS, schema
 from haptic_wall.controller.logs.writer import LogWriter, append_end
 from haptic_wall.controller.system.printable import printable
 from tests.cases import sampled
@@ -69,9 +69,17 @@ HOSTILE = {
     "another schema": replaced("rows", "CREATE TABLE rows (time_s REAL, position_rad REAL)"),
     "no table": replaced("events"),
     "a generated column": replaced(
-        "rows", SCHEMA["rows"].replace("delay_s REAL", "delay_s REAL AS (hex(zeroblob(1000000)))")
+        "rows",
+        schema(ONE_AXIS)["rows"].replace(
+            "delay_s REAL", "delay_s REAL AS (hex(zeroblob(1000000)))"
+        ),
     ),
-    "a check": replaced("rows", SCHEMA["rows"].replace("REAL,", "REAL CHECK (randomblob(9)),", 1)),
+    "a check": replaced(
+        "rows", schema(ONE_AXIS)["rows"].replace("REAL,", "REAL CHECK (randomblob(9)),", 1)
+    ),
+    "seventeen axes": replaced("rows", schema([f"a{k}" for k in range(17)])["rows"]),
+    "a name of no axis": replaced("rows", schema(["a b"])["rows"]),
+    "half an axis": replaced("rows", 'CREATE TABLE rows (time_s REAL, "a.position_rad" REAL)'),
     "another type": in_its_schema("torque_nm REAL", "torque_nm TEXT"),
     "a text": written("UPDATE rows SET torque_nm = 'text' WHERE seq = 5000"),
     "a blob": written("UPDATE rows SET torque_nm = zeroblob(20) WHERE seq = 5000"),

@@ -24,6 +24,7 @@ def test_an_error_nobody_foresaw_is_told_once_and_named_a_defect() -> None:
     orders = {
         "config": load_config("simulated", []).config.model_dump_json(),
         "telemetry": telemetry.descriptor,
+        "axes": 1,
         "port": None,
         "parent": os.getpid(),
         "core": min(os.sched_getaffinity(0)),

@@ -42,6 +42,7 @@ class Recording:
     def start(self, resume: bool) -> Child:
         orders = {
             "telemetry": self.telemetry.descriptor,
+            "axes": [""],
             "parent": os.getpid(),
             "log": str(self.path),
             "metadata": {"name": "simulated"},

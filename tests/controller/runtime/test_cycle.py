@@ -125,12 +125,16 @@ class Rig:
         self.clock = SimulatedClock(10**9)
         scripts = (positions, *others)
         self.bus = ScriptedBus(self.clock, scripts, age_ns)
-        self.axes = [made_axis(**given) for _ in scripts]
-        self.axis, self.telemetry = self.axes[0], self.axes[0].telemetry
+        self.telemetry = Telemetry.create(len(scripts))
+        self.inbox = Inbox(self.telemetry)
+        self.axes = [made_axis(self.telemetry, self.inbox, **given) for _ in scripts]
+        self.axis = self.axes[0]
         self.watch, self.wall = self.axis.watch, self.axis.law
         pipelined = given.get("pipelined", False)
         words = self.telemetry.words
-        self.cycle = Cycle(self.clock, self.bus, self.axes, words, PERIOD_NS, pipelined=pipelined)
+        self.cycle = Cycle(
+            *(self.clock, self.bus, self.axes, words, self.inbox, PERIOD_NS), pipelined=pipelined
+        )
         self.deadline = self.clock.now_ns()
 
     def run(self, count: int, missed: int = 0) -> Rig:
@@ -143,17 +147,18 @@ class Rig:
     @property
     def rows(self) -> NDArray[np.void]:
         """Of the first servo."""
-        return self.telemetry.read(0)[0]
+        return self.telemetry.read(0)[0][:, 0]
 
 
 def made_axis(
+    telemetry: Telemetry,
+    inbox: Inbox,
     steps: int = 0,
     allowed: Sequence[Allowed] | None = None,
     ages: Sequence[int] = (0,),
     refusals: int = 0,
     **wall: Any,
 ) -> Axis:
-    telemetry = Telemetry.create()
     allowed = allowed or [bin_of(wall.get("stiffness", 10.0), wall.get("damping", 0.0), 0.0)]
     schedule = GainSchedule(GainTable(allowed), list(ages), [PERIOD_NS], 90.0, 100)
     law = wall.get("law") or Wall(
@@ -176,7 +181,7 @@ def made_axis(
         period_ns=PERIOD_NS,
         torque_limit=5.0,
         wall_from_start=wall.get("from_start", False),
-        inbox=Inbox(telemetry),
+        inbox=inbox,
         changeover=Changeover(0.1, math.inf, 1e-3),
         engagement=Engagement(
             EngageLimits(0.1, 0.0, 3), start_room=wall.get("start_room", math.inf)
@@ -412,7 +417,7 @@ def test_the_served_interval_goes_on_over_readings_that_failed(
     [(0.2, 0.5), (0.95, 1.0), (1.05, 1.0), (1.5, 1.5), (2.93, 3.0), (3.4, 3.4)],
 )
 def test_the_velocity_is_over_the_time_that_really_passed(passed: float, counted: float) -> None:
-    axis = made_axis()
+    axis = Rig([]).axis
     for position, at_ns in ((0.0, 10), (0.01, 10 + round(passed * PERIOD_NS))):
         axis.torque(Reading(Outcome.OK, position, 0, at_ns, 0.1, False), Tick())
     assert axis.velocity == pytest.approx(0.01 / (counted * 1e-3))
@@ -438,8 +443,9 @@ def test_each_axis_renders_its_own_wall_in_one_frame(count: int) -> None:
     assert rig.bus.calls == ["request", "collect", "write"] * 2
     for k, frame in enumerate(rig.bus.frames):
         assert frame == pytest.approx([-0.1 * (k + 1) * n for n in range(1, 1 + count)])
-    for n, axis in enumerate(rig.axes, start=1):
-        assert axis.telemetry.read(0)[0]["position"] == pytest.approx([0.01 * n, 0.02 * n])
+    positions = rig.telemetry.read(0)[0]["position"].T
+    for n, found in enumerate(positions, start=1):
+        assert found == pytest.approx([0.01 * n, 0.02 * n])
 
 
 @pytest.mark.parametrize("count", [1, 2, 6])
@@ -460,7 +466,29 @@ def test_an_axis_that_is_lost_or_trips_sends_zero_to_all_in_the_same_frame(
     assert rig.cycle.trip is trip
     assert rig.bus.frames[-1] == [0.0] * count
     assert [axis.trip for axis in rig.axes] == [None] * (count - 1) + [trip]
+    named = rig.telemetry.words[Word.STOP_AXIS]
+    assert named == (count if count > 1 else 0)
     assert rig.rows["torque"][-1] == 0.0
+
+
+def test_all_axes_count_the_oldest_sample_and_the_longest_interval(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """An interval that has not ended hides no longer one, and no shorter one shortens the mean."""
+    counted: list[tuple[float, float]] = []
+    follow = Gains.follow
+
+    def counts(gains: Gains, age_ns: int, interval_ns: int, may_raise: bool) -> bool:
+        counted.append((age_ns / PERIOD_NS, interval_ns / PERIOD_NS))
+        return follow(gains, age_ns, interval_ns, may_raise)
+
+    monkeypatch.setattr(Gains, "follow", counts)
+    on(Rig([0.0] * 6, [0.0, LOST, 0.0, LOST, LOST, 0.0])).run(6)
+    assert counted[::2] == counted[1::2]
+    assert counted[::2] == [(0, 1), (1, 0), (0, 2), (1, 0), (2, 0), (0, 3)]
+    counted.clear()
+    on(Rig([0.0, 0.0, LOST, 0.0, LOST, 0.0], [0.0, LOST, 0.0, LOST, 0.0, 0.0])).run(6)
+    assert [interval for _, interval in counted[::2]] == [1, 0, 2, 2, 2, 2]
 
 
 @pytest.mark.parametrize("count", [1, 2, 6])
@@ -474,10 +502,11 @@ def test_walls_on_a_bus_of_servos_hold_every_shaft_and_end_together(
     bus = emulated_bus(trues, clock) if emulated else SimulatedBus(trues, clock)
     bus.start()
     gains = [bin_of(5.0, 0.05, 0.0)] * 2
-    axes = [made_axis(allowed=gains, ages=(PERIOD_NS,)) for _ in range(count)]
-    words = axes[0].telemetry.words
+    telemetry = Telemetry.create(count)
+    inbox, words = Inbox(telemetry), telemetry.words
+    axes = [made_axis(telemetry, inbox, allowed=gains, ages=(PERIOD_NS,)) for _ in range(count)]
     words[Word.HELD_NS] = NO_DEAD_MAN
-    cycle = Cycle(clock, bus, axes, words, PERIOD_NS, pipelined=False)
+    cycle = Cycle(clock, bus, axes, words, inbox, PERIOD_NS, pipelined=False)
     cycle.wall_on()
     deadline = clock.now_ns()
     for _ in range(700):
@@ -485,8 +514,7 @@ def test_walls_on_a_bus_of_servos_hold_every_shaft_and_end_together(
         clock.wait_until(deadline)
         cycle.run(deadline, clock.now_ns(), 0)
         assert cycle.trip is None
-    for n, axis in enumerate(axes, start=1):
-        positions = axis.telemetry.read(0)[0]["position"]
+    for n, positions in enumerate(telemetry.read(0)[0]["position"].T, start=1):
         assert positions[0] == pytest.approx(0.02 * n, abs=2e-3)
         assert abs(positions[-1]) < 4e-3
     axes[-1].safety.found, axes[-1].trip = "", None
@@ -494,5 +522,5 @@ def test_walls_on_a_bus_of_servos_hold_every_shaft_and_end_together(
     clock.wait_until(deadline + PERIOD_NS)
     cycle.run(deadline + PERIOD_NS, clock.now_ns(), 0)
     assert cycle.trip is Trip.NOT_A_NUMBER
-    assert [axis.telemetry.read(0)[0]["torque"][-1] for axis in axes] == [0.0] * count
+    assert telemetry.read(0)[0]["torque"][-1].tolist() == [0.0] * count
     assert bus.stop()

@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from haptic_wall.controller.cli import main as cli
+from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.runtime.cycle import Cycle
 from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.runtime.session import Result, Surroundings, run_session
@@ -41,7 +42,7 @@ def session(
     config = load_config(preset, sets).config
     telemetry = telemetry or Telemetry.create()
     result = run_session(config, SimulatedClock(), telemetry, duration)
-    rows, _ = telemetry.read(0)
+    rows = telemetry.read(0)[0][:, 0]
     return result, rows[(rows["flags"] & FLAG_WARM_UP) == 0]
 
 
@@ -196,7 +197,7 @@ def test_every_period_is_a_tick_or_missed(stalled: int, monkeypatch: pytest.Monk
     result = run_session(config, clock, telemetry, 0.5)
     assert result.ticks + result.missed == round(result.elapsed_s * result.grid_hz)
     assert (result.missed > 0) is (stalled >= 500)
-    rows, _ = telemetry.read(0)
+    rows = telemetry.read(0)[0][:, 0]
     assert [row for row in rows["missed"] if row] == [result.missed or 6]
 
 
@@ -235,7 +236,7 @@ def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it() -> None:
     )
     assert "comes on when the shaft has been turned below 0.0° (0.00 turns)" in told[-1]
     assert (result.stop_reason, result.ticks) == ("interrupted", 0)
-    rows, _ = telemetry.read(0)
+    rows = telemetry.read(0)[0][:, 0]
     assert rows["position"][-1] > 0.0
     assert not np.any(rows["torque"])
     assert not result.wall_came_on
@@ -251,7 +252,7 @@ def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset: str, turns: 
     result = run_session(
         config, SimulatedClock(), telemetry, 1.0, surroundings=Surroundings(tell=told.append)
     )
-    rows, _ = telemetry.read(0)
+    rows = telemetry.read(0)[0][:, 0]
     assert len(rows) >= 1000
     assert not rows["torque"].any()
     assert (result.stop_reason, result.ticks, result.wall_came_on) == ("duration", 0, False)
@@ -268,7 +269,7 @@ def test_a_wall_from_the_start_is_on_the_turn_where_the_shaft_stands(preset: str
     result = run_session(
         config, SimulatedClock(), telemetry, 3.2, surroundings=Surroundings(tell=told.append)
     )
-    rows, _ = telemetry.read(0)
+    rows = telemetry.read(0)[0][:, 0]
     assert result.wall_came_on
     surface = rows["position"][0] + 0.3
     pushed = rows[rows["torque"] < 0.0]
@@ -453,3 +454,16 @@ def test_a_notch_renders_a_damping_that_would_make_a_link_vibrate(kind: str, gro
     first, last = heights(rows)
     assert bool(last > first) is grows
     assert bool(last < 0.1 * first) is not grows
+
+
+def test_the_law_none_reads_and_sends_nothing() -> None:
+    sets = ["wall.law=none", "wall.damping=0.1", "wall.passivity_control=true", "servo.hand=push"]
+    result, rows = session("simulated", *sets, duration=3.0)
+    assert result.stop_reason == "duration"
+    assert result.wall_came_on
+    assert not rows["torque"].any()
+    assert not rows["oscillation"].any()
+    assert rows["position"].max() > 0.1
+    parts = "wall.parts=[{law: none}, {law: spring}]"
+    with pytest.raises(ConfigError, match="found a none in part 0"):
+        load_config("simulated", ["wall.law=sum", parts])

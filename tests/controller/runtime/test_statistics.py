@@ -35,9 +35,9 @@ def test_a_run() -> None:
     rows["torque"] = -0.25
     rows["torque"][7] = -2.0
     statistics = RunStatistics()
-    statistics.add(rows[:4])
-    statistics.add(rows[6:])
+    statistics.add(rows[:4, None])
+    statistics.add(rows[6:, None])
     assert statistics.unread == 2
     assert statistics.rows == 5
-    assert statistics.max_torque == 2.0
+    assert statistics.torque() == {"max": 2.0, "saturated_ticks": 0}
     assert statistics.lateness.as_report(50)["max"] == 1.0

@@ -21,10 +21,20 @@ def test_what_is_written_is_read() -> None:
     telemetry.write(*VALUES)
     rows, tail = telemetry.read(0)
     assert tail == 1
-    assert list(rows[0].tolist()) == [0, *VALUES]
+    assert list(rows[0, 0].tolist()) == [0, *VALUES]
     rows, tail = telemetry.read(tail)
     assert rows.size == 0
     assert tail == 1
+
+
+def test_a_tick_is_read_when_all_axes_have_written() -> None:
+    telemetry = Telemetry.create(3)
+    for k in range(8):
+        telemetry.write(k, *VALUES[1:])
+    rows, tail = Telemetry(telemetry.descriptor, axes=3).read(0)
+    assert tail == 2
+    assert rows["deadline_ns"].tolist() == [[0, 1, 2], [3, 4, 5]]
+    assert rows["seq"].tolist() == [[0, 0, 0], [1, 1, 1]]
 
 
 def test_an_overtaken_reader_gets_the_newest_rows_and_sees_the_gap() -> None:
@@ -35,7 +45,7 @@ def test_an_overtaken_reader_gets_the_newest_rows_and_sees_the_gap() -> None:
     rows, tail = telemetry.read(0)
     assert tail == total
     assert rows.dtype == ROW
-    np.testing.assert_array_equal(rows["seq"], np.arange(total - CAPACITY + 1, total))
+    np.testing.assert_array_equal(rows["seq"][:, 0], np.arange(total - CAPACITY + 1, total))
     np.testing.assert_array_equal(rows["deadline_ns"], rows["seq"])
 
 
@@ -62,5 +72,5 @@ def test_rows_that_are_overwritten_while_they_are_read_are_left_out(
     rows, tail = telemetry.read(0)
     assert tail == CAPACITY
     assert not np.any(rows["position"] == -1.0)
-    assert rows["seq"][-1] == CAPACITY - 1
+    assert rows["seq"][-1, 0] == CAPACITY - 1
     assert rows.size == CAPACITY - 11

@@ -373,7 +373,7 @@ def test_a_shaft_that_sticks_more_than_it_rubs_is_not_driven_back(
         write(data)
         if abs(bench.truth.state(bench.clock.now_ns()).velocity) > 0.0:
             mechanism = bench.truth.mechanism
-            mechanism._mechanics = mechanism._mechanics._replace(coulomb=kinetic, static=kinetic)
+            mechanism.mechanics = mechanism.mechanics._replace(coulomb=kinetic, static=kinetic)
 
     bench.line.write = write_and_break_loose  # type: ignore[method-assign]
     assert bench.found("torque sign").endswith("N·m")

@@ -12,7 +12,9 @@ import pytest
 
 from haptic_wall.hw.dynamixel.codec import ErrorCode
 from haptic_wall.hw.dynamixel.tables import MODELS
-from haptic_wall.hw.truth import TrueServo
+from haptic_wall.hw.emulated.bus import EmulatedBus
+from haptic_wall.hw.emulated.servo import EmulatedServo
+from haptic_wall.hw.truth import TrueArm, TrueServo
 from tests.hw.dynamixel.emulated_client import BAUD, Client
 from tests.hw.emulated.sdk_port import LinePort
 from tests.typed import not_none
@@ -152,3 +154,26 @@ def test_the_bus_watchdog_stops_it(mode: int) -> None:
     servo.write(bus_watchdog=0)
     servo.pass_time(0.5)
     assert servo.client.position() == pytest.approx(stopped, abs=0.02)
+
+
+@pytest.mark.parametrize("model", ["XM430-W350", "XL330-M288"])
+def test_servos_of_an_arm_move_together_whoever_is_asked(model: str) -> None:
+    """The second drive is computed in steps (an XL330 senses its supply); nobody asks the first."""
+    true = TrueServo(inertia=0.002, damping=0.01, coulomb=0.0)
+    servos = [
+        EmulatedServo(MODELS[each], id_, 48, true, start_ns=0, baud=4_000_000)
+        for id_, each in enumerate(("XM430-W350", model), 1)
+    ]
+    EmulatedBus(servos, baud=4_000_000, start_ns=0, arm=TrueArm("planar", mass_2=0.05))
+    for name, value in (("operating_mode", 0), ("torque_enable", 1), ("goal_current", 30)):
+        register = servos[1].memory.registers[name]
+        servos[1].write(register.address, register.encode(value), 0)
+    for now_ms in range(1, 301):
+        servos[1].state(now_ms * 1_000_000)
+        if now_ms == 150:
+            after = servos[0].state(now_ms * 1_000_000).position
+    first, second = (each.mechanism for each in servos)
+    assert first.time_ns == second.time_ns
+    assert first.position < after < -0.01
+    assert second.position > 0.01
+    assert second.torque > 0.0

@@ -1,0 +1,383 @@
+"""Searches for an arm on which the guard's walls grow or gain energy, each axis decided alone.
+
+scripts/study arms [--arms N] [--flexible N] [--searches N] [--seed S] [--only PART] [--quick]
+
+An arm is a serial chain of point masses in a pose, with a servo's inertia at each joint:
+M = links + diag(armature). The guard knows the servos alone, one period, and the longest delay.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import expm
+from scipy.optimize import differential_evolution
+
+from haptic_wall.controller.guard.belief import Belief, Bounded
+from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation, decide
+from haptic_wall.controller.laws.wall import Side
+from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
+from haptic_wall.controller.theory.chain import two_masses
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.servos import SERVOS
+from scripts.study import Found, Given, Option, Part, Study, table
+from tests.support.operators import draw_grips
+
+PERIOD = 1e-3
+"""Only the products of rates with it matter [s]"""
+HEAVIEST = 30.0
+"""Largest inertia of the links at a joint, over the armature there [1]"""
+GROWS = 1e-8
+"""Growth of a pole that counts [1/period]"""
+GAINS = 1.0 + 1e-6
+"""Energy after over energy before that counts [1]"""
+SCALES = 40.0
+"""Largest factor that is tried on all stiffnesses [1]"""
+COUNT = math.tau / 4096.0
+"""Of the encoder, in half of the throws [rad]"""
+_THROWS, _TICKS = 8, 800
+_SHARES = (0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
+"""B over its ceiling [1]"""
+_LIMITS = {"MX-64": 4.1, "MX-106": 8.4, "XL330-M288": 0.52, "XL-320": 0.39}
+"""Torque limits of the servos [N·m]"""
+_NAMES = tuple(_LIMITS)
+_TRANSMISSION = {"MX-64": (50.0, 800.0), "MX-106": (100.0, 1600.0)}
+"""Stiffness of gear and horn [N·m/rad]; others 5 to 80"""
+_LOADS = np.geomspace(0.01, 100.0, 61)
+"""Load over motor, for each of which a flexible axis is decided [1]"""
+
+
+class Outcome(NamedTuple):
+    """What one arm's walls do."""
+
+    axes: int
+    growth: float
+    """Of the fastest pole, all walls in contact or some, two-sided [1/period]"""
+    gained: float
+    """Largest energy after throws at one-sided walls, over that before [1]; 0: none was tried"""
+    limit: float
+    """Factor on all stiffnesses at which the arm becomes unstable [1]"""
+
+
+def links(random: np.random.Generator, n: int) -> tuple[FloatArray, FloatArray]:
+    """Return the inertia of a random chain's links in a random pose, and the tip's Jacobian."""
+    bent = random.standard_normal((n, 3))
+    if random.random() < 0.3:  # a planar arm
+        bent = np.tile([0.0, 0.0, 1.0], (n, 1))
+    turns = bent / np.linalg.norm(bent, axis=1)[:, None]
+    ways = random.standard_normal((n, 3)) * np.exp(random.uniform(-1.5, 0.0, (n, 1)))
+    ends = np.cumsum(ways, axis=0)
+    starts = ends - ways
+    inertia = np.zeros((n, n))
+    jacobian = np.zeros((3, n))
+    for k in range(n):
+        jacobian = np.zeros((3, n))
+        jacobian[:, : k + 1] = np.cross(turns[: k + 1], ends[k] - starts[: k + 1]).T
+        inertia += math.exp(random.uniform(-4.0, 0.0)) * jacobian.T @ jacobian
+    return inertia, jacobian
+
+
+def held(
+    tip: FloatArray, armature: FloatArray, random: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Return spring and damper of a hand at the tip, as the joints feel them.
+
+    Args:
+        tip: Jacobian of the tip.
+        armature: [kg·m²]
+        random: Draws a grip as strong as that of the detector's trials.
+    """
+    joints = tip.T @ tip
+    most = int(np.argmax(np.diag(joints)))
+    spring, damper = draw_grips(armature[most : most + 1], random)
+    joints /= joints[most, most]
+    return spring[0] * joints, damper[0] * joints
+
+
+@cache
+def commanded(
+    name: str, rubs: float, delay: float, share: float, side: Side, count: float = 0.0
+) -> tuple[float, float]:
+    """Return K and B that the guard commands for a bare servo.
+
+    Args:
+        name: Of the servo.
+        rubs: Its viscous friction over the published one [1].
+        delay: Longest of the arm [periods].
+        share: Requested B over its ceiling [1].
+        side: Of the wall.
+        count: Of the encoder [rad]; 0: none.
+    """
+    servo, exactly = SERVOS[name], Bounded.exactly
+    one, lag = exactly(1.0), exactly(delay * PERIOD)
+    belief = Belief(exactly(servo.inertia), exactly(rubs * servo.damping), exactly(0.0), lag, one)
+    situation = Situation(belief, PERIOD, _LIMITS[name], count)
+    ceiling = decide(Request(0.0, 0.0, side), GuardSettings(), situation, [0.0], explained=False)
+    request = Request(1e9, share * ceiling[0].damping_ceiling, side)
+    found = decide(request, GuardSettings(), situation, [0.0], explained=False)[0]
+    return found.stiffness, found.damping
+
+
+@cache
+def commanded_flexible(name: str, spring: float, ratio: float, delay: float) -> tuple[float, float]:
+    """Return K and B of an axis whose load may be 0.01 to 100 times the motor: the least over all.
+
+    Args:
+        name: Of the servo, the motor.
+        spring: Stiffness of its transmission [N·m/rad].
+        ratio: Damping of the transmission over the critical one of the motor alone [1].
+        delay: Longest of the arm [periods].
+    """
+    servo = SERVOS[name]
+    m, b = servo.inertia, servo.damping
+    chain = two_masses(m, b, m * _LOADS, spring, 2.0 * ratio * math.sqrt(spring * m))
+    most = 0.5 * float(np.min(chain_ceiling(*chain, PERIOD, delay * PERIOD)))
+    limits = chain_boundary(*chain, most, PERIOD, delay * PERIOD).stiffness
+    return 0.8 * float(np.min(limits)), most
+
+
+class Loop:
+    """An arm's exactly discretised motion between torques that act late.
+
+    Args:
+        mass, damping, spring: Matrices of all masses.
+        delays: Of the axes' torques [periods]: on the first masses; the last ones are measured.
+    """
+
+    def __init__(
+        self, mass: FloatArray, damping: FloatArray, spring: FloatArray, delays: FloatArray
+    ) -> None:
+        total, n = len(mass), len(delays)
+        inverse = np.linalg.inv(mass)
+        self.outputs = np.arange(total - n, total)
+        motion = np.zeros((2 * total + n, 2 * total + n))
+        motion[:total, total : 2 * total] = np.eye(total)
+        motion[total : 2 * total, :total] = -inverse @ spring
+        motion[total : 2 * total, total : 2 * total] = -inverse @ damping
+        motion[total : 2 * total, 2 * total :] = inverse[:, :n]
+        size = 2 * total
+
+        def held(span: float) -> FloatArray:
+            result: FloatArray = expm(motion * span * PERIOD)
+            return result[:size]
+
+        whole = held(1.0)
+        self.free = whole[:, :size]
+        self.late = np.floor(delays).astype(int)
+        self.now, self.before = np.zeros((size, n)), np.zeros((size, n))
+        for i, delay in enumerate(delays):
+            after = held(1.0 - delay % 1.0)
+            self.now[:, i] = after[:, size + i]
+            self.before[:, i] = whole[:, size + i] - after[:, size + i]
+
+    def growth(self, stiffness: FloatArray, damping: FloatArray) -> float:
+        """Return the growth of the fastest pole with walls that always act [1/period]."""
+        size, n = self.now.shape
+        steps = int(self.late.max()) + 1
+        torque = np.zeros((n, size + n + n * steps))  # of the state, the last place, the last ones
+        rows = np.arange(n)
+        torque[rows, self.outputs] = -stiffness - damping / PERIOD
+        torque[rows, size + rows] = damping / PERIOD
+        step = np.zeros((torque.shape[1],) * 2)
+        step[:size, :size] = self.free
+        step[size + rows, self.outputs] = 1.0
+        step[size + n : size + 2 * n] = torque
+        step[size + 2 * n :, size + n : -n] = np.eye(n * (steps - 1))
+        for i, late in enumerate(self.late.tolist()):
+            for weight, ago in ((self.now[:, i], late), (self.before[:, i], late + 1)):
+                if ago == 0:
+                    step[:size] += np.outer(weight, torque[i])
+                else:
+                    step[:size, size + n * ago + i] += weight
+        return float(np.log(np.abs(np.linalg.eigvals(step)).max()))
+
+    def gained(
+        self,
+        mass: FloatArray,
+        walls: FloatArray,
+        count: float,
+        random: np.random.Generator,
+    ) -> float:
+        """Return the largest kinetic energy after throws over that before [1].
+
+        Args:
+            mass: M [kg·m²].
+            walls: K and B of all axes, at 0, filling the positions above.
+            count: Of the encoder [rad]; 0: none.
+            random: Draws the throws.
+        """
+        n, last = len(mass), int(self.late.max()) + 1
+        stiffness, damping = (each[:, None] for each in walls)
+        speed = np.linalg.solve(np.linalg.cholesky(mass).T, random.standard_normal((n, _THROWS)))
+        away = -np.abs(speed) * PERIOD * random.uniform(0.0, 8.0, (n, _THROWS))
+        state, before = np.vstack([away, speed]), away - speed * PERIOD
+        energy = np.einsum("is,ij,js->s", speed, mass, speed)
+        sent = np.zeros((last + 1, n, _THROWS))
+        most, rows = np.zeros(_THROWS), np.arange(n)
+        for _ in range(_TICKS):
+            place = np.rint(state[:n] / count) * count if count else state[:n]
+            torque = -stiffness * place - damping * (place - before) / PERIOD
+            sent = np.roll(sent, 1, axis=0)
+            sent[0] = np.where(place > 0.0, np.minimum(torque, 0.0), 0.0)
+            before = place
+            state = self.free @ state + self.now @ sent[self.late, rows]
+            state += self.before @ sent[self.late + 1, rows]
+            clear = ~sent.any(axis=(0, 1))
+            left = np.einsum("is,ij,js->s", state[n:], mass, state[n:]) / energy
+            most = np.where(clear, np.maximum(most, left), most)
+            if (clear & (state[n:] <= 0.0).all(axis=0)).all():
+                break
+        return float(most.max())
+
+
+def limit_of(loop: Loop, stiffness: FloatArray, damping: FloatArray) -> float:
+    """Return the factor on all stiffnesses at which the arm becomes unstable [1]."""
+    low, high = 0.0, SCALES
+    for _ in range(10):
+        middle = 0.5 * (low + high)
+        stable = loop.growth(middle * stiffness, damping) <= GROWS
+        low, high = (middle, high) if stable else (low, middle)
+    return low
+
+
+def arm_row(case: tuple[int, int]) -> Outcome:
+    """Return what a random arm's walls do, by seed and number."""
+    random = np.random.default_rng(case)
+    n = int(random.integers(2, 7))
+    names = [str(name) for name in random.choice(_NAMES, n)]
+    longest = 0.25 * float(random.integers(0, 13))
+    delays = np.full(n, longest) if random.random() < 0.5 else random.uniform(0.0, longest, n)
+    delays[random.integers(n)] = longest
+    armature = np.array([SERVOS[name].inertia for name in names])
+    if random.random() < 0.5:
+        armature = armature * random.uniform(1.0, 1.5, n)
+    added, tip = links(random, n)
+    heaviest = math.exp(random.uniform(math.log(0.01), math.log(HEAVIEST)))
+    mass = np.diag(armature) + added * heaviest / np.max(np.diag(added) / armature)
+    rubs = float(random.choice([1.0, 0.1]))
+    friction = rubs * np.diag([SERVOS[name].damping for name in names])
+    shares = random.choice(_SHARES, n) if random.random() < 0.7 else np.full(n, 0.7)
+    count = COUNT if random.random() < 0.5 else 0.0
+
+    def walls(side: Side, step: float = 0.0) -> FloatArray:
+        each = zip(names, shares, strict=True)
+        return np.transpose([commanded(x, rubs, longest, float(y), side, step) for x, y in each])
+
+    acts = random.random(n) < (1.0 if random.random() < 0.5 else 0.6)
+    hand, drag = np.zeros((n, n)), friction
+    if random.random() < 0.5:
+        hand, damper = held(tip, armature, random)
+        drag = friction + damper
+    loop = Loop(mass, drag, hand, delays)
+    stiffness, damping = walls("both")
+    growth = max(loop.growth(acts * stiffness, acts * damping), loop.growth(stiffness, damping))
+    gained = 0.0
+    if not hand.any():
+        gained = loop.gained(mass, acts * walls("above", count), count, random)
+    return Outcome(n, growth, gained, limit_of(loop, stiffness, damping))
+
+
+def flexible_row(case: tuple[int, int]) -> Outcome:
+    """Return what the walls of a random arm with flexible joints do."""
+    random = np.random.default_rng(case)
+    n, setting = int(random.integers(2, 5)), np.random.default_rng(case[1] // 20)
+    longest, ratio = setting.uniform(0.0, 3.0), math.exp(setting.uniform(-4.6, -2.0))
+    places = dict.fromkeys(_NAMES, setting.random())
+    springs = {}
+    for name, place in places.items():
+        low, high = _TRANSMISSION.get(name, (5.0, 80.0))
+        springs[name] = low * (high / low) ** place
+    names = [str(name) for name in random.choice(_NAMES, n)]
+    motors = np.array([SERVOS[name].inertia for name in names])
+    added, _ = links(random, n)
+    heaviest = math.exp(random.uniform(math.log(0.01), math.log(HEAVIEST)))
+    load = np.diag(0.01 * motors) + added * heaviest / np.max(np.diag(added) / motors)
+    k = np.array([springs[name] for name in names])
+    c = 2.0 * ratio * np.sqrt(k * motors)
+    walls = [commanded_flexible(name, springs[name], ratio, longest) for name in names]
+    stiffness, damping = np.array(walls).T
+    between = np.block([[np.eye(n), -np.eye(n)], [-np.eye(n), np.eye(n)]])
+    drag = between * np.tile(c, 2) + np.diag([SERVOS[x].damping for x in names] + [0.0] * n)
+    mass = np.block([[np.diag(motors), np.zeros((n, n))], [np.zeros((n, n)), load]])
+    loop = Loop(mass, drag, between * np.tile(k, 2), np.full(n, longest))
+    return Outcome(n, loop.growth(stiffness, damping), 0.0, limit_of(loop, stiffness, damping))
+
+
+def searched_row(case: tuple[int, int]) -> Outcome:
+    """Return the fastest growth that an optimiser finds, over links and delays of an arm."""
+    random = np.random.default_rng(case)
+    n = int(random.integers(2, 4))
+    names = [str(name) for name in random.choice(_NAMES, n)]
+    armature = np.array([SERVOS[name].inertia for name in names])
+    friction = np.diag([SERVOS[name].damping for name in names])
+    longest = 0.25 * float(random.integers(0, 13))
+    root, corner = np.diag(np.sqrt(armature)), np.tril_indices(n)
+
+    def growth(values: FloatArray) -> float:
+        factor = np.zeros((n, n))
+        factor[corner] = values[: len(corner[0])]
+        mass = np.diag(armature) + root @ factor @ factor.T @ root
+        rest = values[len(corner[0]) :]
+        shares = [_SHARES[int(x * (len(_SHARES) - 0.01))] for x in rest[:n]]
+        walls = [commanded(x, 1.0, longest, y, "both") for x, y in zip(names, shares, strict=True)]
+        stiffness, damping = np.array(walls).T
+        delays = longest * np.append(1.0, rest[n:])
+        return Loop(mass, friction, np.zeros((n, n)), delays).growth(stiffness, damping)
+
+    most = math.sqrt(HEAVIEST / n)
+    bounds = [(-most, most)] * len(corner[0]) + [(0.0, 1.0)] * (2 * n - 1)
+    found = differential_evolution(
+        lambda values: -growth(values), bounds, maxiter=40, popsize=6, rng=random, polish=False
+    )
+    return Outcome(n, -float(found.fun), 0.0, math.nan)
+
+
+def _cases(name: str, salt: int) -> Callable[[Given], Iterator[tuple[int, int]]]:
+    return lambda given: ((given.seed + salt, i) for i in range(getattr(given, name)))
+
+
+def _lines(found: Found[tuple[int, int], Outcome]) -> Iterable[str]:
+    rows = [row for _, row in found]
+    kinds = [(str(n), [row for row in rows if row.axes == n]) for n in range(2, 7)]
+    yield from table(
+        ("axes", "arms", "grow", "throws that gain", "commanded K over its limit"),
+        *(_line(*each) for each in [*kinds, ("all", rows)] if each[1]),
+    )
+
+
+def _line(name: str, rows: list[Outcome]) -> tuple[object, ...]:
+    thrown = [row.gained for row in rows if row.gained > 0.0]
+    limits = [1.0 / row.limit for row in rows if row.limit > 0.0]
+    low, middle, high = np.nanpercentile(limits, (5, 50, 95)) if limits else [math.nan] * 3
+    grow = sum(row.growth > GROWS for row in rows)
+    return (
+        name,
+        len(rows),
+        f"{grow} (below {3.0 / len(rows):.2g})" if grow == 0 else grow,
+        f"{sum(x > GAINS for x in thrown)} of {_THROWS * len(thrown)}" if thrown else "",
+        "" if math.isnan(middle) else f"{middle:.2f} ({low:.2f} to {high:.2f})",
+    )
+
+
+def _none(found: Found[tuple[int, int], Outcome]) -> bool:
+    return all(row.growth <= GROWS and row.gained <= GAINS for _, row in found)
+
+
+STUDY = Study(
+    "evidence/arms.md",
+    (
+        Part("arms", _cases("arms", 0), arm_row, _lines, case_s=0.3, wanted=_none),
+        Part("flexible", _cases("flexible", 1), flexible_row, _lines, case_s=0.2, wanted=_none),
+        Part("searched", _cases("searches", 2), searched_row, _lines, case_s=60.0, wanted=_none),
+    ),
+    (
+        Option("arms", 10_000, "random stiff arms and poses", quick=20),
+        Option("flexible", 3000, "random arms with flexible joints", quick=10),
+        Option("searches", 20, "searches for a stiff arm that grows", quick=1),
+        Option("seed", 1, "seed of all draws"),
+    ),
+)

@@ -1,0 +1,114 @@
+"""A run of several axes: each is what it would be alone, and the end of one is the end of all."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from haptic_wall.controller.cli.main import main
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.logs.reader import LogReader
+from haptic_wall.controller.logs.table import read_log
+from haptic_wall.controller.processes.inline import run_inline
+from haptic_wall.controller.processes.plan import Plan
+from haptic_wall.controller.processes.run import _finished_log
+from haptic_wall.controller.processes.run_report import run_report
+from haptic_wall.controller.runtime.telemetry import Telemetry
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.load import load_config
+from tests.support.memory_session import run_in_memory
+
+SETS = (
+    *("loop.clock=simulated", "loop.rate_hz=500", "servo.hand=none", "wall.side=both"),
+    *("axes.shoulder.servo.kick=0.1", "axes.shoulder.wall.stiffness=3"),
+    *("axes.elbow.servo.kick=-0.05", "axes.elbow.servo.inertia=0.002", "axes.elbow.servo.sign=-1"),
+    *("axes.trigger.wall.law=none", "axes.trigger.servo.kick=0.3"),
+)
+NAMES = ("shoulder", "elbow", "trigger")
+TWO = ("axes.one.servo.id=1", "axes.two.servo.id=2", "servo.hand=none")
+
+
+def logged(config: Config, log: Path) -> dict[str, Any]:
+    """Run half a second into a log; return the report."""
+    telemetry = Telemetry.create(len(config.each))
+    plan = Plan(config, 0.5, log, {"name": "a", "config": config.model_dump(mode="json")}, None)
+    ended = run_inline(plan, telemetry)
+    _finished_log(plan, ended, telemetry.words)
+    telemetry.close()
+    return run_report(config, ended, None, None)
+
+
+def test_each_axis_runs_and_is_logged_as_if_it_were_alone(tmp_path: Path) -> None:
+    config = load_config("simulated", SETS).config
+    whole = logged(config, tmp_path / "all.hwlog")
+    assert whole["guard"] is None and whole["stop_axis"] is None
+    read = LogReader.open(tmp_path / "all.hwlog")
+    assert read.axes == tuple(whole["axes"]) == NAMES
+    parts = []
+    for name, one in config.each.items():
+        alone = logged(one, tmp_path / f"{name}.hwlog")
+        assert "axes" not in alone
+        assert whole["axes"][name].items() <= (alone | {"bus": None}).items()
+        parts.append(alone)
+        own, theirs = LogReader.open(tmp_path / f"{name}.hwlog"), read.axis(name)
+        assert np.array_equal(own.rows().view(np.int64), theirs.rows().view(np.int64)), "to the bit"
+        for key in ("servo", "wall", "model", "loop"):
+            assert own.metadata["config"][key] == theirs.metadata["config"][key]
+        assert own.end is not None and theirs.end is not None
+        assert {key: theirs.end[key] for key in ("guard", "oscillation", "torque", "servo")} == {
+            key: own.end[key] for key in ("guard", "oscillation", "torque", "servo")
+        }
+    assert whole["torque"]["max"] == max(part["torque"]["max"] for part in parts) > 0.0
+    assert whole["axes"]["trigger"]["torque"]["max"] == 0.0, "its law is none"
+    with pytest.raises(UserError, match="one of shoulder, elbow, trigger"):
+        read.axis("wrist")
+
+
+def test_a_log_of_several_axes_is_one_table_with_their_names(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, all_of, one_of = (tmp_path / name for name in ("a.hwlog", "a.csv", "one.csv"))
+    logged(load_config("simulated", SETS).config, log)
+    rows = read_log(log).rows
+    assert {"time_s", "seq", "elbow.position_rad", "trigger.torque_nm"} <= set(rows.dtype.names)
+    assert main(["log", str(log), "--csv", str(all_of)]) == 0
+    assert main(["log", str(log), "--axis", "elbow", "--csv", str(one_of)]) == 0
+    with all_of.open() as whole, one_of.open() as part:
+        pairs = list(zip(csv.DictReader(whole), csv.DictReader(part), strict=True))
+    assert len(pairs) == len(rows)
+    for both, own in pairs:
+        assert both["elbow.position_rad"] == own["position_rad"]
+        assert both["time_s"] == own["time_s"]
+    capsys.readouterr()
+    assert main(["detect", str(log)]) == 2
+    assert "--axis: found none, wanted one of shoulder, elbow, trigger" in capsys.readouterr().err
+    assert main(["detect", str(log), "--axis", "shoulder", "--stiffness", "3"]) == 0
+
+
+def test_all_axes_count_the_longest_device_delay(tmp_path: Path) -> None:
+    sets = (*SETS, "axes.elbow.servo.delay=0.003")
+    report = logged(load_config("simulated", sets).config, tmp_path / "a.hwlog")
+    delays = [part["delay_s"]["total"] for part in report["axes"].values()]
+    assert delays == [pytest.approx(0.003)] * 3
+    assert report["delay_s"]["total"] == pytest.approx(0.003)
+
+
+@pytest.mark.parametrize(
+    ("fault", "reason"),
+    [
+        ("unplug:id=2,at=1", "trip:losses_in_row"),
+        ("hardware-error:bits=overload,id=2,at=1", "trip:hardware_error"),
+    ],
+)
+def test_an_axis_that_is_lost_or_ill_takes_the_torque_from_all(fault: str, reason: str) -> None:
+    kicked = "axes.one.servo.kick=0.05", "wall.side=both", "wall.stiffness=2"
+    run = run_in_memory((*TWO, *kicked), 2.0, faults=[fault])
+    assert (run.result.stop_reason, run.result.stop_axis) == (reason, "two")
+    assert run.ticks["torque"][-1] == 0.0 and run.ticks["torque"].any(), "of the other axis"
+    assert run.result.torque_off is ("unplug" not in fault)
+    ends = [event.state.torque for event in run.truth if event.event == "state"][-2:]
+    assert ends == [0.0, 0.0]
