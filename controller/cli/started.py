@@ -27,7 +27,7 @@ from typing import IO, Any, Final
 from haptic_wall.controller.errors import HapticWallError, UserError
 from haptic_wall.controller.live.ask import ask
 from haptic_wall.controller.live.run_socket import AliveRun, connected, socket_of
-from haptic_wall.controller.runtime.telemetry import Telemetry, Word
+from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 
 START_S: Final = 60.0
@@ -112,28 +112,33 @@ class RunningWall:
             most_age_s: Largest time since the sample was requested from the servo [s].
 
         Raises:
-            RunError: An axis has no position as young: the run has ended or hangs, or loses its
-                replies.
+            RunError: The run has ended, the message says why; or an axis has no position as young,
+                because the run hangs or loses its replies.
         """
         end_s = time.monotonic() + START_S
         while self.running() and time.monotonic() < end_s:
-            with contextlib.suppress(OSError):  # it has not made its memory yet, or ends
+            with contextlib.suppress(OSError):  # it has not made its memory yet, or has ended
                 if self._telemetry is None:
                     self._telemetry = Telemetry.of(self._process.pid, len(self._axes))
                 words = self._telemetry.words
+                if words[Word.STATE] > LoopState.RUNNING:
+                    break
                 rows, _ = self._telemetry.read(max(0, words[Word.HEAD] - 1), 1)
                 sampled = rows["sampled_ns"]
                 if sampled.size and sampled.all():
                     run_ns = time.monotonic_ns() - words[Word.OFFSET_NS]
                     self.age_s = 1e-9 * (run_ns - int(sampled.min()))
-                    if self.age_s > most_age_s:
-                        break
-                    return dict(zip(self._axes, rows[0]["position"].tolist(), strict=True))
+                    if self.age_s <= most_age_s:
+                        return dict(zip(self._axes, rows[0]["position"].tolist(), strict=True))
+                    raise RunError(
+                        f"no position of the run of {self.log} is younger than {most_age_s:g} s: it"
+                        " hangs, or loses its replies"
+                    )
             time.sleep(_LOOK_S)
-        raise RunError(
-            f"no position is younger than {most_age_s:g} s: the run has ended or hangs, or a servo"
-            " does not answer; its report says why"
-        )
+        report = self.report()
+        axis = f" of {report['stop_axis']}" if report["stop_axis"] else ""
+        why = f": {report['explanation']}" if report["explanation"] else ""
+        raise RunError(f"the run of {self.log} has ended: {report['stop_reason']}{axis}{why}")
 
     def running(self) -> bool:
         """Whether the run goes on."""

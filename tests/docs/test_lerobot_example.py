@@ -78,7 +78,7 @@ def test_an_action_is_a_position_of_each_axis_until_the_run_ends(example: Any) -
             leader.connect()
         leader._wall.end()
         leader._wall.wait()
-        with pytest.raises(ConnectionError, match="the run ended: interrupted"):
+        with pytest.raises(ConnectionError, match="has ended: interrupted"):
             leader.get_action()
     finally:
         leader.disconnect()

@@ -82,14 +82,15 @@ class HapticWall(Teleoperator):
         """Return the newest positions.
 
         Raises:
-            DeviceNotConnectedError: There are none: the run was never started, has ended, or hangs.
+            DeviceNotConnectedError: There are none: the run was never started, has ended, or hangs;
+                the message says why.
         """
         if self._wall is None:
             raise DeviceNotConnectedError(f"{self}: call connect() first")
         try:
             positions = self._wall.positions()
-        except haptic_wall.RunError:
-            raise DeviceNotConnectedError(f"{self}: {self._end()}") from None
+        except haptic_wall.RunError as error:
+            raise DeviceNotConnectedError(f"{self}: {error}") from None
         return {f"{name}.pos": self._unit(name, x) for name, x in positions.items()}
 
     def _unit(self, name: str, position: float) -> float:
@@ -97,15 +98,6 @@ class HapticWall(Teleoperator):
             low, high = self.config.percent[name]
             return min(100.0, max(0.0, 100.0 * (position - low) / (high - low)))
         return position if self.config.radians else math.degrees(position)
-
-    def _end(self) -> str:
-        """End the run with torque off; return why it ended."""
-        try:
-            report = self._wall.report()
-        except haptic_wall.HapticWallError as error:
-            return str(error)
-        axis = report["stop_axis"]
-        return f"the run ended: {report['stop_reason']}" + (f" of {axis}" if axis else "")
 
     def send_feedback(self, feedback: dict[str, float]) -> None:
         raise NotImplementedError(
@@ -119,7 +111,10 @@ class HapticWall(Teleoperator):
         raises nothing.
         """
         if self._wall is not None:
-            logger.info("%s: %s", self, self._end())
+            try:
+                logger.info("%s: %s", self, self._wall.report()["stop_reason"])
+            except haptic_wall.HapticWallError as error:
+                logger.error("%s: %s", self, error)
         self._wall = None
         self._scope.close()
 
