@@ -139,6 +139,8 @@ def _finished_log(plan: Plan, ended: Ended, words: memoryview[int]) -> LogState:
         "servo": result.get("facts"),
         "schedule": (result.get("bus") or {}).get("schedule"),
     }
+    for name, part in report.get("axes", {}).items():
+        part["servo"] = result["axes"][name]["servo"]
     try:
         append_end(plan.log, report, ended.unlogged)
     except (OSError, LogFormatError) as error:

@@ -74,7 +74,9 @@ def test_a_log_of_several_axes_is_one_table_with_their_names(
     log, all_of, one_of = (tmp_path / name for name in ("a.hwlog", "a.csv", "one.csv"))
     logged(load_config("simulated", SETS).config, log)
     rows = read_log(log).rows
-    assert {"time_s", "seq", "elbow.position_rad", "trigger.torque_nm"} <= set(rows.dtype.names)
+    assert {"time_s", "seq", "elbow.position_rad", "trigger.torque_nm"} <= set(
+        rows.dtype.names or ()
+    )
     assert main(["log", str(log), "--csv", str(all_of)]) == 0
     assert main(["log", str(log), "--axis", "elbow", "--csv", str(one_of)]) == 0
     with all_of.open() as whole, one_of.open() as part:
