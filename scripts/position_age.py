@@ -6,6 +6,7 @@ scripts/study position_age [CONFIG] [--rate HZ] [--seconds S]
 from __future__ import annotations
 
 import argparse
+import math
 import time
 
 import numpy as np
@@ -21,14 +22,14 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=20.0)
     given = parser.parse_args()
     with haptic_wall.run(given.config, {"loop.clock": "monotonic"}) as wall:
-        axes = len(wall.positions())
+        axes = len(wall.positions(math.inf))
         ages, calls = [], []
         due_s = time.perf_counter()
         for _ in range(round(given.rate * given.seconds)):
             due_s += 1.0 / given.rate
             time.sleep(max(0.0, due_s - time.perf_counter()))
             begun_s = time.perf_counter()
-            wall.positions()
+            wall.positions(math.inf)
             calls.append(time.perf_counter() - begun_s)
             ages.append(wall.age_s)
         report = wall.report()

@@ -63,7 +63,7 @@ def example(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
 @pytest.mark.realtime
 def test_an_action_is_a_position_of_each_axis_until_the_run_ends(example: Any) -> None:
     leader = example.HapticWall(
-        example.HapticWallConfig(arm="arm.yaml", percent={"gripper": [-0.5, 0.5]})
+        example.HapticWallConfig(arm="arm.yaml", percent={"gripper": [-0.5, 0.5]}, most_age_s=5.0)
     )
     assert leader.action_features == {"elbow.pos": float, "gripper.pos": float}
     assert not leader.is_connected

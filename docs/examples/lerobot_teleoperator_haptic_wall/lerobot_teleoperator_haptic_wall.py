@@ -40,6 +40,8 @@ class HapticWallConfig(TeleoperatorConfig):
     """Positions in rad; else in degrees, as lerobot's arms take them"""
     percent: dict[str, list[float]] = field(default_factory=dict)
     """Axes in per cent of a range, as lerobot's grippers are: their positions [rad] at 0 and 100"""
+    most_age_s: float = 0.1
+    """An older position is an error [s]"""
 
 
 class HapticWall(Teleoperator):
@@ -88,7 +90,7 @@ class HapticWall(Teleoperator):
         if self._wall is None:
             raise DeviceNotConnectedError(f"{self}: call connect() first")
         try:
-            positions = self._wall.positions()
+            positions = self._wall.positions(self.config.most_age_s)
         except haptic_wall.RunError as error:
             raise DeviceNotConnectedError(f"{self}: {error}") from None
         return {f"{name}.pos": self._unit(name, x) for name, x in positions.items()}
