@@ -23,7 +23,11 @@ CALLED = {
     "RunningWall.set": (
         "(self, changes: 'Mapping[str, Any]', wait_s: 'float' = 10.0) -> 'dict[str, Any]'"
     ),
-    "RunningWall.positions": "(self) -> 'dict[str, float]'",
+    "RunningWall.positions": "(self, most_age_s: 'float' = 0.1) -> 'dict[str, float]'",
+    "axes": (
+        "(config: 'str | os.PathLike[str]', changes: 'Mapping[str, Any] | Sequence[str]' = ())"
+        " -> 'tuple[str, ...]'"
+    ),
     "RunningWall.running": "(self) -> 'bool'",
     "RunningWall.wait": "(self) -> 'dict[str, Any]'",
     "RunningWall.report": "(self) -> 'dict[str, Any]'",
@@ -34,7 +38,9 @@ CALLED = {
     "emulated_bus": (
         "(servos: 'Sequence[str]' = ('XM430-W350:1',), *, baud: 'int' = 4000000,"
         " latency_timer: 'int' = 0, block: 'int | None' = None, faults: 'Sequence[str]' = (),"
-        " seed: 'int' = 0, truth: 'Mapping[str, float | str] | None' = None) -> 'None'"
+        " seed: 'int' = 0, truth: 'Mapping[str, float | str] | None' = None,"
+        " own: 'Mapping[int, Mapping[str, float | str]] | None' = None,"
+        " arm: 'Mapping[str, float | str] | None' = None) -> 'None'"
     ),
 }
 FIELDS = {

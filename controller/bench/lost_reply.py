@@ -54,9 +54,11 @@ def measure() -> Section:
         ServoError: The servo could not be started.
         PlatformError: The bus or the loop could not be started, or no reply was lost.
     """
-    notes = []
-    if _rustypot() is None:
-        notes.append("rustypot is not installed, so nothing is compared with it")
+    notes = [
+        f"{name} is not installed, so nothing is compared with it"
+        for name in ("dynamixel-sdk", "rustypot")
+        if _module(name.replace("-", "_")) is None
+    ]
     rows = _whole_program()
     with emulated_bus(faults=[f"drop:every={_EVERY},way=reply"]) as path, ExitStack() as stack:
         waits = waits_ns(_clients(path, stack), _ROUNDS)
@@ -145,19 +147,18 @@ def _clients(path: str, stack: ExitStack) -> dict[str, Read]:
         deadline_ns = time.monotonic_ns() + int(COLLECT_SHARE * _PERIOD_NS)
         return exchange.collect(deadline_ns)[0].outcome is Outcome.OK
 
-    sdk = importlib.import_module("dynamixel_sdk")
-    port = sdk.PortHandler(path)
-    port.baudrate = BAUD
-    port.openPort()
-    stack.callback(port.closePort)
-    handler = sdk.PacketHandler(2.0)
-    clients: dict[str, Read] = {
-        "haptic-wall, driver": of_ours,
-        f"dynamixel-sdk {version('dynamixel-sdk')} as it comes": lambda: bool(
+    clients: dict[str, Read] = {"haptic-wall, driver": of_ours}
+    sdk = _module("dynamixel_sdk")
+    if sdk is not None:
+        port = sdk.PortHandler(path)
+        port.baudrate = BAUD
+        port.openPort()
+        stack.callback(port.closePort)
+        handler = sdk.PacketHandler(2.0)
+        clients[f"dynamixel-sdk {version('dynamixel-sdk')} as it comes"] = lambda: bool(
             handler.readTxRx(port, 1, _ADDRESS, _BYTES)[1] == sdk.COMM_SUCCESS
-        ),
-    }
-    module = _rustypot()
+        )
+    module = _module("rustypot")
     if module is not None:  # the last: it locks the port
         client = module.Xl430PyController(path, BAUD, 1e-9 * _PERIOD_NS)
         stack.callback(client.close)
@@ -173,9 +174,9 @@ def _clients(path: str, stack: ExitStack) -> dict[str, Read]:
     return clients
 
 
-def _rustypot() -> ModuleType | None:
+def _module(name: str) -> ModuleType | None:
     """Return the module, or None if it is not installed."""
     try:
-        return importlib.import_module("rustypot")
+        return importlib.import_module(name)
     except ImportError:
         return None

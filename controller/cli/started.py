@@ -38,7 +38,7 @@ _LOOK_S: Final = 0.02
 
 
 class RunError(HapticWallError):
-    """A run could not start, or ended without a report.
+    """A run could not start, ended without a report, or has no new positions.
 
     Args:
         what: Why, as the run's own process says it.
@@ -61,6 +61,7 @@ class RunningWall:
 
     Attributes:
         log: See above.
+        age_s: Age of the oldest of the last ``positions``, when they were returned [s].
     """
 
     def __init__(
@@ -73,6 +74,7 @@ class RunningWall:
         self.log = log
         self._axes = axes
         self._telemetry: Telemetry | None = None
+        self.age_s = math.inf
         self._answer = tempfile.TemporaryFile()  # noqa: SIM115 - closed in close()
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", __name__, *arguments],
@@ -101,24 +103,42 @@ class RunningWall:
         run = AliveRun(socket_of(self.log), self._process.pid)
         return ask(run, _texts(changes), wait_s, lambda _text: None)
 
-    def positions(self) -> dict[str, float]:
-        """Return the last position of each axis by its name [rad]; one servo has an empty name.
+    def positions(self, most_age_s: float = 0.1) -> dict[str, float]:
+        """Return the newest position of each axis by its name [rad]; one servo has an empty name.
 
-        It takes microseconds, and disturbs nothing. One that is not known yet is NaN.
+        It reads shared memory, and waits only until each servo has answered for the first time.
+
+        Args:
+            most_age_s: Largest time since the sample was requested from the servo [s].
 
         Raises:
-            UserError: The run has ended.
+            RunError: The run has ended, the message says why; or an axis has no position as young,
+                because the run hangs or loses its replies.
         """
-        with contextlib.suppress(OSError):  # it is about to end
-            if self._telemetry is None:
-                self._telemetry = Telemetry.of(self._process.pid, len(self._axes))
-            words = self._telemetry.words
-            if self.running() and words[Word.STATE] <= LoopState.RUNNING:
-                if not (head := words[Word.HEAD]):
-                    return dict.fromkeys(self._axes, math.nan)
-                rows, _ = self._telemetry.read(head - 1, 1)
-                return dict(zip(self._axes, rows[0]["position"].tolist(), strict=True))
-        raise UserError(f"the run of {self.log} has ended")
+        end_s = time.monotonic() + START_S
+        while self.running() and time.monotonic() < end_s:
+            with contextlib.suppress(OSError):  # it has not made its memory yet, or has ended
+                if self._telemetry is None:
+                    self._telemetry = Telemetry.of(self._process.pid, len(self._axes))
+                words = self._telemetry.words
+                if words[Word.STATE] > LoopState.RUNNING:
+                    break
+                rows, _ = self._telemetry.read(max(0, words[Word.HEAD] - 1), 1)
+                sampled = rows["sampled_ns"]
+                if sampled.size and sampled.all():
+                    run_ns = time.monotonic_ns() - words[Word.OFFSET_NS]
+                    self.age_s = 1e-9 * (run_ns - int(sampled.min()))
+                    if self.age_s <= most_age_s:
+                        return dict(zip(self._axes, rows[0]["position"].tolist(), strict=True))
+                    raise RunError(
+                        f"no position of the run of {self.log} is younger than {most_age_s:g} s: it"
+                        " hangs, or loses its replies"
+                    )
+            time.sleep(_LOOK_S)
+        report = self.report()
+        axis = f" of {report['stop_axis']}" if report["stop_axis"] else ""
+        why = f": {report['explanation']}" if report["explanation"] else ""
+        raise RunError(f"the run of {self.log} has ended: {report['stop_reason']}{axis}{why}")
 
     def running(self) -> bool:
         """Whether the run goes on."""
@@ -185,6 +205,21 @@ class RunningWall:
                 stream.close()
 
 
+def axes(
+    config: str | os.PathLike[str], changes: Mapping[str, Any] | Sequence[str] = ()
+) -> tuple[str, ...]:
+    """Return the names of a configuration's axes, in order; ``("",)``: it has one, without a name.
+
+    Args:
+        config: As of ``run``.
+        changes: As of ``run``.
+
+    Raises:
+        ConfigError: The configuration is wrong.
+    """
+    return tuple(load_config(os.fspath(config), _sets(changes)).config.each)
+
+
 @contextlib.contextmanager
 def run(
     config: str | os.PathLike[str],
@@ -210,7 +245,7 @@ def run(
         UserError: The duration is missing on the simulated clock, or it or the log cannot be used.
         RunError: The run could not start.
     """
-    sets = _texts(changes) if isinstance(changes, Mapping) else list(changes)
+    sets = _sets(changes)
     effective = load_config(os.fspath(config), sets).config
     if duration_s is None and effective.loop.clock == "simulated":
         raise UserError(
@@ -234,6 +269,10 @@ def run(
         if not wall.running():
             wall.wait()
         yield wall
+
+
+def _sets(changes: Mapping[str, Any] | Sequence[str]) -> list[str]:
+    return _texts(changes) if isinstance(changes, Mapping) else list(changes)
 
 
 def _texts(changes: Mapping[str, Any]) -> list[str]:

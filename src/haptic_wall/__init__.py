@@ -12,7 +12,7 @@ from __future__ import annotations
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from haptic_wall.controller import theory
-    from haptic_wall.controller.cli.started import RunError, RunningWall, run
+    from haptic_wall.controller.cli.started import RunError, RunningWall, axes, run
     from haptic_wall.controller.emulated_bus.bus import BusError
     from haptic_wall.controller.emulated_bus.bus import DynamixelBus as emulated_bus  # noqa: N813
     from haptic_wall.controller.errors import (
@@ -43,6 +43,7 @@ __all__ = [
     "RunningWall",
     "ServoError",
     "UserError",
+    "axes",
     "emulated_bus",
     "read_log",
     "run",
@@ -63,6 +64,7 @@ _HOMES = {
     "RunningWall": "controller.cli.started",
     "ServoError": "hw.errors",
     "UserError": "controller.errors",
+    "axes": "controller.cli.started",
     "emulated_bus": "controller.emulated_bus.bus:DynamixelBus",
     "read_log": "controller.logs.table",
     "run": "controller.cli.started",

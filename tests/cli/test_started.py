@@ -56,10 +56,9 @@ def test_a_wall_is_changed_from_outside_and_its_clients_harm_nothing(tmp_path: P
     log = tmp_path / "run.hwlog"
     sets = ("servo.hand=push", "wall.stiffness=8", "loop.rate_hz=100", "realtime.profile=off")
     with run("simulated", sets, log=log) as wall:
+        assert abs(wall.positions(most_age_s=5.0)[""]) < 3.2
         told = wall.set({"wall.stiffness": 4.0}, wait_s=60.0)
         assert told["applied"] and told["guard"]["requested"]["stiffness"] == 4.0
-        (here,) = wall.positions().items()
-        assert here[0] == "" and abs(here[1]) < 3.0
         attacked(wall)
         status, answer = asked(wall, "wall.law=detents", "wall.count=12", "--wait=60")
         assert (status, answer.get("applied")) == (0, True)
@@ -67,8 +66,11 @@ def test_a_wall_is_changed_from_outside_and_its_clients_harm_nothing(tmp_path: P
             wall.set({"loop.rate_hz": 500})
         status, answer = asked(wall, "wall.law=spring", "wall.position=900", "--wait=0")
         assert status == 3 and str(answer["error"]).startswith("not applied: ")
+        assert wall.positions(most_age_s=5.0).keys() == {""}, "hostile clients took nothing away"
+        with pytest.raises(RunError, match="is younger than 0 s: it hangs"):
+            wall.positions(most_age_s=0.0)
         report = wall.report()
-        with pytest.raises(UserError, match="has ended"):
+        with pytest.raises(RunError, match="has ended: interrupted"):
             wall.positions()
     assert report["stop_reason"] == "interrupted" and report["torque_off"]
     outcomes = [each["outcome"] for each in report["changes"]]
