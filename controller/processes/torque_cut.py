@@ -13,7 +13,6 @@ from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.open import backend, cut_torque
 from haptic_wall.hw.settings import ServoSettings
 
-
 ATTEMPTS: Final = 2
 
 
