@@ -37,6 +37,10 @@ class Source(Protocol):
         """Return the servo's supply [V] and temperature [°C]; None: not known."""
         ...
 
+    def stopped(self) -> bool:
+        """Whether the axis of the view ended the run, as one of several."""
+        ...
+
     def first(self) -> int:
         """Return the number of the first row for a client that comes now."""
         ...
@@ -76,6 +80,10 @@ class RunningSource:
         words = self._telemetry.words
         found = words[Word.SUPPLY_MV] / 1e3, words[Word.TEMPERATURE_MC] / 1e3
         return found if found[0] else None
+
+    def stopped(self) -> bool:
+        """Whether the axis of the view ended the run, as one of several."""
+        return bool(self._telemetry.words[Word.STOP_AXIS] == self._order[0] + 1)
 
     def first(self) -> int:
         """Return the number of the row a minute ago."""
@@ -123,6 +131,10 @@ class LoggedSource:
 
     def health(self) -> None:
         """Return None: a log does not have it."""
+
+    def stopped(self) -> bool:
+        """Return False: the end of a log says it in words."""
+        return False
 
     def since(self, numbers: Sequence[int]) -> list[tuple[int, float]]:
         """Return place and time [s] of each row, by its number; without those behind the end."""

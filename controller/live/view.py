@@ -254,7 +254,7 @@ class View:
 
         ``position`` [rad], the drawn range from ``low`` to ``high`` and the ``edges`` of the law in
         it [rad], whether it pushes at each end of the range (``walls``), ``torque`` [N·m],
-        ``stiffness`` [N·m/rad], ``off``, ``alarm``.
+        ``stiffness`` [N·m/rad], ``off``, ``alarm``, and whether it ``stopped`` the run.
         """
         law = self._laws[-1] if self._laws else {}
         torque = law.get("torque", [0.0])
@@ -268,6 +268,7 @@ class View:
             "stiffness": _finite(self.stiffness),
             "off": self.off,
             "alarm": self.alarm,
+            "stopped": self.source.stopped(),
         }
 
     def draw_law(self) -> None:

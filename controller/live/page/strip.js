@@ -35,7 +35,7 @@ export class Strip {
     for (const axis of axes) this.draw(this.rows[axis.name], axis, ended);
   }
 
-  draw(row, { position, low, high, edges, walls, torque, off, alarm }, ended) {
+  draw(row, { position, low, high, edges, walls, torque, off, alarm, stopped }, ended) {
     if (!row) return;
     const share = (value) => 100 * Math.max(0, Math.min(1, (value - low) / (high - low)));
     const known = position !== null && low !== null;
@@ -51,7 +51,7 @@ export class Strip {
     Object.assign(row.bar.style, { width: `${half}%`, left: `${torque < 0 ? 50 - half : 50}%` });
     row.place.textContent = format(position, "rad");
     row.push.textContent = format(torque, "N·m");
-    row.word.textContent = ended ? "" : alarm ? "oscillates" : off ? "off" : "";
-    row.button.classList.toggle("bad", alarm);
+    row.word.textContent = stopped ? "ended the run" : ended ? "" : alarm ? "oscillates" : off ? "off" : "";
+    row.button.classList.toggle("bad", alarm || stopped);
   }
 }
