@@ -68,8 +68,8 @@ class Backend:
     """Required fields of ``servo.*``, and their meaning, for people"""
     models: Callable[[], Mapping[str, TorqueModel]] | None = None
     """The models that ``servo.model`` may name; None: any, and no facts of them are known"""
-    cycle_s: Callable[[float], float] | None = None
-    """Returns the time of a cycle on the wire [s] at ``servo.baud`` [bit/s]; None: not known"""
+    cycle_s: Callable[[Sequence[ServoSettings]], float] | None = None
+    """Returns the least time of a cycle on the wire [s]; None: not known"""
     problems: Callable[[Sequence[ServoSettings]], Iterable[Problem]] | None = None
     """Finds conflicts between fields that are valid by themselves; ``field`` is one's path"""
     open_port: Callable[[Sequence[ServoSettings]], int | None] = lambda _: None

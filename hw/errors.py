@@ -131,6 +131,8 @@ class ServoError(ExplainedError):
     """The servo could not be reached, is unfit, or was lost."""
 
     mark = ": "
+    id: int | None = None
+    """The id of the servo at fault; None: not known, or not a single one's"""
 
 
 class BackendError(ServoError, LookupError):

@@ -4,22 +4,31 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import click
+import yaml
 
-from haptic_wall.controller.cli.options import put, writing
+from haptic_wall.controller.cli.numbers import Number
+from haptic_wall.controller.cli.options import put, reading, writing
 from haptic_wall.controller.cli.places import FileToWrite, force_option
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.settings.fields import fields
 from haptic_wall.controller.settings.load import (
     DEFAULT_PRESET,
+    Loaded,
     load_config,
     preset_names,
     preset_text,
 )
+from haptic_wall.controller.settings.urdf import joint_ranges
 from haptic_wall.controller.system.files import whole
 
+Axes = Mapping[str, Mapping[str, Mapping[str, Any]]]
+"""Settings by axis, section and name"""
 _HINT = """\
 #
 # Lines such as `# key: value` show further settings and their defaults: remove the first # to set
@@ -37,8 +46,32 @@ _HINT = """\
     type=click.Choice(preset_names()),
     help="The preset to start from; `haptic-wall presets` lists them.",
 )
+@click.option(
+    "--axes",
+    "ids",
+    type=Number(0, 252, whole=True, form="list"),
+    metavar="ID[,ID...]",
+    help="Ids of the servos, for a file with an axis for each.",
+)
+@click.option(
+    "--urdf",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="A robot's description: its revolute joints are the axes, in order, with stops at their "
+    "limits; ids: --axes, else 1, 2, ...",
+)
+@click.option(
+    "--margin",
+    type=Number(0, math.pi, unit="rad"),
+    default=0.1,
+    show_default=True,
+    metavar="RAD",
+    help="With --urdf: distance of the stops from the limits.",
+)
 @force_option
-def command(file: Path, preset: str) -> None:
+def command(
+    file: Path, preset: str, ids: list[int] | None, urdf: Path | None, margin: float
+) -> None:
     """Write a commented configuration to FILE, which every command takes as CONFIG.
 
     The file contains the preset's settings with their comments. It lists all other settings as
@@ -52,15 +85,49 @@ def command(file: Path, preset: str) -> None:
             wanted="another name",
             advice=f"give for example `haptic-wall init my-{file}.yaml --from {file}`",
         )
-    text = commented(preset)
+    text = commented(preset, _axes(ids, urdf, margin))
     with writing("FILE", file), whole(file) as part:
         part.write_text(text, encoding="utf-8")
     put(f"{file}: the preset {preset}; `haptic-wall run {file}` runs it")
 
 
-def commented(preset: str) -> str:
-    """Return a configuration with every field, those that the preset does not set as comments."""
+def _axes(ids: list[int] | None, urdf: Path | None, margin: float) -> Axes:
+    """Return the axes that the options ask for."""
+    if twice := [id_ for id_ in ids or () if (ids or ()).count(id_) > 1]:
+        raise UserError(f"found {twice[0]} twice", field="--axes", wanted="an id for each servo")
+    if urdf is None:
+        return {f"axis_{id_}": {"servo": {"id": id_}} for id_ in ids or ()}
+    with reading("--urdf", urdf, "a URDF"):
+        ranges = joint_ranges(urdf, margin)
+    ids = list(range(1, len(ranges) + 1)) if ids is None else ids
+    if len(ids) != len(ranges):
+        wanted = f"{len(ranges)}, one for each of {', '.join(ranges)}"
+        raise UserError(f"found {len(ids)} ids", field="--axes", wanted=wanted)
+    return {
+        name: {"servo": {"id": id_}, "wall": {"law": "stops", "low": low, "high": high}}
+        for id_, (name, (low, high)) in zip(ids, ranges.items(), strict=True)
+    }
+
+
+def commented(preset: str, axes: Axes | None = None) -> str:
+    """Return a configuration with every field, those that the preset does not set as comments.
+
+    Args:
+        preset: The preset.
+        axes: In place of its own axes; empty or None: these.
+
+    Raises:
+        ConfigError: They do not fit the preset.
+    """
     loaded = load_config(preset)
+    if axes:
+        changes = (
+            f"axes.{name}.{section}.{key}={json.dumps(value)}"
+            for name, axis in axes.items()
+            for section, own in axis.items()
+            for key, value in own.items()
+        )
+        load_config(preset, [*(["axes={}"] if loaded.config.axes else []), *changes])
     config, kind = loaded.config.model_dump(mode="json"), loaded.config.servo.kind
     about = itertools.takewhile(lambda line: line.startswith("#"), preset_text(preset).splitlines())
     lines, inside = [*about, *_HINT.splitlines()], ""
@@ -77,4 +144,31 @@ def commented(preset: str) -> str:
         unit = f"[{field.unit}] " if field.unit else ""
         mark = "" if field.path in loaded.origins else "# "
         lines.append(f"  {mark}{key}: {given}  # {unit}{field.meaning} ({field.wanted})")
-    return "\n".join(lines) + "\n"
+    axes = axes or _given_axes(loaded)
+    return "\n".join([*lines, *axes_lines(axes)]) + "\n"
+
+
+def _given_axes(loaded: Loaded) -> Axes:
+    """Return what the axes of a configuration give of their own."""
+    axes: dict[str, dict[str, dict[str, Any]]] = {name: {} for name in loaded.config.axes}
+    for path in loaded.origins:
+        if path.startswith("axes."):
+            _, name, section, key = path.split(".")
+            held = loaded.config.axes[name].model_dump(mode="json")
+            axes[name].setdefault(section, {})[key] = held[section][key]
+    return axes
+
+
+def axes_lines(axes: Axes) -> list[str]:
+    """Return the section ``axes`` of a file, with a blank line before it; nothing if it has none.
+
+    Args:
+        axes: Settings by axis, section and name.
+    """
+    lines = ["", "axes:  # each axis gives what it has of its own of servo, model and wall"]
+    for name, axis in axes.items():
+        lines.append(f"  {name}:")
+        for section, own in axis.items():
+            flow = yaml.safe_dump(own, default_flow_style=True, sort_keys=False, width=math.inf)
+            lines.append(f"    {section}: {flow.strip()}")
+    return lines if axes else []

@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from haptic_wall.controller.cli.init import axes_lines
 from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import answer, json_option, say
 from haptic_wall.controller.doctor.adapter import kind_of_port, may_be_serial, only_adapter
@@ -113,6 +114,12 @@ def _text(found: dict[str, Any]) -> str:
         lines.append(
             f"{servo['id']:>3}  {servo['baud']:>8}  {model:<14}  {servo['firmware']:>8}{note}"
         )
+    usable = [servo for servo in found["servos"] if servo["current_mode"]]
+    if len(usable) > 1 and len({servo["baud"] for servo in usable}) == 1:
+        axes = {
+            f"axis_{one['id']}": {"servo": {k: one[k] for k in ("id", "model")}} for one in usable
+        }
+        lines += axes_lines(axes)
     if not found["servos"]:
         lines.append(
             f"Nothing answers: check {wiring(found['port'])}, or try more ids with --ids 0-252; "

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from haptic_wall.controller.laws.wall import Law
+from haptic_wall.controller.laws.wall import NONE, Law
 
 MOST_TORQUE = 0.1
 """Largest elastic torque at which any wall may come on [N·m]: 1 N at the tip of a 10 cm horn"""
@@ -117,6 +117,8 @@ def start_text(law: Law, side: str, position: float) -> str:
         side: Its side, as in the configuration.
         position: Position of the shaft [rad].
     """
+    if law.name == NONE:
+        return f"no torque is sent, the shaft is at {place_text(position)}"
     if not law.linear:
         return (
             f"the law {law.name} counts from {place_text(law.position)}, "
@@ -164,6 +166,8 @@ def waiting_text(
     away = position - law.position
     if not law.in_contact(position) or abs(law.elongation(position)) <= room:
         return f"the wall waits until the shaft has stayed here for {1e3 * REST_S:g} ms"
+    if law.name == NONE:
+        return f"no torque is sent, the shaft is at {place_text(position)}"
     if not law.linear:
         return (
             f"the law {law.name} holds {1e3 * 0.5 * stiffness * law.elongation(position) ** 2:.3g}"

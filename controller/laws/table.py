@@ -22,7 +22,7 @@ from haptic_wall.controller.laws.profile import Profile
 from haptic_wall.controller.laws.several import Sum
 from haptic_wall.controller.laws.shape import Grid, LawError, Numbers, Shape
 from haptic_wall.controller.laws.shaped import ShapedLaw
-from haptic_wall.controller.laws.wall import Law, Side, Wall
+from haptic_wall.controller.laws.wall import NONE, Law, Side, Wall
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +39,6 @@ class Kind:
 
 
 SUM: Final = "sum"
-NONE: Final = "none"
-"""The law that reads the position and commands no torque"""
 LAWS: Final[dict[str, Kind]] = {
     "wall": Kind("a wall at a position", ("side",), one_sided.make, {}),
     "stops": Kind(

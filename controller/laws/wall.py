@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Final, Literal, Protocol
 
 Side = Literal["above", "below", "both"]
+NONE: Final = "none"
+"""The law that reads the position and commands no torque"""
 SIGNS: dict[Side, int] = {"above": 1, "below": -1, "both": 0}
 """Direction in which the wall continues from its surface; 0: it has no surface"""
 

@@ -18,6 +18,8 @@ from haptic_wall.hw.settings import Way
 from haptic_wall.hw.truth import ARM, TYPES, TrueArm
 
 MOST_AXES: Final = 16
+MOST_NAME: Final = 24
+"""Longest name of an axis [letters]"""
 SHARED: Final = (
     "backend",
     "port",
@@ -30,7 +32,7 @@ SHARED: Final = (
 """Fields of ``servo`` that belong to the bus, the same for every axis"""
 RENAMED: Final = ("port", "baud")
 """Fields of ``bus`` that are another name of those of ``servo``"""
-AxisName = Annotated[str, Field(pattern="^[a-z][a-z0-9_]*$", max_length=24)]
+AxisName = Annotated[str, Field(pattern="^[a-z][a-z0-9_]*$", max_length=MOST_NAME)]
 
 
 class Bus(Section):
@@ -88,22 +90,16 @@ OWN: Final = tuple(Axis.model_fields)
 """Names of these sections"""
 
 
-def with_bus(data: dict[str, Any]) -> dict[str, Any]:
-    """Return unchecked settings with ``bus.port`` and ``bus.baud`` as those of ``servo``."""
-    bus, servo = data.get("bus"), data.get("servo", {})
-    if not isinstance(bus, dict) or not isinstance(servo, dict):
-        return data
-    moved = {name: bus[name] for name in RENAMED if bus.get(name) is not None}
-    rest = {name: value for name, value in bus.items() if name not in moved}
-    return {**data, "bus": rest, "servo": servo | moved} if moved else data
-
-
 def completed(data: dict[str, Any]) -> dict[str, Any]:
-    """Return unchecked settings with ``bus`` applied and each axis whole.
+    """Return unchecked settings with port and baud of ``bus`` in ``servo``, and each axis whole.
 
     An axis with another law than the top level does not inherit the numbers of that law.
     """
-    data, axes = with_bus(data), data.get("axes")
+    bus, servo, axes = data.get("bus"), data.get("servo", {}), data.get("axes")
+    if isinstance(bus, dict) and isinstance(servo, dict):
+        moved = {name: bus[name] for name in RENAMED if bus.get(name) is not None}
+        rest = {name: value for name, value in bus.items() if name not in moved}
+        data = {**data, "bus": rest, "servo": servo | moved}
     if not isinstance(axes, dict):
         return data
     return {**data, "axes": {name: _completed(axis, data) for name, axis in axes.items()}}
@@ -120,6 +116,30 @@ def _completed(axis: Any, data: Mapping[str, Any]) -> Any:  # noqa: ANN401 - wha
                 default = {name: default[name] for name in default if name not in NUMBERS}
             whole[section] = default | own
     return whole
+
+
+def compact(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Return dumped settings without nulls, and of each axis only what it has of its own."""
+    short: dict[str, Any] = {
+        section: {name: value for name, value in given.items() if value is not None}
+        for section, given in data.items()
+        if section != "axes"
+    }
+    if data["axes"]:
+        short["axes"] = {
+            name: {section: _own(section, axis[section], data[section]) for section in OWN}
+            for name, axis in data["axes"].items()
+        }
+    return short
+
+
+def _own(section: str, axis: Mapping[str, Any], default: Mapping[str, Any]) -> dict[str, Any]:
+    kept = NUMBERS if section == "wall" and axis["law"] != default["law"] else ()
+    return {
+        name: value
+        for name, value in axis.items()
+        if name in kept or name not in default or value != default[name]
+    }
 
 
 def split_path(path: str) -> tuple[str, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from itertools import combinations
 from typing import Final
 
@@ -11,6 +12,7 @@ from pydantic import ValidationError
 
 from haptic_wall.controller.settings.axes import SHARED
 from haptic_wall.controller.settings.sections import Sections
+from haptic_wall.controller.settings.shares import COLLECT_SHARE
 from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.open import backend
 
@@ -37,8 +39,10 @@ def broken_bus_rules(config: Sections) -> Iterator[Problem]:
     """Yield the violations of the rules of a bus and its axes."""
     make = backend(config.servo.backend)
     with suppress(ValidationError):  # another rule reports wrong options
-        asked = [one.servo.asked() for one in config.each.values()]
+        asked = [replace(one.servo.asked(), read=config.bus.read) for one in config.each.values()]
         yield from [] if make.problems is None else make.problems(asked)
+        if make.cycle_s is not None and config.servo.baud is not None:
+            yield from _cycle(config, make.cycle_s(asked))
     yield from _arm(config)
     if not config.axes:
         return
@@ -55,6 +59,20 @@ def broken_bus_rules(config: Sections) -> Iterator[Problem]:
                 )
     if len(config.axes) > 1:
         yield from _bare(config)
+
+
+def _cycle(config: Sections, cycle: float) -> Iterator[Problem]:
+    """A cycle on the wire [s] must fit the period."""
+    period, count = config.period_s, len(config.each)
+    if cycle > COLLECT_SHARE * period:
+        several = f" with {count} servos" if count > 1 else ""
+        yield Problem(
+            f"found {config.servo.baud}, at which a cycle{several} takes {1e3 * cycle:.3g} ms on"
+            f" the wire, more than {COLLECT_SHARE:g} of a period of {1e3 * period:.3g} ms",
+            field="servo.baud",
+            advice="use a faster bus (set the servo's rate first) or loop.rate_hz below "
+            f"{COLLECT_SHARE / cycle:.3g}",
+        )
 
 
 def _bare(config: Sections) -> Iterator[Problem]:

@@ -13,8 +13,8 @@ from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.guard.belief import Belief, Bounded, vibration
 from haptic_wall.controller.laws import own
 from haptic_wall.controller.laws.shape import Grid, LawError, Numbers
-from haptic_wall.controller.laws.table import NONE, facts_of, rendered_law
-from haptic_wall.controller.laws.wall import SIGNS, Law
+from haptic_wall.controller.laws.table import facts_of, rendered_law
+from haptic_wall.controller.laws.wall import NONE, SIGNS, Law
 from haptic_wall.controller.settings.axes import completed
 from haptic_wall.controller.settings.model import Estimate
 from haptic_wall.controller.settings.rules import (

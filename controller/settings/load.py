@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from haptic_wall.controller.errors import ConfigError, UserError
 from haptic_wall.controller.settings import yaml_text as config_yaml
-from haptic_wall.controller.settings.axes import MOST_AXES, OWN, RENAMED, split_path, with_bus
+from haptic_wall.controller.settings.axes import MOST_AXES, OWN, RENAMED, split_path
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.fields import fields, sections
 from haptic_wall.controller.settings.model import IN_WORDS, Part
@@ -41,6 +41,10 @@ class Loaded:
     origins: Mapping[str, str]
     """Origin of each given field by path: the preset, the file or ``--set``. Other fields have
     their defaults."""
+    axis: str = ""
+    """The axis that the configuration is of; empty: it is whole"""
+    whole: Config | None = None
+    """With the other axes, where it is of one"""
 
 
 def preset_names() -> list[str]:
@@ -86,7 +90,6 @@ def load_config(source: str, sets: Sequence[str] = (), *, runs: bool = False) ->
             title,
             [Problem(f"found {_shown(data)}", wanted="sections such as wall: and servo:")],
         )
-    data = with_bus(data)
     origins = dict.fromkeys(_leaves(data), title)
     axes = data.get("axes")
     known = list(axes) if isinstance(axes, dict) else []
@@ -97,12 +100,18 @@ def load_config(source: str, sets: Sequence[str] = (), *, runs: bool = False) ->
         except UserError as error:
             problems.append(error.problem)
         else:
+            known = [] if path == "axes" else known
             prefix, rest = split_path(path)
             origins[prefix + ".".join(rest.split(".")[:2])] = "--set"
             name = prefix[5:-1]
             if known and name and name not in known:
                 near = did_you_mean(name, known) or f"axes are {', '.join(known)}"
                 problems.append(Problem("no such axis", advice=near, field=prefix[:-1]))
+            if rest in map("servo.{}".format, RENAMED) and isinstance(data.get("bus"), dict):
+                data["bus"].pop(rest.partition(".")[2], None)  # the later one counts
+    for name in RENAMED:
+        if _at(data, f"bus.{name}") is not None:
+            origins[f"servo.{name}"] = origins[f"bus.{name}"]
     config, found = _validated(data, {"runs": runs})
     problems += [_of_origin(problem, origins) for problem in found]
     if problems or config is None:
@@ -139,7 +148,7 @@ def load_axis(
         raise UserError(what, field="--axis", wanted=wanted, advice=hint)
     name = f"{source}:{axis}" if axis else source
     alone = loaded(each[axis].model_dump(), f"{source}, axis {axis}") if axis else found.config
-    return replace(found, config=alone, name=name)
+    return replace(found, config=alone, name=name, axis=axis, whole=found.config)
 
 
 def apply_set(data: dict[str, Any], change: str) -> str:

@@ -17,8 +17,8 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.laws.table import LAWS, NONE, SUM
-from haptic_wall.controller.laws.wall import Side
+from haptic_wall.controller.laws.table import LAWS, SUM
+from haptic_wall.controller.laws.wall import NONE, Side
 from haptic_wall.controller.system.csv_table import read_columns
 from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.truth import Kind

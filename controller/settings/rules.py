@@ -11,13 +11,14 @@ from pydantic import ValidationError
 from haptic_wall.controller.laws import own
 from haptic_wall.controller.laws.engagement import MOST_TORQUE
 from haptic_wall.controller.laws.shape import Grid, LawError
-from haptic_wall.controller.laws.table import LAWS, NONE, SUM, shape_of
+from haptic_wall.controller.laws.table import LAWS, SUM, shape_of
+from haptic_wall.controller.laws.wall import NONE
 from haptic_wall.controller.settings.axes import OWN
 from haptic_wall.controller.settings.axes_rules import apart, broken_bus_rules
 from haptic_wall.controller.settings.model import MOST_LAG, NUMBERS, LawNumbers, Wall
 from haptic_wall.controller.settings.sections import Sections
 from haptic_wall.controller.settings.servo import TRUTH_FIELDS
-from haptic_wall.controller.settings.shares import COLLECT_SHARE, SPIN_SHARE
+from haptic_wall.controller.settings.shares import SPIN_SHARE
 from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.names import did_you_mean
 from haptic_wall.hw.open import backend
@@ -204,16 +205,6 @@ def _times(config: Sections) -> Iterator[Problem]:
     """Rules of times that must fit the period."""
     servo, safety, period = config.servo, config.safety, config.period_s
     make, at = backend(servo.backend), f"at loop.rate_hz {config.loop.rate_hz:g}"
-    if make.cycle_s is not None and servo.baud is not None:
-        cycle = make.cycle_s(servo.baud)
-        if cycle > COLLECT_SHARE * period:
-            yield Problem(
-                f"found {servo.baud}, at which a cycle takes {1e3 * cycle:.3g} ms on the wire, more"
-                f" than {COLLECT_SHARE:g} of a period of {1e3 * period:.3g} ms",
-                field="servo.baud",
-                advice="use a faster bus (set the servo's rate first) or loop.rate_hz below "
-                f"{COLLECT_SHARE / cycle:.3g}",
-            )
     two = f"at least two periods ({2 * period:g} s {at}), else"
     if make.has_watchdog and servo.watchdog_s < 2 * period:
         wanted = f"{two} one lost message stops the servo"

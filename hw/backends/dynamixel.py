@@ -71,6 +71,13 @@ def _supply(servos: Sequence[ServoSettings]) -> Iterator[Problem]:
         )
 
 
+def _cycle_s(servos: Sequence[ServoSettings]) -> float:
+    """Return the time of a cycle, by the fastest way to read that is allowed [s]."""
+    bus, count = servos[0], len(servos)
+    read = "plain" if count == 1 else "fast" if bus.read == "auto" else bus.read
+    return cycle_s(bus.baud, count, read)
+
+
 def _open_port(servos: Sequence[ServoSettings]) -> int:
     from haptic_wall.hw.dynamixel import cut  # noqa: F401 - to cut the torque without delay
     from haptic_wall.hw.serialport import line, port  # noqa: F401
@@ -95,13 +102,13 @@ def _open(servos: Sequence[ServoSettings], clock: Clock, descriptor: int | None)
                 advice="set loop.clock=simulated, or start `haptic-wall emulate` and set "
                 "servo.port to its path.",
             )
-        return DynamixelGroup(drivers, _memory_line(servos, clock))
+        return DynamixelGroup(drivers, _memory_line(servos, clock), servos[0].read)
 
     from haptic_wall.hw.serialport.line import FdLine
 
     line = FdLine(_open_port(servos) if descriptor is None else descriptor, clock)
     try:
-        return DynamixelGroup(drivers, line)
+        return DynamixelGroup(drivers, line, servos[0].read)
     except BaseException:
         line.close()
         raise
@@ -161,7 +168,7 @@ BACKEND = Backend(
         "model": "the servo's model, e.g. XM430-W350",
     },
     models=_models,
-    cycle_s=cycle_s,
+    cycle_s=_cycle_s,
     problems=_problems,
     open_port=_open_port,
     cut_torque=_cut_torque,

@@ -119,6 +119,8 @@ class Driven:
         """The last goal current"""
         self.known = False
         """It has replied as a model with a known control table"""
+        self.age = ""
+        """Its firmware, for messages; known after a start"""
         self.alert = False
         """A hardware error was latched"""
         self.trouble = ""
@@ -147,6 +149,8 @@ class Driven:
                 raise
             raise StrangeServoError(error.problem) from error
         seen = ready.seen
+        (firmware,) = (check.found for check in ready.checks if check.name == "firmware")
+        self.age = f" (firmware {firmware})"
         self._learn(seen.law)
         self.bounds = seen.bounds(self._units)
         self.heard_ns = self.table.clock.now_ns()
@@ -223,7 +227,10 @@ class Driven:
             ServoLostError: The port is gone, or there is no reply.
             TorqueLostError: The torque is gone.
         """
-        found = self.table.try_read("bus_watchdog", QUICK_NS)
+        found = self.table.try_read("bus_watchdog", QUICK_NS[:1])
+        if found is None:
+            self.table.exchange.rest()  # none may hold its torque while this one is looked for
+            found = self.table.try_read("bus_watchdog", QUICK_NS[1:])
         if found == self._units:
             return
         if found is not None and found != WATCHDOG_TRIPPED:
@@ -245,6 +252,10 @@ class Driven:
                 f"The {self._name} no longer answers, after {silence} without an answered request",
                 ": a servo that restarts is silent meanwhile",
             )
+
+    def silent(self) -> ServoLostError:
+        """Return the error for a servo that answers, but no longer tells its health."""
+        return self.table.lost(f"The {self._name} answers, but has not told its health for seconds")
 
     def name_trouble(self) -> None:
         """Read what the servo has latched, if it has."""

@@ -37,11 +37,10 @@ from haptic_wall.hw.dynamixel.samples import (
     QUARANTINE,
     Sample,
     SampleRequest,
-    Way,
     block_address,
 )
 from haptic_wall.hw.dynamixel.station import Station
-from haptic_wall.hw.dynamixel.wire import wire_ns
+from haptic_wall.hw.dynamixel.wire import Read, wire_ns
 from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import Outcome
 
@@ -87,25 +86,23 @@ class Exchange:
         """Servos whose answers it waits for"""
         self._found: dict[Station, Sample] = {}
         """Its answers"""
-        self._sent_ns = 0
+        self.sent_ns = 0
+        """When the last request was sent [ns]"""
         self._broken = 0
         """Broken frames, and refusals, that had come when the last request was sent"""
         self._refusals = 0
         self.stations = [Station(id_) for id_ in ids]
         self.by_id = {station.id: station for station in self.stations}
-        self.select(self.stations, Way.PLAIN if len(ids) == 1 else Way.SYNC)
+        self.select(self.stations, "plain" if len(ids) == 1 else "sync")
 
-    def select(self, stations: Sequence[Station], way: Way = Way.PLAIN) -> None:
+    def select(self, stations: Sequence[Station], way: Read = "plain") -> None:
         """Exchange samples and goals with these servos from now on, in this order."""
         self.set_aside()
         self.way = way
         self._selected = self._order = tuple(stations)
         ids = [station.id for station in stations]
-        self.parser.joint = len(ids) if way is Way.FAST else 0
-        self._usual = {
-            each: SampleRequest(way, ids, block_address(each), each, prepared=True)
-            for each in LENGTHS
-        }
+        self.parser.joint = len(ids) if way == "fast" else 0
+        self._usual = {each: SampleRequest(way, ids, each, prepared=True) for each in LENGTHS}
         self._goals = SyncWrite(GOAL_CURRENT, ids)
         self._known: dict[int, bytes] | None = {} if len(ids) == 1 else None
         """The frames of a single servo by its goal; there are as many as current units"""
@@ -128,12 +125,17 @@ class Exchange:
         self._free_at.setdefault(length, 0)
         return length
 
-    def request(self, wide: int = 0) -> None:
+    def is_free(self, length: int) -> bool:
+        """Whether no reply of this length to an earlier request may still come."""
+        return self._free_at[length] <= self.number
+
+    def request(self, wide: int = 0, of: Station | None = None) -> None:
         """Request all samples. Does not wait; what is not yet answered is given up.
 
         Args:
-            wide: Request the block of this length, from ``widen``, if it is free; 0: the sample
+            wide: Request the block of this length, from ``widen``, which is free; 0: the sample
                 only.
+            of: The servo whose block this is; the others are asked for their sample.
         """
         if self._asked is not None:
             self._close(0)
@@ -141,16 +143,20 @@ class Exchange:
             self._process(stale)
         number = self.number
         free_at = self._free_at
-        length = wide or _SHORTEST
+        length = _SHORTEST
         while free_at[length] > number:
             length = length + 1 if length < LENGTHS[-1] else _SHORTEST
         self.number = number + 1
-        asked = self._usual[length] if self._calm and not wide else self._unusual(length)
+        if of is not None:
+            asked = self._unusual(length, (of.id, self.blocks[wide], wide))
+        else:
+            asked = self._usual[length] if self._calm else self._unusual(length)
         self._asked = asked
+        self.parser.parts = asked.parts
         self._missing = self._order
         self._broken = self.parser.corrupt + self._refusals
-        self._sent_ns = self._now_ns()
-        self.line.write(asked.frame)
+        self.sent_ns = self._now_ns()
+        self.line.write(asked.frames[0])
 
     def collect(self, deadline_ns: int) -> list[Sample]:
         """Return the answers to the last request, waiting until ``deadline_ns`` [ns] at most.
@@ -177,7 +183,7 @@ class Exchange:
         data = self.line.read()
         values = expected.match(data)
         if values is not None:
-            sent_ns, length = self._sent_ns, asked.length
+            sent_ns = self.sent_ns
             samples: list[Sample] = []
             for station, (error, tick, current, position) in zip(order, values):  # noqa: B905 - quicker
                 if error & REFUSED or not station.accept(tick, sent_ns, received_ns):
@@ -186,7 +192,7 @@ class Exchange:
             else:
                 for station in order:
                     station.counts.cycles += 1
-                self._free_at[length] = self.number + 1  # not for the next: a copy may follow
+                self._free_at[asked.length] = self.number + 1  # not for the next: a copy may follow
                 self._asked = None
                 return samples
         self._process(data)
@@ -203,19 +209,28 @@ class Exchange:
                 known[goals[0]] = frame
         self.line.write(frame)
 
+    def rest(self) -> None:
+        """Send all goals of zero."""
+        self.send([0] * len(self._selected))
+
     def set_aside(self) -> None:
         """Discard the samples under way: registers are asked for, or other servos."""
         if self._asked is not None:
-            self._free_at[self._asked.length] = self.number + QUARANTINE
+            self._free(self._asked, QUARANTINE)
         self._asked = None
         self._missing = ()
 
-    def _unusual(self, length: int) -> SampleRequest:
+    def _free(self, asked: SampleRequest, later: int) -> None:
+        """Let the lengths of a request be used again, so many requests later."""
+        for length in asked.used:
+            self._free_at[length] = self.number + later
+
+    def _unusual(self, length: int, wide: tuple[int, int, int] | None = None) -> SampleRequest:
         """Return a request for a wider block, or with the servos in another order."""
         for station in self._order:
             station.block = b""
         ids = [station.id for station in self._order]
-        return SampleRequest(self.way, ids, self.blocks[length], length)
+        return SampleRequest(self.way, ids, length, wide)
 
     def _search(self, deadline_ns: int) -> list[Sample]:
         """Search what comes until ``deadline_ns`` [ns] for the replies; return the samples.
@@ -228,9 +243,21 @@ class Exchange:
 
     def _gather(self, deadline_ns: int) -> None:
         """Process received bytes until all have answered or time is up."""
+        frames = [] if self._asked is None else self._asked.frames
+        if len(frames) <= 1:
+            return self._listen(deadline_ns, self._order)
+        for number, (station, frame) in enumerate(zip(self._order, frames, strict=True)):
+            if number:
+                self.line.write(frame)
+            now_ns = self._now_ns()
+            self._listen(now_ns + (deadline_ns - now_ns) // (len(frames) - number), [station])
+        return None
+
+    def _listen(self, deadline_ns: int, wanted: Sequence[Station]) -> None:
+        """Process received bytes until these have answered or time is up."""
         line, now_ns = self.line, self._now_ns
         began_ns = _NO_TIME
-        while began_ns < deadline_ns and self._missing:
+        while began_ns < deadline_ns and any(one in self._missing for one in wanted):
             if self._found and all(station.silent >= _GONE for station in self._missing):
                 deadline_ns = min(deadline_ns, now_ns() + _GRACE_NS)
             began_ns = now_ns()
@@ -254,10 +281,11 @@ class Exchange:
     def _accepts(self, station: Station, frame: Frame) -> bool:
         """Take a frame as a servo's answer to the waiting request, if it is that."""
         asked, data = self._asked, frame.params
-        if asked is None or len(data) != asked.length:
+        found = None if asked is None else asked.unpack(station.id, data)
+        if found is None:
             return False
-        tick, current, position = asked.unpack(data)
-        sent_ns = self._sent_ns
+        tick, current, position = found
+        sent_ns = self.sent_ns
         if not station.accept(tick, sent_ns, self._now_ns()):
             return False
         station.block = data
@@ -274,7 +302,7 @@ class Exchange:
                 reply is valid.
         """
         missing, asked = self._missing, self._asked
-        joint = self.way is Way.FAST
+        joint = self.way == "fast"
         lost: dict[Station, Sample] = {}
         for place, station in enumerate(missing):
             corrupt = place < broken or (joint and broken > 0)
@@ -283,11 +311,11 @@ class Exchange:
             counts.corrupt += corrupt
             counts.lost += not corrupt
             outcome = Outcome.CORRUPT if corrupt else Outcome.LOST
-            lost[station] = Sample(outcome, 0, 0, False, self._sent_ns)
+            lost[station] = Sample(outcome, 0, 0, False, self.sent_ns)
             if not place or not joint:  # those after it could not reply
                 station.silent += 1
         if asked is not None:
-            self._free_at[asked.length] = self.number + (QUARANTINE if missing else 1)
+            self._free(asked, QUARANTINE if missing else 1)
         self._asked, self._missing = None, ()
         heard = [station for station in self._selected if station not in lost]
         for station in heard:

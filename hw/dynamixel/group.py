@@ -1,15 +1,16 @@
 """Drives the servos of one bus, one or several: reads all in one cycle, commands all in one frame.
 
-Several are read by the fastest instruction that all of them support; if a servo does not reply,
-only its own reading is lost.
+Several are read by the fastest instruction that all of them support, unless another one is asked
+for; if a servo does not reply, only its own reading is lost. An error names the servo it is about,
+and carries its id.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
-from contextlib import suppress
-from typing import Final
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from typing import Final, Literal
 
 from haptic_wall.hw.dynamixel.codec import SyncWrite
 from haptic_wall.hw.dynamixel.cut import torque_off
@@ -17,7 +18,7 @@ from haptic_wall.hw.dynamixel.driven import Driven
 from haptic_wall.hw.dynamixel.exchange import GOAL_CURRENT, Exchange
 from haptic_wall.hw.dynamixel.health import HealthPolls
 from haptic_wall.hw.dynamixel.register_access import Table
-from haptic_wall.hw.dynamixel.samples import Way
+from haptic_wall.hw.dynamixel.wire import Read, asking_s
 from haptic_wall.hw.errors import Problem, ServoError, ServoLostError, UnfitServoError
 from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import BusCounts, Check, Facts, Outcome, Reading, Traffic
@@ -27,6 +28,16 @@ _OK: Final = Outcome.OK
 _NAN: Final = math.nan
 _TRIES: Final = 3
 _PATIENCE_NS: Final = 100_000_000
+
+
+@contextmanager
+def _about(one: Driven) -> Iterator[None]:
+    """Let an error carry the id of the servo it is about."""
+    try:
+        yield
+    except ServoError as error:
+        error.id = one.station.id
+        raise
 
 
 class DynamixelGroup:
@@ -41,12 +52,18 @@ class DynamixelGroup:
     Args:
         settings: Settings of each servo, with the same bus and period; the ids must differ.
         line: The bus; ``close`` closes it. Nothing is sent yet.
+        read: How several servos are read; ``auto``: the fastest way to which all reply.
 
     Raises:
         UnfitServoError: Two servos have the same id, or see ``Driven``.
     """
 
-    def __init__(self, settings: Sequence[DriverSettings], line: Line) -> None:
+    def __init__(
+        self,
+        settings: Sequence[DriverSettings],
+        line: Line,
+        read: Read | Literal["auto"] = "auto",
+    ) -> None:
         ids = [one.id for one in settings]
         if not ids or len(set(ids)) != len(ids):
             raise UnfitServoError(
@@ -60,9 +77,9 @@ class DynamixelGroup:
             Driven(one, station, self.exchange)
             for one, station in zip(settings, self.exchange.stations, strict=True)
         ]
-        self._baud, self._period_s = first.baud, first.period_s
+        self._baud, self._period_s, self._read = first.baud, first.period_s, read
         self.traffic = Traffic([one.station.counts for one in self.servos])
-        self._polls = self._plan()
+        self._polls = HealthPolls(self.exchange, first.baud, first.period_s)
         self._now_ns = line.clock.now_ns
         self.running = False
         self.left_on: list[Driven] = self.servos
@@ -94,40 +111,47 @@ class DynamixelGroup:
             ServoError: A servo could not be started; the torque of all servos is off, or the
                 message says of which it may not be.
         """
-        exchange, servos = self.exchange, self.servos
+        exchange, servos, count = self.exchange, self.servos, len(self.servos)
         self.left_on = servos
-        ready = []
+        ready, chosen = [], []
         for one in servos:
             one.forget()
         try:
             for one in servos:
                 exchange.select([one.station])
-                ready.append(one.start())
+                with _about(one):
+                    ready.append(one.start())
                 self._keep(servos[: len(ready)])
-            if len(servos) > 1:
-                self._choose_way()
-                self._polls = self._plan()
+            longest_s = max(each.longest_ns for each in ready) * 1e-9
+            hold_s = longest_s - asking_s(self._baud)
+            if count > 1:
+                chosen.append(self._choose_way())
+                hold_s = longest_s  # a timer's whole period: it ran from the request on
                 for one in servos:
-                    one.resume(self._now_ns())  # idle meanwhile
+                    with _about(one):
+                        one.resume(self._now_ns())  # idle meanwhile
+            self._polls = HealthPolls(exchange, self._baud, self._period_s, hold_s)
         except ServoError as error:
             self._off()
             left = ", ".join(one.facts.name for one in self.left_on if one.known)
             if not left:
                 raise
             told = f"Torque off of {left} could not be read back: switch the power off."
-            raise type(error)(Problem(str(error), advice=told, mark=" ")) from error.__cause__
+            more = type(error)(Problem(str(error), advice=told, mark=" "))
+            more.id = error.id
+            raise more from error.__cause__
         except BaseException:
             self._off()
             raise
         traffic = self.traffic
-        traffic.longest_s = max(each.longest_ns for each in ready) * 1e-9
+        traffic.longest_s = self._polls.longest_s if count > 1 else longest_s
         traffic.counts = []
         for one in servos:
             one.station.counts = BusCounts()
             traffic.counts.append(one.station.counts)
         self.running = True
-        watched = Check("watched while it runs", True, *self._polls.describe())
-        return [[*each.checks, watched] for each in ready]
+        chosen.append(Check("watched while it runs", True, *self._polls.describe()))
+        return [[*each.checks, *chosen] for each in ready]
 
     def request(self) -> None:
         """Request all positions, without waiting unless a Bus Watchdog may have tripped.
@@ -139,11 +163,12 @@ class DynamixelGroup:
         now_ns = self._now_ns()
         for one in self.servos:
             if now_ns - one.heard_ns > one.silence_ns:
-                one.resume(now_ns)
+                with _about(one):
+                    one.resume(now_ns)
         polls = self._polls
-        polls.asked = 0
+        polls.asked = None
         wide = polls.length(now_ns) if now_ns >= polls.due_ns and self.running else 0
-        self.exchange.request(wide)
+        self.exchange.request(wide, polls.asked)
 
     def collect(self, deadline_ns: int) -> list[Reading]:
         """Return the replies to the last ``request``; wait until ``deadline_ns`` [ns] at most.
@@ -153,17 +178,21 @@ class DynamixelGroup:
                 driven any longer.
         """
         exchange, polls, readings = self.exchange, self._polls, []
+        polls.patience_s = (deadline_ns - exchange.sent_ns) * 1e-9
         samples = exchange.collect(deadline_ns)
         self.traffic.waited_ns = exchange.waited_ns
         for one, sample in zip(self.servos, samples):  # noqa: B905 - quicker
             outcome, counts, current, alert, sampled_ns = sample
             if outcome is not _OK:
+                if polls.asked is one.station and polls.silent(one.station):
+                    with _about(one):
+                        raise one.silent()
                 readings.append(Reading(outcome, _NAN, 0, sampled_ns, _NAN, False))
                 continue
             # A latched error explains more than its consequences.
-            if polls.asked and not alert and (values := polls.values(one.station.block)):
-                one.judge(values)
-                polls.answered()
+            if polls.asked is one.station and not alert:
+                with _about(one):
+                    one.judge(polls.values(one.station.block))
             one.heard_ns = sampled_ns
             one.alert |= alert
             position, torque = counts * one.unit + one.offset, one.turned.torque(current)
@@ -225,26 +254,28 @@ class DynamixelGroup:
         finally:
             self.line.close()
 
-    def _plan(self) -> HealthPolls:
-        return HealthPolls(self.exchange, self._baud, self._period_s)
-
-    def _choose_way(self) -> None:
-        """Select the fastest instruction to which all servos reply.
+    def _choose_way(self) -> Check:
+        """Select the fastest instruction to which all servos reply, among those asked for.
 
         Raises:
             UnfitServoError: There is none.
         """
-        exchange = self.exchange
-        for way in (Way.FAST, Way.SYNC):
+        exchange, wanted = self.exchange, self._read
+        ways: tuple[Read, ...] = ("fast", "sync") if wanted == "auto" else (wanted,)
+        found = ""
+        for way in ways:
             exchange.select(exchange.stations, way)
             for _ in range(_TRIES):
                 exchange.request()
                 samples = exchange.collect(self._now_ns() + _PATIENCE_NS)
                 if all(sample.outcome is _OK for sample in samples):
-                    return
+                    return Check("read", True, f"{way}{found}", wanted)
+            silent = [f"id {one.station.id}{one.age}" for one in self.servos if one.station.silent]
+            found += f", as a {way} read is not answered by {' and '.join(silent)}"
         raise UnfitServoError(
-            "The servos answer one by one but not in one cycle",
-            advice="check the cable, and that no two have the same id.",
+            f"The servos answer one by one but not in one cycle{found}",
+            advice="check the cable, and that no two have the same id"
+            + (f", or set bus.read=auto instead of {wanted}." if wanted == "fast" else "."),
         )
 
     def _off(self) -> None:

@@ -1,36 +1,38 @@
 """Polls the health of running servos: torque enable, Bus Watchdog, supply and temperature.
 
-Every 200 ms the request for a sample reads a wider block, which also contains these registers. This
-needs no additional request, but its bytes delay the torque of that period. Baud rate and period
-limit the width; if no block can contain all registers, two blocks alternate.
+At least twice a second the request for the samples reads a wider block of a servo, which also
+contains these registers; of several servos each has its turn. This needs no additional request, but
+its bytes delay the torque of that period. Baud rate, period and the adapter limit the width; if no
+block can contain all registers, two blocks alternate.
 
 Goals are never answered, so a servo without torque looks like one with zero torque. A separate read
 would cost a period with an adapter timer of 1 ms, and would collide with a pipelined sample. The
-longer replies cost 28 to 168 µs at 4 Mbit/s. Indirect addresses would be shorter, but if another
+longer reply costs 28 to 168 µs at 4 Mbit/s. Indirect addresses would be shorter, but if another
 program changes them, a wrong register becomes the position.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Final
 
 from haptic_wall.hw.dynamixel.exchange import Exchange
-from haptic_wall.hw.dynamixel.samples import LENGTHS, SAMPLE_ADDRESS, SAMPLE_END, Way
+from haptic_wall.hw.dynamixel.samples import LENGTHS, SAMPLE_ADDRESS, SAMPLE_END
+from haptic_wall.hw.dynamixel.station import Station
 from haptic_wall.hw.dynamixel.tables import REGISTERS
-from haptic_wall.hw.dynamixel.wire import (
-    EMPTY_REPLY_BYTES,
-    JOINT_HEAD_BYTES,
-    JOINT_PART_BYTES,
-    READ_REQUEST_BYTES,
-)
+from haptic_wall.hw.dynamixel.wire import asking_s, poll_bytes
 from haptic_wall.hw.errors import Problem, ServoError
 
 EVERY_NS: Final = 200_000_000
-"""Period of the polls"""
+"""Period of the polls of a single servo"""
 _SHARE: Final = 0.65
-"""Largest fraction of a period for a wide request and its reply on the wire: a goal follows, and
-after 0.8 a reply is given up"""
+"""Largest fraction of a period for a wide request and its reply on the wire: a goal follows"""
+_IN_TIME: Final = 0.8
+"""Fraction of a period after which a reply is given up"""
+_MOST_UNANSWERED: Final = 10
+"""Consecutive unanswered polls of a servo that end the run"""
 _HEAT_MARGIN: Final = 2
 """Distance below Temperature Limit at which the run ends, before the servo shuts down [°C]"""
 _ITEMS: Final = {
@@ -92,67 +94,117 @@ class DrivingRange:
 
 
 class HealthPolls:
-    """Decides which request asks for a wider block.
+    """Decides which request asks one servo for a wider block.
 
     Args:
         exchange: Reads the servos, in its present way; the lengths of the blocks are registered
             with it.
         baud: The bus's rate [bit/s].
         period_s: Period of the loop [s].
+        hold_s: Longest time for which the adapter holds a reply [s].
     """
 
-    def __init__(self, exchange: Exchange, baud: int, period_s: float) -> None:
-        count = len(exchange.stations)
-        most = int(_SHARE * period_s * baud / 10) - READ_REQUEST_BYTES - (count if count > 1 else 0)
-        if exchange.way is Way.FAST:
-            most = (most - JOINT_HEAD_BYTES) // count - JOINT_PART_BYTES
-        else:
-            most = most // count - EMPTY_REPLY_BYTES
-        blocks = next(
-            (way for way in _BLOCKS if all(end - address <= most for address, end in way)), ()
-        )
-        self._lengths = [
-            end - address if end - address in LENGTHS else exchange.widen(address, end)
-            for address, end in blocks
-        ]
-        self._wanted = {
-            end - address: [
-                (name, register.address - address, register.size)
-                for name, found in _ITEMS.items()
-                if address <= (register := REGISTERS[found]).address < end
-            ]
-            for address, end in blocks
-        }
-        self._turn = self._next = 0  # places in the list of lengths
-        self.asked = 0
-        """Length of the block in the last request; 0: the sample only"""
+    def __init__(self, exchange: Exchange, baud: int, period_s: float, hold_s: float = 0.0) -> None:
+        self._stations = stations = exchange.stations
+        self._count = count = len(stations)
+        self._baud, self._period_s, self._hold_s = baud, period_s, hold_s
+        self._besides = poll_bytes(count, exchange.way)
+        self.longest_s = hold_s + asking_s(baud, count, exchange.way)
+        if count > 1:
+            address, end = _SUPPLY_AND_HEAT
+            self.longest_s = hold_s + (self._besides + end - address) * 10 / baud
+        """Time of all replies at the worst phase of an adapter's timer, to a poll of several [s]"""
+        self.patience_s = _IN_TIME * period_s
+        """Time that the loop has given the last replies [s]"""
+        self._exchange = exchange
+        self._reserve(self._blocks(self.patience_s))
+        self._turns = dict.fromkeys(stations, 0)
+        """Numbers of the next polls"""
+        self._unanswered = dict.fromkeys(stations, 0)
+        self._last = -1
+        """The servo of the last poll"""
+        self.asked: Station | None = None
+        """The servo whose wider block the last request asks for; None: samples only"""
+        self._block = _SUPPLY_AND_HEAT
+        """That block"""
         self.due_ns = 0
         """Time of the next poll [ns]"""
 
     def describe(self) -> tuple[str, str]:
         """Describe the watched values with their interval; also list all that could be watched."""
-        everything = ", ".join(_ITEMS)
-        seen = {name for turn in self._wanted.values() for name, *_ in turn}
+        everything, patience_s = ", ".join(_ITEMS), _IN_TIME * self._period_s
+        if self.longest_s > patience_s:  # the loop then waits for them in its next period
+            patience_s += self._period_s
+        blocks = self._blocks(patience_s)
+        seen = {name for block in blocks for name, *_ in _items(*block)}
         if not seen:
             return "nothing: this bus has no time left at this rate", everything
         names = ", ".join(name for name in _ITEMS if name in seen)
-        return f"{names} every {EVERY_NS * len(self._lengths) * 1e-9:g} s", everything
+        period_s = self._every_ns(len(blocks)) * self._count * len(blocks) * 1e-9
+        return f"{names} every {period_s:.1g} s", everything
 
     def length(self, now_ns: int) -> int:
-        """Return the length of the block to request at ``now_ns`` [ns]; 0: the sample only."""
-        self.due_ns = now_ns + EVERY_NS
-        if self._lengths:
-            self._turn = self._next
-            self.asked = self._lengths[self._turn]
-        return self.asked
+        """Begin a poll at ``now_ns`` [ns], of the servo ``asked``; return its block's length.
+
+        Returns:
+            0: there is no time for any, or a late reply to the last one may still come.
+        """
+        blocks = self._blocks(self.patience_s)
+        number = (self._last + 1) % self._count
+        station = self._stations[number]
+        address, end = block = (*blocks, (0, 0))[self._turns[station] % max(1, len(blocks))]
+        if blocks:
+            self._reserve(blocks)
+            if not self._exchange.is_free(end - address):
+                return 0
+            self._last, self._block, self.asked = number, block, station
+            self._unanswered[station] += 1
+        self.due_ns = now_ns + self._every_ns(len(blocks))
+        return end - address
 
     def values(self, block: bytes) -> dict[str, int]:
-        """Return the watched values in a reply to the last request; empty if that was no poll."""
-        if len(block) != self.asked:
-            return {}
-        wanted = self._wanted[self.asked]
-        return {name: int.from_bytes(block[at : at + size], "little") for name, at, size in wanted}
+        """Return the watched values in a servo's block, and go on to its next; empty: it is none.
 
-    def answered(self) -> None:
-        """Go on to the next block with the next poll; an unanswered one is repeated."""
-        self._next = (self._turn + 1) % len(self._lengths)
+        An unanswered poll is repeated when it is the servo's turn again.
+        """
+        asked, (address, end) = self.asked, self._block
+        if asked is None or len(block) != end - address:
+            return {}
+        self._turns[asked] += 1
+        self._unanswered[asked] = 0
+        return {
+            name: int.from_bytes(block[at : at + size], "little")
+            for name, at, size in _items(address, end)
+        }
+
+    def silent(self, station: Station) -> bool:
+        """Whether a servo has left so many polls unanswered that its health is not known."""
+        return self._unanswered[station] > _MOST_UNANSWERED
+
+    def _reserve(self, blocks: Sequence[tuple[int, int]]) -> None:
+        """Keep the lengths of these blocks for polls."""
+        for address, end in blocks:
+            if end - address not in LENGTHS:
+                self._exchange.widen(address, end)
+
+    def _blocks(self, patience_s: float) -> Sequence[tuple[int, int]]:
+        """Return the alternating blocks for which there is time; empty: for none."""
+        room_s = min(_SHARE * self._period_s, patience_s - self._hold_s)
+        most = int(room_s * self._baud / 10) - self._besides
+        return next(
+            (way for way in _BLOCKS if all(end - address <= most for address, end in way)), ()
+        )
+
+    def _every_ns(self, blocks: int) -> int:
+        """Return the period of the polls [ns]: twice a second each block of each of several."""
+        return EVERY_NS if self._count == 1 else 2 * EVERY_NS // (self._count * max(1, blocks))
+
+
+@cache
+def _items(address: int, end: int) -> Sequence[tuple[str, int, int]]:
+    """Return the watched values in a block: name, offset, size."""
+    return [
+        (name, register.address - address, register.size)
+        for name, found in _ITEMS.items()
+        if address <= (register := REGISTERS[found]).address < end
+    ]

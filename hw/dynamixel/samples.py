@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from enum import Enum
 from typing import Final, NamedTuple
 
 from haptic_wall.hw.dynamixel.codec import BROADCAST, ExpectedReplies, Instruction, encode
+from haptic_wall.hw.dynamixel.wire import JOINT_PART_BYTES, Read
 from haptic_wall.hw.servo import Outcome
 
 SAMPLE: Final = struct.Struct("<HxxhhIi")
 """From 120: tick, moving, moving status, PWM, current, velocity, position"""
 _FIELDS: Final = "H4xh4xi"
 """Of these only tick, current and position"""
+_UNPACK: Final = struct.Struct("<" + _FIELDS).unpack_from
 SAMPLE_ADDRESS: Final = 120
 SAMPLE_END: Final = SAMPLE_ADDRESS + SAMPLE.size
 LENGTHS: Final = range(16, 49)
@@ -45,44 +46,65 @@ def block_address(length: int) -> int:
     return SAMPLE_ADDRESS if length <= _FROM_SAMPLE else SAMPLE_END - length
 
 
-class Way(Enum):
-    """Ways to read servos, from the fastest."""
-
-    FAST = Instruction.FAST_SYNC_READ
-    """One request, one joint reply; firmware 45 or later, X330 46"""
-    SYNC = Instruction.SYNC_READ
-    """One request, a reply of each"""
-    PLAIN = Instruction.READ
-    """One request, one reply: the way of a single servo"""
+_TOGETHER: Final[dict[Read, tuple[Instruction, Instruction]]] = {
+    "fast": (Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ),
+    "sync": (Instruction.SYNC_READ, Instruction.BULK_READ),
+}
+"""Instructions that read several servos: equal blocks, and different ones"""
 
 
 class SampleRequest:
-    """A request for the samples of some servos, perhaps in a wider block.
+    """A request for the samples of some servos, of one of them perhaps in a wider block.
 
     Args:
         way: How they are read.
         ids: The servos, in the order of their replies.
-        address: First register of the block, at 120 at most.
-        length: Number of bytes; no other block has as many.
+        length: Number of bytes of a block; no other request has as many.
+        wide: The one servo, and address and length of its block, which begins at 120 at most.
         prepared: Prepare the pattern of the replies, if the block begins with the sample.
 
     Attributes:
-        length: Number of bytes.
-        frame: The request on the wire.
+        blocks: Address and length of each servo's block, by id.
+        length: Of the blocks that are not wide.
+        used: All lengths.
+        frames: The request on the wire; of servos that are read one by one, one for each.
         expected: Recognises the undisturbed replies; None: each is searched for.
-        unpack: Takes tick, current and position from a reply's data.
+        parts: Bytes of each part of a joint reply, where they differ.
     """
 
     def __init__(
-        self, way: Way, ids: Sequence[int], address: int, length: int, *, prepared: bool = False
+        self,
+        way: Read,
+        ids: Sequence[int],
+        length: int,
+        wide: tuple[int, int, int] | None = None,
+        *,
+        prepared: bool = False,
     ) -> None:
+        address = block_address(length)
+        self.blocks = dict.fromkeys(ids, (address, length))
+        if wide is not None:
+            self.blocks[wide[0]] = wide[1:]
         self.length = length
-        block = struct.pack("<HH", address, length)
-        if way is Way.PLAIN:
-            self.frame = encode(ids[0], Instruction.READ, block)
-        else:
-            self.frame = encode(BROADCAST, way.value, block + bytes(ids))
+        self.used = {size for _, size in self.blocks.values()}
         self.expected: ExpectedReplies | None = None
-        if prepared and address == SAMPLE_ADDRESS:
-            self.expected = ExpectedReplies(ids, length, _FIELDS, joint=way is Way.FAST)
-        self.unpack = struct.Struct(f"<{SAMPLE_ADDRESS - address}x{_FIELDS}").unpack_from
+        self.parts: Sequence[int] = ()
+        shares = {id_: struct.pack("<HH", *block) for id_, block in self.blocks.items()}
+        if way == "plain":
+            self.frames = [encode(id_, Instruction.READ, share) for id_, share in shares.items()]
+        elif wide is None:
+            self.frames = [encode(BROADCAST, _TOGETHER[way][0], shares[ids[0]] + bytes(ids))]
+        else:
+            listed = b"".join(bytes([id_]) + share for id_, share in shares.items())
+            self.frames = [encode(BROADCAST, _TOGETHER[way][1], listed)]
+            self.parts = [size + JOINT_PART_BYTES for _, size in self.blocks.values()]
+        if prepared and address == SAMPLE_ADDRESS and len(self.frames) == 1:
+            self.expected = ExpectedReplies(ids, length, _FIELDS, joint=way == "fast")
+
+    def unpack(self, id_: int, data: bytes) -> tuple[int, int, int] | None:
+        """Return tick, current and position from a servo's data; None: it answers another one."""
+        address, length = self.blocks[id_]
+        if len(data) != length:
+            return None
+        tick, current, position = _UNPACK(data, SAMPLE_ADDRESS - address)
+        return tick, current, position

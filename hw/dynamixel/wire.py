@@ -5,7 +5,7 @@ Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0" (frame layout).
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, Literal
 
 BYTE_AT_ONE_BAUD_NS: Final = 10_000_000_000
 """A byte takes ten bit times, its start and stop bit included [ns]"""
@@ -26,8 +26,14 @@ SAMPLE_BYTES: Final = 16
 """From the servo's clock to its position"""
 GOAL_BYTES: Final = _FRAME + 2 + 2 + 1 + 2
 """A sync write of one goal current: address, length, id, current"""
+_GOAL_PART_BYTES: Final = 1 + 2
+"""Id and current"""
 CYCLE_BYTES: Final = ASKING_BYTES + SAMPLE_BYTES + GOAL_BYTES
 """Of one period of the running cycle with one servo: request, reply, goal"""
+
+Read = Literal["fast", "sync", "plain"]
+"""How servos are read: by a fast sync read (one joint reply; firmware 45 or later, X330 46), by a
+sync read (a reply of each), or by a read of each, one after the other"""
 
 
 def wire_ns(count: int, baud: int) -> int:
@@ -40,10 +46,33 @@ def wire_ns(count: int, baud: int) -> int:
     return count * BYTE_AT_ONE_BAUD_NS // baud
 
 
-def cycle_s(baud: float) -> float:
+def cycle_s(baud: float, count: int = 1, read: Read = "plain") -> float:
     """Return the time of one cycle's frames on the wire [s].
 
     Args:
         baud: Bits per second, > 0.
+        count: Number of servos.
+        read: How they are read.
     """
-    return CYCLE_BYTES * BYTE_AT_ONE_BAUD_NS * 1e-9 / baud
+    goals = GOAL_BYTES + _GOAL_PART_BYTES * (count - 1)
+    return asking_s(baud, count, read) + goals * BYTE_AT_ONE_BAUD_NS * 1e-9 / baud
+
+
+def asking_s(baud: float, count: int = 1, read: Read = "plain") -> float:
+    """Return the time of a request for all samples, and of the replies [s]; as ``cycle_s``."""
+    request = READ_REQUEST_BYTES * count if read == "plain" else READ_REQUEST_BYTES + count
+    total = request + _replies(count, read) + SAMPLE_BYTES * count
+    return total * BYTE_AT_ONE_BAUD_NS * 1e-9 / baud
+
+
+def poll_bytes(count: int, read: Read) -> int:
+    """Return the bytes of a request of one servo's wider block, and of the replies, without it."""
+    request = READ_REQUEST_BYTES * count if read == "plain" else _FRAME + 5 * count
+    return request + _replies(count, read) + SAMPLE_BYTES * (count - 1)
+
+
+def _replies(count: int, read: Read) -> int:
+    """Return the bytes of all replies without their data."""
+    if read == "fast":
+        return JOINT_HEAD_BYTES + JOINT_PART_BYTES * count
+    return EMPTY_REPLY_BYTES * count

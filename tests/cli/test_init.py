@@ -9,6 +9,7 @@ from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.cli.init import commented
 from haptic_wall.controller.settings.fields import fields
 from haptic_wall.controller.settings.load import load_config, preset_names
+from tests.cli.caller import Cli
 
 
 @pytest.mark.parametrize("preset", preset_names())
@@ -27,7 +28,8 @@ def test_what_is_commented_out_can_be_set(tmp_path: Path, preset: str) -> None:
     mine, plain = load_config(str(file)), load_config(preset)
     assert mine.config == plain.config
     kind = plain.config.servo.kind
-    assert set(mine.origins) == {f.path for f in fields().values() if kind in f.used_by}
+    given = {path for path in mine.origins if not path.startswith("axes.")}
+    assert given == {f.path for f in fields().values() if kind in f.used_by}
 
 
 def test_a_file_that_is_there_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -49,3 +51,50 @@ def test_a_presets_name_is_refused_because_config_would_mean_the_preset(
     assert cli.main(["init", "simulated"]) == 2
     assert "--from simulated" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_a_file_has_an_axis_for_each_id(cli: Cli, tmp_path: Path) -> None:
+    file = tmp_path / "arm.yaml"
+    assert cli("init", file, "--axes", "3,1", "--from", "xm430-w350").status == 0
+    config = load_config(str(file)).config
+    assert {name: one.servo.id for name, one in config.each.items()} == {"axis_3": 3, "axis_1": 1}
+    assert "found 1 twice" in cli.refused("init", file, "--axes", "1,1", "--force")
+
+
+ROBOT = """<robot name="arm">
+<joint name="Shoulder Pan" type="revolute"><limit lower="-1.9" upper="1.9" effort="1"/></joint>
+<joint name="2nd" type="revolute"><limit upper="1.6"/></joint>
+<joint name="wheel" type="continuous"/>
+<joint name="jaw" type="revolute"><limit lower="-1" upper="1"/><mimic joint="2nd"/></joint>
+<joint name="slide" type="prismatic"><limit lower="-1" upper="1"/></joint>
+</robot>"""
+
+
+def test_the_stops_of_a_file_are_the_limits_of_a_robot(cli: Cli, tmp_path: Path) -> None:
+    file, robot = tmp_path / "arm.yaml", tmp_path / "arm.urdf"
+    robot.write_text(ROBOT)
+    ask = ("init", file, "--urdf", robot, "--from", "xm430-w350", "--force")
+    assert cli(*ask, "--margin", 0.2).status == 0
+    axes = load_config(str(file)).config.each
+    ends = {name: (one.servo.id, one.wall.low, one.wall.high) for name, one in axes.items()}
+    assert ends == {"shoulder_pan": (1, -1.7, 1.7), "joint_2nd": (2, 0.2, 1.4)}
+    assert "wanted 2, one for each of shoulder_pan, joint_2nd" in cli.refused(*ask, "--axes", 7)
+    assert "half the range of the joint 2nd" in cli.refused(*ask, "--margin", 0.8)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("<robot>", "no XML"),
+        ("<robot/>", "0 revolute joints"),
+        ('<!DOCTYPE a [<!ENTITY b "c">]><robot>&b;</robot>', "a document type"),
+        (ROBOT.replace("1.6", "much"), "limits of the joint 2nd that are no numbers"),
+        (ROBOT.replace("1.6", "nan"), "half the range of the joint 2nd"),
+        ("\ud800", "no XML"),
+    ],
+)
+def test_a_wrong_robot_is_refused(cli: Cli, tmp_path: Path, text: str, said: str) -> None:
+    robot = tmp_path / "arm.urdf"
+    robot.write_bytes(text.encode("utf-8", "surrogatepass"))
+    assert said in cli.refused("init", tmp_path / "arm.yaml", "--urdf", robot)
+    assert not (tmp_path / "arm.yaml").exists()

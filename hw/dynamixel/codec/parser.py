@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from haptic_wall.hw.dynamixel.codec.frames import (
     BROADCAST,
     HEADER,
@@ -48,6 +50,8 @@ class Parser:
         self._report_crc = report_crc
         self._unstuffed = unstuffed
         self.joint = joint
+        self.parts: Sequence[int] = ()
+        """Bytes of the parts of a joint reply of their total length; others have equal parts"""
         self._parts = 0
         """Parts of the joint reply at the buffer's begin that have been returned"""
         self._skipping = False
@@ -123,12 +127,14 @@ class Parser:
         """
         buffer = self._buffer
         at = start + PREAMBLE + 1
-        part, rest = divmod(end - at, self.joint)
-        if rest or part < _AROUND_PART:
+        sizes = self._sizes(end - at)
+        if not sizes:
             return self._reject(start)
         crc = crc16(buffer[start:at])
         parts, known, self._parts = 0, self._parts, 0
-        while at + part <= min(end, len(buffer)):
+        for part in sizes:
+            if at + part > len(buffer):
+                break
             if buffer.startswith(HEADER, at):  # no part begins so: the servos from here are missing
                 return at
             last = at + part - 2
@@ -148,6 +154,13 @@ class Parser:
             return at if buffer.startswith(HEADER, at) else self._reject(start)
         self._parts = parts
         return start
+
+    def _sizes(self, total: int) -> Sequence[int]:
+        """Return the bytes of each part of a joint reply with ``total``; empty: it is none."""
+        if total == sum(self.parts):
+            return self.parts
+        part, rest = divmod(total, self.joint)
+        return () if rest or part < _AROUND_PART else [part] * self.joint
 
     def _skip(self, count: int) -> None:
         """Count a run of garbage once; bytes after a rejected header were counted with it."""
@@ -182,7 +195,7 @@ class Parser:
             length = buffer[at + 5] | buffer[at + 6] << 8
             end = at + PREAMBLE + length
             if self.joint and buffer[at + 4] == BROADCAST:
-                end = at + PREAMBLE + 1 + (length - 1) // self.joint
+                end = at + PREAMBLE + 1 + (*self._sizes(length - 1), 0)[0]
             believable = length >= 3 and seen < end <= size and buffer[at + 4] <= BROADCAST
             if believable and crc16(buffer[at : end - 2]) == buffer[end - 2] | buffer[end - 1] << 8:
                 return at

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Literal
 
 import pytest
 
@@ -13,8 +14,8 @@ from haptic_wall.hw.dynamixel.codec import Instruction, Parser
 from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.group import DynamixelGroup
 from haptic_wall.hw.dynamixel.registers import POSITION_UNIT
-from haptic_wall.hw.dynamixel.samples import Way
 from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.dynamixel.wire import Read
 from haptic_wall.hw.emulated.adapter import Adapter
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
@@ -71,6 +72,7 @@ class Bench:
         probes: bool = False,
         period_ns: int = PERIOD_NS,
         watchdog_s: float = 0.2,
+        read: Read | Literal["auto"] = "auto",
     ) -> None:
         self.clock = SimulatedClock(start_ns=123_456_789)
         self.period_ns = period_ns
@@ -102,7 +104,7 @@ class Bench:
         ]
         if not probes:
             settings = [replace(each, probe_torque=0.0) for each in settings]
-        self.group = DynamixelGroup(settings, self.line)
+        self.group = DynamixelGroup(settings, self.line, read)
 
     def cycle(self, torques: Sequence[float] | None = None) -> list[Reading]:
         begun = self.clock.now_ns()
@@ -133,7 +135,7 @@ def started(
     return bench
 
 
-def exchange_of(bench: Bench, way: Way) -> Exchange:
+def exchange_of(bench: Bench, way: Read) -> Exchange:
     """Another exchange with the same servos, in this way."""
     exchange = Exchange(bench.line, [truth.id for truth in bench.truths])
     exchange.select(exchange.stations, way)
@@ -143,7 +145,7 @@ def exchange_of(bench: Bench, way: Way) -> Exchange:
 @pytest.mark.parametrize("count", [2, 3, 6])
 def test_servos_of_new_firmware_are_read_by_one_request_and_one_joint_reply(count: int) -> None:
     bench = started(*[48] * count, probes=count < 6)
-    assert bench.group.exchange.way is Way.FAST
+    assert bench.group.exchange.way == "fast"
     torques = [0.3 * (-1) ** n for n in range(count)]
     frames = len(bench.line.frames)
     for _ in range(100):
@@ -151,19 +153,64 @@ def test_servos_of_new_firmware_are_read_by_one_request_and_one_joint_reply(coun
     assert [c.cycles for c in counts_of(bench)] == [100] * count
     assert all((c.lost, c.late, c.corrupt) == (0, 0, 0) for c in counts_of(bench))
     sent = [Parser().feed(data)[0].instruction for data in bench.line.frames[frames:]]
-    assert sent == [Instruction.FAST_SYNC_READ, Instruction.SYNC_WRITE] * 100
+    assert set(sent[::2]) == {Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ}
+    assert sent[1::2] == [Instruction.SYNC_WRITE] * 100
     for torque, truth, facts in zip(torques, bench.truths, facts_of(bench), strict=True):
         acting = truth.state(bench.clock.now_ns()).torque
         assert acting == pytest.approx(torque, abs=facts.torque_step)
 
 
 def test_one_old_firmware_makes_all_answer_one_by_one_to_one_request() -> None:
-    bench = started(48, 44, 48)
-    assert bench.group.exchange.way is Way.SYNC
+    bench = Bench([48, 44, 48])
+    checks = {check.name: check.found for check in bench.group.start()[0]}
+    assert checks["read"] == "sync, as a fast read is not answered by id 2 (firmware 44)"
+    assert bench.group.exchange.way == "sync"
     for _ in range(50):
         readings = bench.cycle([0.2, -0.2, 0.2])
         assert all(reading.outcome is Outcome.OK for reading in readings)
         bench.assert_true(readings)
+
+
+def test_a_way_of_reading_that_not_all_support_is_refused_where_it_is_asked_for() -> None:
+    bench = Bench([48, 44, 48], read="fast")
+    with pytest.raises(UnfitServoError, match=r"by id 2 \(firmware 44\).*set bus\.read=auto"):
+        bench.group.start()
+
+
+def test_servos_can_be_read_one_after_the_other() -> None:
+    bench = Bench([48, 40, 48], read="plain")
+    bench.group.start()
+    for _ in range(300):
+        readings = bench.cycle([0.2, -0.2, 0.2])
+        assert all(reading.outcome is Outcome.OK for reading in readings)
+        bench.assert_true(readings)
+    bench.bus.inject("unplug:id=2", bench.clock.now_ns())
+    outcomes = [reading.outcome for reading in bench.cycle([0.2, -0.2, 0.2])]
+    assert outcomes == [Outcome.OK, Outcome.LOST, Outcome.OK]
+
+
+@pytest.mark.parametrize(("count", "schedule"), [(6, "immediate"), (7, "pipelined")])
+def test_polls_of_each_servo_cost_no_sample_behind_an_adapter_of_1_ms(
+    count: int, schedule: str
+) -> None:
+    bench = Bench([48] * count, period_ns=2 * PERIOD_NS)
+    bench.bus._adapter = Adapter(PERIOD_NS, 62, bench.clock.now_ns())
+    bench.group.start()
+    group, deadline_ns = bench.group, bench.clock.now_ns()
+    pipelined = schedule == "pipelined"
+    if pipelined:
+        group.request()
+    for _ in range(750):
+        deadline_ns += 2_000_700  # the adapter's timer and the loop drift apart
+        bench.clock.wait_until(deadline_ns)
+        if not pipelined:
+            group.request()
+        readings = group.collect(deadline_ns + 1_600_000)
+        assert all(reading.outcome is Outcome.OK for reading in readings)
+        group.write([0.1] * count)
+        if pipelined:
+            group.request()
+    assert all(one.health["supply"] for one in group.servos)
 
 
 def test_where_one_is_missing_nobody_else_is_said_to_have_kept_its_torque() -> None:
@@ -175,11 +222,11 @@ def test_where_one_is_missing_nobody_else_is_said_to_have_kept_its_torque() -> N
     assert bench.truths[0].memory["torque_enable"] == 0
 
 
-@pytest.mark.parametrize("way", [Way.FAST, Way.SYNC])
+@pytest.mark.parametrize("way", ["fast", "sync"])
 @pytest.mark.parametrize(
     "fault", sampled(["corrupt:p=0.05", "drop:p=0.05", "late:ms=1.5,p=0.05", "truncate:p=0.05"], 4)
 )
-def test_a_damaged_reply_never_becomes_somebodys_position(way: Way, fault: str) -> None:
+def test_a_damaged_reply_never_becomes_somebodys_position(way: Read, fault: str) -> None:
     bench = started(48, 48, 48)
     exchange = exchange_of(bench, way)
     bench.bus.inject(f"{fault},way=reply", bench.clock.now_ns())
@@ -230,9 +277,9 @@ def test_two_servos_with_one_id_are_refused() -> None:
         DynamixelGroup([settings, settings], bench.line)
 
 
-@pytest.mark.parametrize("way", [Way.FAST, Way.SYNC])
+@pytest.mark.parametrize("way", ["fast", "sync"])
 def test_a_held_pose_whose_replies_need_stuffing_costs_no_reading(
-    way: Way, monkeypatch: pytest.MonkeyPatch
+    way: Read, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Current -1 and velocity -3 are FF FF FD side by side, which a joint reply does not stuff."""
     bench = started(48, 48, 48, 48)
@@ -252,7 +299,7 @@ def test_a_held_pose_whose_replies_need_stuffing_costs_no_reading(
         assert [sample.current for sample in samples] == [-1, 0, -1, -1]
     assert [station.counts for station in exchange.stations] == [BusCounts(cycles=50)] * 4
     stuffed = b"".join(received).count(b"\xff\xff\xfd\xfd")
-    assert stuffed == (0 if way is Way.FAST else 150)
+    assert stuffed == (0 if way == "fast" else 150)
 
 
 def counts_of(bench: Bench) -> list[BusCounts]:
@@ -285,9 +332,10 @@ def test_a_servo_in_trouble_is_named_and_then_the_torque_of_all_ends(
     else:
         bench.bus.inject(f"{fault}:id={who}", bench.clock.now_ns())
     begun = bench.clock.now_ns()
-    with pytest.raises(error, match=message.format(who)):
+    with pytest.raises(error, match=message.format(who)) as caught:
         for _ in range(1300):
             bench.cycle([0.3] * 3)
+    assert caught.value.id == who
     assert bench.group.stop() is (fault != "unplug")
     assert all(truth.memory["torque_enable"] == 0 for truth in bench.truths)
     assert bench.clock.now_ns() - begun <= 850_000_000
@@ -316,6 +364,38 @@ def test_the_registers_of_every_servo_are_watched(count: int, periods: int, regi
             for _ in range(2000):
                 bench.cycle([0.3] * count)
         assert bench.clock.now_ns() - begun <= 1_010_000_000
+
+
+def test_polls_go_on_while_one_servo_never_answers_its_own_and_then_the_run_ends() -> None:
+    bench = started(48, 48, 48)
+    bench.bus.inject("corrupt:id=2,way=reply,flips=3", bench.clock.now_ns())
+    for station in bench.group.exchange.stations:
+        station.counts.lost = 0
+    bench.truths[2].memory["torque_enable"] = 0
+    with pytest.raises(TorqueLostError, match="id 3 ") as caught:
+        for _ in range(600):
+            bench.cycle([0.0] * 3)
+    assert caught.value.id == 3
+
+
+def test_no_other_servo_keeps_its_torque_while_a_lost_one_is_looked_for() -> None:
+    bench = started(48, 48, 48)
+    for _ in range(5):
+        bench.cycle([0.3] * 3)
+    bench.bus.inject("unplug:id=2", bench.clock.now_ns())
+    with pytest.raises(ServoLostError) as caught:
+        for _ in range(400):
+            cycle_ns = bench.clock.now_ns()
+            bench.cycle([0.3] * 3)
+    assert caught.value.id == 2
+    looked_ns = bench.clock.now_ns() - cycle_ns
+    (zeros,) = [
+        Parser().feed(data)[0]
+        for data in bench.line.frames[-6:]
+        if data[7] == Instruction.SYNC_WRITE
+    ][-1:]
+    assert looked_ns < 50_000_000
+    assert zeros.params == bytes([102, 0, 2, 0, 1, 0, 0, 2, 0, 0, 3, 0, 0])
 
 
 def test_the_torque_of_all_ends_in_one_frame_of_zero_and_one_of_torque_off() -> None:

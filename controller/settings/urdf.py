@@ -1,0 +1,69 @@
+"""Reads the joints of a robot's description: their names, and the ends of their motion."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Final
+from xml.etree import ElementTree
+
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.settings.axes import MOST_AXES, MOST_NAME
+from haptic_wall.controller.system import files
+from haptic_wall.controller.system.printable import in_line
+from haptic_wall.hw.errors import Problem
+
+MOST_BYTES: Final = 2**20
+"""Largest size of a description"""
+
+
+def joint_ranges(path: Path, margin: float) -> dict[str, tuple[float, float]]:
+    """Return low and high end [rad] of each revolute joint, by a name that an axis can have.
+
+    Joints that move with another one (``mimic``) are left out.
+
+    Args:
+        path: A URDF file.
+        margin: Distance of both ends from the joint's limits [rad].
+
+    Raises:
+        UserError: It is no such file, has no or too many joints, or a joint no range.
+        OSError: It cannot be read.
+    """
+    try:
+        text = files.content(path, MOST_BYTES).decode("utf-8")
+        if "<!DOCTYPE" in text or "<!ENTITY" in text:
+            raise _refused(path, "a document type, which may refer to other files")
+        joints = ElementTree.fromstring(text).iter("joint")
+    except (UnicodeDecodeError, ElementTree.ParseError) as error:
+        raise _refused(path, f"no XML ({in_line(str(error))})") from None
+    ranges: dict[str, tuple[float, float]] = {}
+    for joint in joints:
+        limit = joint.find("limit")
+        if joint.get("type") != "revolute" or joint.find("mimic") is not None or limit is None:
+            continue
+        name = in_line(joint.get("name", ""))
+        try:
+            low, high = (float(limit.get(end, "0")) for end in ("lower", "upper"))
+        except ValueError:
+            raise _refused(path, f"limits of the joint {name} that are no numbers") from None
+        low, high = round(low + margin, 6), round(high - margin, 6)
+        if not -1e6 < low < high < 1e6:
+            wanted = f"less than half the range of the joint {name}"
+            raise UserError(f"found {margin:g}", field="--margin", wanted=wanted)
+        ranges[_axis_name(name, ranges)] = low, high
+    if not 0 < len(ranges) <= MOST_AXES:
+        raise _refused(path, f"{len(ranges)} revolute joints")
+    return ranges
+
+
+def _axis_name(joint: str, taken: dict[str, tuple[float, float]]) -> str:
+    """Return the joint's name in the letters of an axis's, another one than those before."""
+    plain = re.sub(r"[^a-z0-9]+", "_", joint.lower()).strip("_")
+    name = (plain if plain[:1].isalpha() else f"joint_{plain}")[:MOST_NAME].rstrip("_")
+    return name if name not in taken else f"joint_{len(taken) + 1}"
+
+
+def _refused(path: Path, found: str) -> UserError:
+    wanted = f"a URDF with 1 to {MOST_AXES} revolute joints"
+    return UserError(Problem(f"found {found}", wanted=wanted, field="--urdf", given=str(path)))
