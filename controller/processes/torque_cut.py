@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Sequence
-from typing import Final
 
 from haptic_wall.controller.processes.children import Child
 from haptic_wall.controller.processes.loop_watch import END_S
@@ -12,8 +11,6 @@ from haptic_wall.controller.runtime.telemetry import Word
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.open import backend, cut_torque
 from haptic_wall.hw.settings import ServoSettings
-
-ATTEMPTS: Final = 2
 
 
 class TorqueCut:
@@ -38,9 +35,10 @@ class TorqueCut:
         """Switch the torque off; return a sentence on the result."""
         self._words[Word.COUPLED] = 0  # the bus waits for the loop no longer
         make = backend(self._servos[0].backend)
-        # Twice: some replies of several servos may be late on a machine that is busy.
+        # Of several the last replies may be late on a busy machine; a single one is waited for.
+        attempts = min(2, len(self._servos))
         self.confirmed = any(
-            cut_torque(self._servos, self.port, MonotonicClock()) for _ in range(ATTEMPTS)
+            cut_torque(self._servos, self.port, MonotonicClock()) for _ in range(attempts)
         )
         if make.simulated:
             return "the simulated servo ended with it"
