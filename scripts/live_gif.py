@@ -1,8 +1,8 @@
 """Films the live page for the README.
 
 ``python -m scripts.live_gif``: a hand drags the shaft into the wall, the wall gets stiffer, and the
-guard clamps it. ``python -m scripts.live_gif arm``: hands push six joints into their stops, the page
-shows one after another, and a servo loses its cable.
+guard clamps it. ``python -m scripts.live_gif arm``: hands push six joints into their stops, the
+page shows one after another, and a servo loses its cable.
 """
 
 from __future__ import annotations
