@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from typing import Final
@@ -153,6 +153,19 @@ class Driven:
         # The watchdog counts whole units, so that one set to two may trip soon after the first.
         self.silence_ns = round(max(self._units - 1, 0.75) * WATCHDOG_UNIT_NS)
         return ready
+
+    def obeys_only_itself(self, ids: Collection[int]) -> None:
+        """Refuse a servo that would also take the goals of another one of these ids.
+
+        Raises:
+            UnfitServoError: It would.
+        """
+        second = self.table.read("secondary_id")
+        if second in ids and second != self.station.id:
+            raise UnfitServoError(
+                f"The {self._name} also obeys id {second}, which is another one of this bus",
+                advice="write 255 to its Secondary ID (12); `haptic-wall doctor --fix` does so.",
+            )
 
     def end(self) -> None:
         """Stop watching for pauses: the torque is off from now."""
