@@ -117,7 +117,7 @@ def _text(found: dict[str, Any]) -> str:
         lines.append(
             f"{servo['id']:>3}  {servo['baud']:>8}  {model:<14}  {servo['firmware']:>8}{note}"
         )
-    usable = [servo for servo in found["servos"] if servo["current_mode"]]
+    usable = [one for one in found["servos"] if one["current_mode"] and not one["twins"]]
     if len(usable) > 1 and len({servo["baud"] for servo in usable}) == 1:
         axes = {
             f"axis_{one['id']}": {"servo": {k: one[k] for k in ("id", "model")}} for one in usable

@@ -115,6 +115,8 @@ class DynamixelGroup:
                 exchange.select([one.station])
                 with _about(one):
                     ready.append(one.start())
+                    if count > 1:
+                        one.obeys_only_itself(exchange.by_id)
                 self._keep(servos[: len(ready)])
             longest_s = max(each.longest_ns for each in ready) * 1e-9
             hold_s = longest_s - asking_s(self._baud)

@@ -270,6 +270,15 @@ def test_a_start_that_fails_leaves_no_torque_on() -> None:
     assert [truth.memory["torque_enable"] for truth in bench.truths] == [0, 0, 0]
 
 
+def test_a_servo_that_also_obeys_the_id_of_another_is_refused() -> None:
+    bench = Bench([48, 48, 48])
+    bench.truths[0].memory["secondary_id"] = 3
+    with pytest.raises(UnfitServoError, match=r"id 1 .*also obeys id 3.*Secondary ID") as caught:
+        bench.group.start()
+    assert caught.value.id == 1
+    assert [truth.memory["torque_enable"] for truth in bench.truths] == [0, 0, 0]
+
+
 def test_two_servos_with_one_id_are_refused() -> None:
     bench = Bench([48])
     settings = DriverSettings("", 4_000_000, 1, MODEL)
