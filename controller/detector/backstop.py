@@ -347,11 +347,19 @@ class Backstop:
             if seen.steady and seen.size >= self._settings.threshold:
                 self._take_up(seen)
                 self._alarm(Cause.BEYOND_HANDS)  # the wall still waits for its spring to be at rest
-        elif self._asks:
-            if phase == Phase.PROBING:
-                self._answer(self.probe.ended(seen, self._time))
-            else:
-                self._judge(seen)
+        elif not self._asks:
+            self._listen(seen)
+        elif phase == Phase.PROBING:
+            self._answer(self.probe.ended(seen, self._time))
+        else:
+            self._judge(seen)
+
+    def _listen(self, seen: Regularity) -> None:
+        """Find a hand in the probe of another axis: it needs no probe of its own."""
+        if self.phase != Phase.PROBING or self.probe.before is NEVER:
+            return
+        if self.probe.ended(seen, self._time) == Verdict.HAND:
+            self._hand = self.probe.before._replace(at=self._time)
 
     def _go_on_with(self, seen: Regularity) -> None:
         """Judge another motion with the reduced walls from now on, if the last one has died."""
@@ -468,6 +476,10 @@ class Backstop:
     def _soften_for(self, cycle: float) -> None:
         """Soften this wall for the probe of a motion with a period [s]."""
         hold, tuning, settings = self._hold, self._tuning, self._settings
+        if not self._asks:
+            last = self._asked.motion.last
+            self.probe.begin()
+            self.probe.before = sighting(last, self._time) if len(last) > 1 else NEVER
         rests = not self._begin_hold()
         loaded = abs(self._torque) > tuning.loaded_contacts * settings.torque_limit
         if rests and loaded and not hold.permitted:
