@@ -302,7 +302,7 @@ def outcome(case: Search) -> list[Box]:
         shares = _shares(random, truths, len(NAMES) + 2)
         softer = np.where(random.random(truths) < 0.2, random.random(truths), 1.0)
         worst = float(growths(shares, softer).max())
-        top, beyond = _climbed(random, shares, lambda s, f=growths: f(s, 1.2), steps)
+        top, beyond = _climbed(random, shares, partial(growths, of_stiffness=1.2), steps)
         worst = max(worst, float(growths(top, 1.0).max()))
         thrown_by = of_one_sided = math.nan
         limit = float(chain_boundary(*servo, wall.damping * gain, *loop, 1, filtered).stiffness)

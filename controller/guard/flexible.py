@@ -350,7 +350,8 @@ def _all_intervals(
     if velocity_filter is not None:
         # a filter is slower by the interval, and a notch then lies elsewhere
         even = max(even, math.ceil(velocity_filter.q * math.log(high / low) / _NOTCH))
-    return np.linspace(low, high, even + 1).tolist()
+    found: list[float] = np.linspace(low, high, even + 1).tolist()
+    return found
 
 
 def _is_quick(belief: Belief, period: float) -> bool:
