@@ -146,6 +146,9 @@ def identify_record(record: Record, pendulum: Pendulum | None = None) -> Recorde
             + ("" if pendulum is None else "; check the pendulum's mass and length")
         )
         del known["inertia"]
+    if "hanging" in known and known["hanging"].stderr > 0.5 * math.pi:
+        notes.append("the angle at which the load hangs cannot be determined")
+        del known["hanging"]
     if driven and shot.terms["gain"] <= 0.0:
         notes.append("the torque acts against its sign: check the sign of its column")
         known = {name: each for name, each in known.items() if name == "hanging"}
@@ -155,8 +158,8 @@ def identify_record(record: Record, pendulum: Pendulum | None = None) -> Recorde
 def _why_nothing(record: Record) -> str:
     if record.stretches:
         return (
-            f"nothing can be determined: the rows are {1e3 * row_interval(record):.3g} ms apart,"
-            " wanted at most 50 ms"
+            f"nothing can be determined: the rows are {row_interval(record):.3g} s apart, wanted"
+            " at most 0.05 s; is time_s in seconds?"
         )
     return (
         "nothing can be determined: no part of the record has a motion with a known torque; wanted"
