@@ -191,7 +191,10 @@ def _draw(found: Identified, name: str, path: Path) -> None:
 def _write(found: Identified, loaded: Loaded, path: Path) -> None:
     from haptic_wall.controller.experiments.identify.identified_config import identified_config
 
-    path.write_text(identified_config(loaded.config, found, loaded.name), encoding="utf-8")
+    path.write_text(
+        identified_config(loaded.config, found, loaded.name, loaded.axis, loaded.whole),
+        encoding="utf-8",
+    )
 
 
 def _fit_record(record: Path, plot: Path | None, mass: float | None, length: float | None) -> None:

@@ -7,15 +7,14 @@ configuration holds each axis whole, so that written out and read again it is th
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
-from pydantic import Field, create_model
+from pydantic import Field
 
 from haptic_wall.controller.settings.model import NUMBERS, Model, Section, Wall, setting
-from haptic_wall.controller.settings.servo import Baud, Port, Servo, declared
+from haptic_wall.controller.settings.servo import Baud, Port, Servo, truth_section
 from haptic_wall.hw.settings import Way
-from haptic_wall.hw.truth import ARM, TYPES, TrueArm
+from haptic_wall.hw.truth import TrueArm
 
 MOST_AXES: Final = 16
 MOST_NAME: Final = 24
@@ -58,15 +57,7 @@ if TYPE_CHECKING:
         """The fields of ``TrueArm``."""
 
 else:
-    _Links = create_model(
-        "_Links",
-        __base__=Section,
-        __module__=__name__,
-        **{
-            each.name: declared(ARM[f"arm.{each.name}"], TYPES[f"arm.{each.name}"], each.default)
-            for each in fields(TrueArm)
-        },
-    )
+    _Links = truth_section(TrueArm, Section, "arm.")
 
 
 class Arm(_Links):
@@ -116,6 +107,30 @@ def _completed(axis: Any, data: Mapping[str, Any]) -> Any:  # noqa: ANN401 - wha
                 default = {name: default[name] for name in default if name not in NUMBERS}
             whole[section] = default | own
     return whole
+
+
+def compact(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Return dumped settings without nulls, and of each axis only what it has of its own."""
+    short: dict[str, Any] = {
+        section: {name: value for name, value in given.items() if value is not None}
+        for section, given in data.items()
+        if section != "axes"
+    }
+    if data["axes"]:
+        short["axes"] = {
+            name: {section: _own(section, axis[section], data[section]) for section in OWN}
+            for name, axis in data["axes"].items()
+        }
+    return short
+
+
+def _own(section: str, axis: Mapping[str, Any], default: Mapping[str, Any]) -> dict[str, Any]:
+    kept = NUMBERS if section == "wall" and axis["law"] != default["law"] else ()
+    return {
+        name: value
+        for name, value in axis.items()
+        if name in kept or name not in default or value != default[name]
+    }
 
 
 def split_path(path: str) -> tuple[str, str]:

@@ -254,7 +254,9 @@ def _delay(config: Sections) -> Iterator[Problem]:
 
 def _law(config: Sections) -> Iterator[Problem]:
     wall, counts = config.wall, config.servo.counts_per_rev
-    if wall.law in ("wall", NONE) or any(map(own.is_closed, law_names(wall))):
+    if wall.law == NONE:  # a joint that rests for a while keeps its numbers
+        return
+    if wall.law == "wall" or any(map(own.is_closed, law_names(wall))):
         yield from _numbers_of_another_law(config)
         return
     # The encoder of a real servo is known only once it is open.
@@ -302,7 +304,7 @@ def _numbers_of_another_law(config: Sections) -> Iterator[Problem]:
 
 def _unused(law: LawNumbers, names: Iterable[str]) -> Iterator[tuple[str, str]]:
     """Yield each number that is set but not used by the law, with the laws that use it."""
-    uses = {name: kind.numbers for name, kind in LAWS.items()} | {SUM: ("parts",), NONE: ()}
+    uses = {name: kind.numbers for name, kind in LAWS.items()} | {SUM: ("parts",)}
     used = uses.get(law.law, ("options",))
     for name in names:
         if name in ("law", "side", *used) or getattr(law, name) == Wall.model_fields[name].default:

@@ -32,7 +32,7 @@ from haptic_wall.hw.settings import (
     Schedule,
     ServoSettings,
 )
-from haptic_wall.hw.truth import ABOUT, NUMBERS, TYPES, About, Kind, TrueServo, vibration
+from haptic_wall.hw.truth import NUMBERS, TYPES, About, Kind, TrueServo, vibration
 
 Baud = Annotated[
     Literal[9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000],
@@ -100,7 +100,7 @@ class _Named(Section):
     )
 
 
-def declared(about: About, kind: Any, default: Any) -> tuple[Any, Any]:  # noqa: ANN401
+def _declared(about: About, kind: Any, default: Any) -> tuple[Any, Any]:  # noqa: ANN401
     """Return a true parameter as a field; one without a default is null on hardware."""
     if default is MISSING:
         kind, default = kind | None, None
@@ -110,22 +110,30 @@ def declared(about: About, kind: Any, default: Any) -> tuple[Any, Any]:  # noqa:
     return Whole if kind is int else kind, field
 
 
+def truth_section(truth: Any, base: type[Section], prefix: str = "") -> Any:  # noqa: ANN401
+    """Return a section with the fields of a truth that a configuration has.
+
+    Args:
+        truth: Its dataclass.
+        base: The section with the fields before these.
+        prefix: Of its paths in ``TYPES``.
+    """
+    about = {each: each.metadata["about"] for each in fields(truth)}
+    declared: dict[str, Any] = {
+        each.name: _declared(found, TYPES[prefix + each.name], each.default)
+        for each, found in about.items()
+        if found.kinds
+    }
+    return create_model("_Truth", __base__=base, __module__=__name__, **declared)
+
+
 if TYPE_CHECKING:
 
     class _Truth(_Named, TrueServo):
         """The fields of ``TrueServo`` that a configuration has."""
 
 else:
-    _Truth = create_model(
-        "_Truth",
-        __base__=_Named,
-        __module__=__name__,
-        **{
-            each.name: declared(ABOUT[each.name], TYPES[each.name], each.default)
-            for each in fields(TrueServo)
-            if ABOUT[each.name].kinds
-        },
-    )
+    _Truth = truth_section(TrueServo, _Named)
 
 
 class Servo(_Truth):

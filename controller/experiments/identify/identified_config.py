@@ -17,6 +17,7 @@ from haptic_wall.controller.experiments.identify.vibration import (
     vibration_lines,
 )
 from haptic_wall.controller.guard.belief import Belief, Bounded
+from haptic_wall.controller.settings.axes import compact
 from haptic_wall.controller.settings.config import Config
 
 _ERRORS = 3.0
@@ -35,16 +36,22 @@ DELAY_FLOOR = 0.05
 """The same for the delay, in periods"""
 
 
-def identified_config(config: Config, identified: Identified, source: str) -> str:
+def identified_config(
+    config: Config, identified: Identified, source: str, axis: str = "", whole: Config | None = None
+) -> str:
     """Return YAML text of ``config`` with its ``model`` section replaced.
 
     Args:
         config: The effective configuration.
         identified: Result for its servo.
         source: Origin of ``config``, for people.
+        axis: Name of the axis that it is of; empty: it is whole.
+        whole: The configuration with all axes, which is written in its place.
     """
-    data = config.model_dump(mode="json", exclude_none=True)
-    data["model"] = {**data.get("model", {}), **identified_model(identified, config)}
+    data = (whole or config).model_dump(mode="json")
+    own = data["axes"][axis] if axis else data
+    own["model"] |= identified_model(identified, config)
+    data = compact(data)
     unit = "torque measured by its current" if identified.gain_measured else "torque commanded"
     floors = ", ".join(f"{100 * share:g} % of {name}" for name, share in FLOORS.items())
     head = [

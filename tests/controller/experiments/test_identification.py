@@ -308,3 +308,17 @@ def test_the_configuration_holds_the_truth_and_little_else(
         not_none(loaded.model.torque_gain).value == not_none(loaded.model.torque_gain).high == 1.0
     )
     assert yaml.safe_load(path.read_text())["wall"]["stiffness"] == 3.0
+
+
+def test_of_several_axes_only_the_identified_one_changes(
+    usual: tuple[Config, Identified], tmp_path: Path
+) -> None:
+    _, found = usual
+    sets = ["axes.a.wall.law=spring", "axes.b.wall.law=none", "axes.b.servo.inertia=0.03"]
+    whole = load_config("simulated", sets).config
+    path = tmp_path / "mine.yaml"
+    path.write_text(identified_config(whole.each["a"], found, "simulated:a", "a", whole))
+    written = load_config(str(path)).config
+    assert written.each["b"] == whole.each["b"]
+    assert written.each["a"].model_copy(update={"model": whole.model}) == whole.each["a"]
+    assert not_none(written.each["a"].model.inertia).low < found.inertia.value

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptic_wall.controller.errors import ConfigError
+from haptic_wall.controller.settings.axes import compact
 from haptic_wall.controller.settings.axes_rules import BARE_INERTIA
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config, loaded, preset_names
@@ -65,6 +66,7 @@ def test_an_axis_is_what_a_file_of_its_own_makes_it(
         assert config.each[name] == own
         assert config.servos()[place] == own.servo_settings()
     assert Config.model_validate_json(config.model_dump_json()) == config
+    assert loaded(compact(config.model_dump(mode="json")), "of several axes, short") == config
 
 
 def test_without_axes_the_configuration_is_its_own_only_axis() -> None:
@@ -77,6 +79,7 @@ def test_an_axis_with_another_law_does_not_inherit_the_numbers_of_the_first() ->
     config = load_config("simulated", ["axes.a.wall.count=24", *sets]).config
     assert config.each["a"].wall.count == 24
     assert config.each["b"].wall.count is None
+    assert loaded(compact(config.model_dump(mode="json")), "of two axes, short") == config
 
 
 def test_the_names_of_the_bus_are_those_of_its_servo(tmp_path: Path) -> None:

@@ -1,0 +1,121 @@
+"""Tells errors of a configuration's validation in words, one for each field."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Final
+
+from pydantic import ValidationError
+
+from haptic_wall.controller.settings.axes import MOST_AXES, OWN, RENAMED, split_path
+from haptic_wall.controller.settings.fields import fields, sections
+from haptic_wall.controller.settings.model import IN_WORDS, Part
+from haptic_wall.controller.settings.rules import BrokenRulesError
+from haptic_wall.hw.errors import Problem
+from haptic_wall.hw.names import did_you_mean
+
+_MOST_HINTS: Final = 20
+"""Largest number of unknown keys with a suggestion: finding one takes time"""
+
+
+def problems_of(error: ValidationError, data: dict[str, Any]) -> list[Problem]:
+    """Return the library's errors in our words, one for each field."""
+    found: dict[str, Problem] = {}
+    for detail in error.errors():
+        cause = detail.get("ctx", {}).get("error")
+        if isinstance(cause, BrokenRulesError):
+            given = (replace(each, field=_given(each.field or "", data)) for each in cause.problems)
+            return list(dict.fromkeys(given))
+        where = [str(step) for step in detail["loc"]]
+        prefix = ""
+        if where[0] == "axes":
+            if len(where) < 3 or where[2] == "[key]":
+                path = ".".join(where[:2])
+                found[path] = replace(_wrong_axis(where, data), field=path)
+                continue
+            prefix, where = f"axes.{where[1]}.", where[2:]
+        if detail["type"] in ("extra_forbidden", "invalid_key"):
+            path = _given(prefix + ".".join(where), data)
+            hint = _known_instead(where, prefix) if len(found) < _MOST_HINTS else ""
+            found.setdefault(path, Problem("unknown", advice=hint, field=path))
+            continue
+        bare = ".".join(where[:2])
+        path = _given(prefix + bare, data)
+        if path not in found:
+            problem = detail.get("ctx", {}).get(IN_WORDS)
+            if bare not in fields() and bare not in sections():
+                problem = Problem(detail["msg"])
+            elif not isinstance(problem, Problem):
+                problem = _wrong(bare, value_at(data, path), detail["type"])
+            found[path] = replace(problem, field=path)
+    return list(found.values())
+
+
+def _given(path: str, data: dict[str, Any]) -> str:
+    """Return where a setting is given: at the top level if only there, as one of the bus if so."""
+    prefix, bare = split_path(path)
+    section, _, key = bare.partition(".")
+    key = key.split(".")[0]
+    sections = [value_at(data, each) for each in (prefix + section, section, "bus")]
+    here, there, bus = (isinstance(each, dict) and key in each for each in sections)
+    if section == "servo" and key in RENAMED and bus:
+        return f"bus.{key}"
+    return bare if there and not here else path
+
+
+def _wrong_axis(where: list[str], data: dict[str, Any]) -> Problem:
+    """Return the problem of an axis that is none, or of all of them."""
+    if where[2:]:
+        wanted = "small letters, digits and _, at most 24, first a letter, as an axis's name"
+        return Problem(f"found {shown(where[1])}", wanted=wanted)
+    wanted = f"a section with {', '.join(OWN)}"
+    if not where[1:]:
+        wanted = f"at most {MOST_AXES} names, each with {wanted}"
+    return Problem(f"found {shown(value_at(data, '.'.join(where)))}", wanted=wanted)
+
+
+def _wrong(path: str, value: Any, kind: str) -> Problem:  # noqa: ANN401
+    field = fields().get(path)
+    found = f"found {shown(value)}"
+    if field is None:
+        keys = ", ".join(sections()[path].model_fields)
+        return Problem(found, wanted=f"a section with {keys}")
+    unit = f" [{field.unit}]" if field.unit else ""
+    hint = did_you_mean(value, field.choices) if isinstance(value, str) else ""
+    if kind == "value_error":
+        return Problem(found, wanted="low <= value <= high")
+    return Problem(found, wanted=f"{field.wanted}{unit}", advice=hint)
+
+
+def _known_instead(where: list[str], prefix: str) -> str:
+    """Return advice on an unknown key: the nearest known one, or what there is."""
+    name, section = where[-1], sections().get(where[0])
+    if section and prefix and where[0] not in OWN:
+        return f"{name} is the same for all axes: set it at the top level"
+    if where[:2] == ["wall", "parts"]:
+        near = did_you_mean(name, Part.model_fields)
+        return near or f"a part has {', '.join(Part.model_fields)}"
+    if len(where) > 2:
+        return "wanted value, low and high"
+    known = OWN if prefix else sections()
+    if homes := [
+        path for path in fields() if path.endswith(f".{name}") and path.split(".")[0] in known
+    ]:
+        return f"did you mean {prefix}{homes[0]}?"
+    if section is None:
+        return did_you_mean(name, known) or f"sections are {', '.join(known)}"
+    near = did_you_mean(name, section.model_fields, f"{prefix}{where[0]}.")
+    return near or f"{where[0]} has {', '.join(section.model_fields)}"
+
+
+def shown(value: Any) -> str:  # noqa: ANN401
+    """Format a found value, short enough for a line."""
+    text = "null" if value is None else repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def value_at(data: Any, path: str) -> Any:  # noqa: ANN401
+    """Return what unchecked data have at a path; None: nothing."""
+    for step in path.split("."):
+        data = data.get(step) if isinstance(data, dict) else None
+    return data
