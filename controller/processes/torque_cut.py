@@ -35,7 +35,11 @@ class TorqueCut:
         """Switch the torque off; return a sentence on the result."""
         self._words[Word.COUPLED] = 0  # the bus waits for the loop no longer
         make = backend(self._servos[0].backend)
-        self.confirmed = cut_torque(self._servos, self.port, MonotonicClock())
+        # Of several the last replies may be late on a busy machine; a single one is waited for.
+        attempts = min(2, len(self._servos))
+        self.confirmed = any(
+            cut_torque(self._servos, self.port, MonotonicClock()) for _ in range(attempts)
+        )
         if make.simulated:
             return "the simulated servo ended with it"
         if self.confirmed:
