@@ -136,9 +136,8 @@ class RunningWall:
                     )
             time.sleep(_LOOK_S)
         report = self.report()
-        axis = f" of {report['stop_axis']}" if report["stop_axis"] else ""
-        why = f": {report['explanation']}" if report["explanation"] else ""
-        raise RunError(f"the run of {self.log} has ended: {report['stop_reason']}{axis}{why}")
+        why = f"; {report['explanation']}" if report["explanation"] else ""
+        raise RunError(f"the run of {self.log} has ended: {report['stop_reason']}{why}")
 
     def running(self) -> bool:
         """Whether the run goes on."""

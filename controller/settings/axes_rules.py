@@ -10,6 +10,7 @@ from typing import Final
 
 from pydantic import ValidationError
 
+from haptic_wall.controller.laws.wall import NONE
 from haptic_wall.controller.settings.axes import SHARED
 from haptic_wall.controller.settings.sections import Sections
 from haptic_wall.controller.settings.shares import COLLECT_SHARE
@@ -59,6 +60,7 @@ def broken_bus_rules(config: Sections) -> Iterator[Problem]:
                 )
     if len(config.axes) > 1:
         yield from _bare(config)
+        yield from _of_another(config)
 
 
 def _cycle(config: Sections, cycle: float) -> Iterator[Problem]:
@@ -91,6 +93,22 @@ def _bare(config: Sections) -> Iterator[Problem]:
                 advice="identify the servo without its links, or take the preset's bounds",
                 field=f"axes.{name}.model.inertia",
             )
+
+
+def _of_another(config: Sections) -> Iterator[Problem]:
+    """Another gear has another inertia: with that of a heavier servo a wall would be unstable."""
+    seen: dict[float, tuple[str, str | None]] = {}
+    for name, axis in config.axes.items():
+        believed, model = axis.model.inertia, axis.servo.model
+        if believed is not None and axis.wall.law != NONE:
+            other, of = seen.setdefault(believed.low, (name, model))
+            if of != model:
+                yield Problem(
+                    f"found that of axes.{other}, a bare {of}",
+                    wanted=f"that of a bare {model}",
+                    advice=f"set what axes.{name} has of its own of model.*",
+                    field=f"axes.{name}.model.inertia",
+                )
 
 
 def _arm(config: Sections) -> Iterator[Problem]:

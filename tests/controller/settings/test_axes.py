@@ -135,6 +135,16 @@ def test_what_is_wrong_with_an_axis_is_said_with_its_path(change: str, said: str
     assert said in problem
 
 
+def test_another_model_does_not_pass_with_the_inertia_of_the_first() -> None:
+    other = ["model.inertia=0.01", "axes.elbow.servo.model=XM430-W210"]
+    with pytest.raises(
+        ConfigError, match=r"model\.inertia .*: found that of axes\.shoulder, a bare"
+    ):
+        load_config("emulated-ideal", [*TWO, *other])
+    load_config("emulated-ideal", [*TWO, *other, "axes.elbow.model.inertia=0.004"])
+    load_config("emulated-ideal", [*TWO, *other, "axes.elbow.wall.law=none"])
+
+
 def test_a_fault_may_name_any_servo_of_the_bus() -> None:
     config = load_config("emulated-ideal", [*TWO, "servo.faults=unplug:id=2"]).config
     assert [each.faults for each in config.servos()] == [("unplug:id=2",)] * 2
