@@ -219,7 +219,7 @@ def test_what_became_of_the_shaft_goes_before_what_became_of_the_log(
 @pytest.mark.parametrize(
     ("sets", "status"),
     [
-        (["wall.law=detents", "wall.count=12", "wall.damping=5"], 3),
+        (["servo.damping=0", "wall.damping=0"], 3),
         (["wall.stiffness=0"], 0),
         (["guard.mode=off", "wall.damping=5"], 0),
     ],
