@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import pytest
 
+from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode_status
 from haptic_wall.hw.dynamixel.cut import cut_torque
+from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
+from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.errors import ServoLostError
+from haptic_wall.hw.truth import TrueServo
 from tests.cases import sampled
 from tests.hw.dynamixel.bench import Bench
 
@@ -131,3 +136,16 @@ def test_a_bus_that_is_never_silent_is_cut_all_the_same() -> None:
             return super().read() + b"\x00\x55"
 
     assert cut_torque(Babbling(bench.bus, bench.clock), [1]) is True
+
+
+def test_all_servos_of_a_bus_are_cut_and_each_is_read_back() -> None:
+    clock, ids, model = SimulatedClock(), [1, 2, 3], MODELS["XM430-W350"]
+    now = {"start_ns": clock.now_ns(), "baud": 4_000_000}
+    servos = [EmulatedServo(model, id_, 48, TrueServo(0.01), **now) for id_ in ids]
+    for servo in servos:
+        servo.write(64, bytes([1]), clock.now_ns())
+    bus = EmulatedBus(servos, baud=4_000_000, start_ns=clock.now_ns())
+    assert cut_torque(MemoryLine(bus, clock), ids) is True
+    assert [servo.memory["torque_enable"] for servo in servos] == [0, 0, 0]
+    bus.inject("unplug:id=2", clock.now_ns())
+    assert cut_torque(MemoryLine(bus, clock), ids) is False
