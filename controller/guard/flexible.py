@@ -5,8 +5,8 @@ phase, so that neither is monotone: a grid covers the box. Delays lie on a grid 
 shortest on that is believed with a sample that has just been taken: a shorter delay may be the less
 safe one. Between two of the grid limits are in proportion to 1 / (T/2 + t_d). More friction may be
 the less safe, because a motor that hardly moves lets the load vibrate alone: both ends of friction
-are counted, and what lies between. ``scripts/study guard`` searches for truths inside the
-box that the guard's walls make vibrate.
+are counted, and what lies between. Near half the rate and above, formulas bound both from below.
+``scripts/study guard`` searches for truths inside the box that the guard's walls make vibrate.
 """
 
 from __future__ import annotations
@@ -37,8 +37,6 @@ of a motor that settles within a period dips beside each whole period; their dis
 _CYCLES = 1.15
 """Cycles of that phase that the frequencies of one delay span at most. Within a cycle each phase
 occurs, and the slowest vibration of a phase bounds the damping and the stiffness most"""
-_SLOW = 0.8
-"""Cycles per period up to which a faster vibration bounds less"""
 _SLOWER = 0.93
 """Fraction of a frequency down to which a coarse grid of delays counts it"""
 _NOTCH = 0.25
@@ -399,13 +397,12 @@ def _counted(low: float, high: float, period: float, delay: float) -> tuple[floa
     """Return the lowest and the highest of the frequencies that matter after a delay [Hz].
 
     Faster ones than a cycle above the lowest meet the same phases, and bound less: both damping and
-    stiffness that a vibration allows rise with its frequency, up to about the sampling rate.
+    stiffness that a vibration allows rise with its frequency.
     """
     span = _CYCLES / (delay + 0.5 * period)
     if high <= low + span:
         return low, high
-    slow = min(low, _SLOW / period)
-    return slow, slow + span
+    return low, low + span
 
 
 def _servos(
