@@ -39,6 +39,8 @@ SCALES = 40.0
 """Largest factor that is tried on all stiffnesses [1]"""
 COUNT = math.tau / 4096.0
 """Of the encoder, in half of the throws [rad]"""
+NEARLY = 0.99 / GuardSettings().margin
+"""Factor on the commanded stiffness in a search: 0.99 of the servo's own limit [1]"""
 _THROWS, _TICKS = 8, 800
 _DELAYS = tuple(0.25 * i for i in range(13))
 """Longest delays of arms [periods]"""
@@ -309,7 +311,7 @@ def flexible_row(case: tuple[int, int]) -> Outcome:
 
 
 def searched_row(case: tuple[int, int]) -> Outcome:
-    """Return the fastest growth that an optimiser finds, over links and delays of an arm."""
+    """Return the fastest growth that an optimiser finds, without a margin of the stiffness."""
     random = np.random.default_rng(case)
     n = int(random.integers(2, 4))
     names = [str(name) for name in random.choice(_NAMES, n)]
@@ -328,7 +330,7 @@ def searched_row(case: tuple[int, int]) -> Outcome:
         walls = [commanded(x, 1.0, y, "both")[number] for x, y in zip(names, shares, strict=True)]
         stiffness, damping = np.array(walls).T
         delays = longest * np.append(1.0, rest[n:])
-        return Loop(mass, friction, np.zeros((n, n)), delays).growth(stiffness, damping)
+        return Loop(mass, friction, np.zeros((n, n)), delays).growth(NEARLY * stiffness, damping)
 
     most = math.sqrt(HEAVIEST / n)
     bounds = [(-most, most)] * len(corner[0]) + [(0.0, 1.0)] * (2 * n - 1)
