@@ -597,9 +597,11 @@ class Backstop:
 
     @property
     def _slowest(self) -> float:
-        """Return the period of the slowest motion at K [s]."""
+        """Return the period of the slowest motion at K [s]; with links nobody knows it."""
         stiffness = self._stiffness
-        return math.tau * math.sqrt(self._settings.heavy / stiffness) if stiffness > 0 else 1e9
+        if len(self._shared.axes) > 1 or stiffness <= 0.0:
+            return 1e9
+        return math.tau * math.sqrt(self._settings.heavy / stiffness)
 
     def _died(self) -> None:
         """Process the rest of the reduced wall; the next motion has its own time and evidence."""

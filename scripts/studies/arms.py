@@ -39,6 +39,8 @@ SCALES = 40.0
 """Largest factor that is tried on all stiffnesses [1]"""
 COUNT = math.tau / 4096.0
 """Of the encoder, in half of the throws [rad]"""
+NEARLY = 0.99 / GuardSettings().margin
+"""Factor on the commanded stiffness in a search: 0.99 of the servo's own limit [1]"""
 _THROWS, _TICKS = 8, 800
 _DELAYS = tuple(0.25 * i for i in range(13))
 """Longest delays of arms [periods]"""
@@ -47,8 +49,6 @@ _SHARES = (0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
 _LIMITS = {"MX-64": 4.1, "MX-106": 8.4, "XL330-M288": 0.52, "XL-320": 0.39}
 """Torque limits of the servos [N·m]"""
 _NAMES = tuple(_LIMITS)
-_TRANSMISSION = {"MX-64": (50.0, 800.0), "MX-106": (100.0, 1600.0)}
-"""Stiffness of gear and horn [N·m/rad]; others 5 to 80"""
 _LOADS = np.geomspace(0.01, 100.0, 61)
 """Load over motor, for each of which a flexible axis is decided [1]"""
 
@@ -86,13 +86,7 @@ def links(random: np.random.Generator, n: int) -> tuple[FloatArray, FloatArray]:
 def held(
     tip: FloatArray, armature: FloatArray, random: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Return spring and damper of a hand at the tip, as the joints feel them.
-
-    Args:
-        tip: Jacobian of the tip.
-        armature: [kg·m²]
-        random: Draws a grip as strong as that of the detector's trials.
-    """
+    """Return spring and damper of a hand at the tip, in the joints; a grip as in other trials."""
     joints = tip.T @ tip
     most = int(np.argmax(np.diag(joints)))
     spring, damper = draw_grips(armature[most : most + 1], random)
@@ -102,14 +96,9 @@ def held(
 
 @cache
 def commanded(name: str, rubs: float, share: float, side: Side, count: float = 0.0) -> FloatArray:
-    """Return the gains that the guard commands for a bare servo at each delay, shape (delays, 2).
+    """Return K and B that the guard commands for a bare servo at each of the longest delays.
 
-    Args:
-        name: Of the servo.
-        rubs: Its viscous friction over the published one [1].
-        share: B over its ceiling [1].
-        side: Of the wall.
-        count: Of the encoder [rad]; 0: none.
+    ``rubs``: its viscous friction over the published one; ``share``: B over its ceiling [1].
     """
     servo, exactly = SERVOS[name], Bounded.exactly
     friction, none = exactly(rubs * servo.damping), exactly(0.0)
@@ -122,29 +111,23 @@ def commanded(name: str, rubs: float, share: float, side: Side, count: float = 0
 
 
 @cache
-def commanded_flexible(name: str, spring: float, ratio: float, delay: float) -> tuple[float, float]:
+def commanded_flexible(name: str, rate: float, ratio: float, delay: float) -> tuple[float, float]:
     """Return K and B of an axis whose load may be 0.01 to 100 times the motor: the least over all.
 
-    Args:
-        name: Of the servo, the motor.
-        spring: Stiffness of its transmission [N·m/rad].
-        ratio: Damping of the transmission over the critical one of the motor alone [1].
-        delay: Longest of the arm [periods].
+    The transmission lets the motor alone vibrate at ``rate`` [rad/s], damped by ``ratio`` [1].
     """
     servo = SERVOS[name]
     m, b = servo.inertia, servo.damping
-    chain = two_masses(m, b, m * _LOADS, spring, 2.0 * ratio * math.sqrt(spring * m))
+    chain = two_masses(m, b, m * _LOADS, m * rate * rate, 2.0 * ratio * rate * m)
     most = 0.5 * float(np.min(chain_ceiling(*chain, PERIOD, delay * PERIOD)))
     limits = chain_boundary(*chain, most, PERIOD, delay * PERIOD).stiffness
     return 0.8 * float(np.min(limits)), most
 
 
 class Loop:
-    """An arm's exactly discretised motion between torques that act late.
+    """An arm's exactly discretised motion under late torques on the first of its masses.
 
-    Args:
-        mass, damping, spring: Matrices of all masses.
-        delays: Of the axes' torques [periods]: on the first masses; the last ones are measured.
+    The last ones are measured. ``delays`` are in periods.
     """
 
     def __init__(
@@ -201,14 +184,7 @@ class Loop:
         count: float,
         random: np.random.Generator,
     ) -> float:
-        """Return the largest kinetic energy after throws over that before [1].
-
-        Args:
-            mass: M [kg·m²].
-            walls: K and B of all axes, at 0, filling the positions above.
-            count: Of the encoder [rad]; 0: none.
-            random: Draws the throws.
-        """
+        """Return the largest kinetic energy after throws at walls above 0, over that before [1]."""
         n, last = len(mass), int(self.late.max()) + 1
         stiffness, damping = (each[:, None] for each in walls)
         speed = np.linalg.solve(np.linalg.cholesky(mass).T, random.standard_normal((n, _THROWS)))
@@ -287,20 +263,16 @@ def flexible_row(case: tuple[int, int]) -> Outcome:
     random = np.random.default_rng(case)
     n, setting = int(random.integers(2, 5)), np.random.default_rng(case[1] // 20)
     longest, ratio = setting.uniform(0.0, 3.0), math.exp(setting.uniform(-4.6, -2.0))
-    places = dict.fromkeys(_NAMES, setting.random())
-    springs = {}
-    for name, place in places.items():
-        low, high = _TRANSMISSION.get(name, (5.0, 80.0))
-        springs[name] = low * (high / low) ** place
+    rate = math.exp(setting.uniform(math.log(50.0), math.log(300.0)))  # of the motor alone [rad/s]
     names = [str(name) for name in random.choice(_NAMES, n)]
     motors = np.array([SERVOS[name].inertia for name in names])
     added, _ = links(random, n)
     heaviest = math.exp(random.uniform(math.log(0.01), math.log(HEAVIEST)))
     load = np.diag(0.01 * motors) + added * heaviest / np.max(np.diag(added) / motors)
-    k = np.array([springs[name] for name in names])
-    c = 2.0 * ratio * np.sqrt(k * motors)
-    walls = [commanded_flexible(name, springs[name], ratio, longest) for name in names]
-    stiffness, damping = np.array(walls).T
+    k = motors * rate * rate
+    c = 2.0 * ratio * rate * motors
+    walls = [commanded_flexible(name, rate, ratio, longest) for name in names]
+    stiffness, damping = np.transpose(walls)
     between = np.block([[np.eye(n), -np.eye(n)], [-np.eye(n), np.eye(n)]])
     drag = between * np.tile(c, 2) + np.diag([SERVOS[x].damping for x in names] + [0.0] * n)
     mass = np.block([[np.diag(motors), np.zeros((n, n))], [np.zeros((n, n)), load]])
@@ -309,7 +281,7 @@ def flexible_row(case: tuple[int, int]) -> Outcome:
 
 
 def searched_row(case: tuple[int, int]) -> Outcome:
-    """Return the fastest growth that an optimiser finds, over links and delays of an arm."""
+    """Return the fastest growth that an optimiser finds, without a margin of the stiffness."""
     random = np.random.default_rng(case)
     n = int(random.integers(2, 4))
     names = [str(name) for name in random.choice(_NAMES, n)]
@@ -328,7 +300,7 @@ def searched_row(case: tuple[int, int]) -> Outcome:
         walls = [commanded(x, 1.0, y, "both")[number] for x, y in zip(names, shares, strict=True)]
         stiffness, damping = np.array(walls).T
         delays = longest * np.append(1.0, rest[n:])
-        return Loop(mass, friction, np.zeros((n, n)), delays).growth(stiffness, damping)
+        return Loop(mass, friction, np.zeros((n, n)), delays).growth(NEARLY * stiffness, damping)
 
     most = math.sqrt(HEAVIEST / n)
     bounds = [(-most, most)] * len(corner[0]) + [(0.0, 1.0)] * (2 * n - 1)
