@@ -38,11 +38,13 @@ from haptic_wall.controller.runtime.session_report import (
 )
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.runtime.wall_wait import WallWait
+from haptic_wall.controller.settings.axes import own_paths
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.capabilities import HasHealth, HasTrouble
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.elastic import ElasticClock
 from haptic_wall.hw.errors import (
+    ServoError,
     ServoHealthError,
     ServoLostError,
     ServoMissingError,
@@ -219,7 +221,11 @@ class _Session:
             self._started = True
             if isinstance(self._clock, ElasticClock):
                 self._clock.engage()
-            self._checks = self._named(bus.start())
+            try:
+                self._checks = self._named(bus.start())
+            except ServoError as error:
+                self._name_axis(error)
+                raise
             if [each.torque_limit for each in bus.facts] != limits:  # their own Current Limits
                 self._decide()
             passed = f", {len(self._checks)} start-up checks passed" if self._checks else ""
@@ -261,6 +267,19 @@ class _Session:
             for check in some
         ]
 
+    def _number(self, servo_id: int | None) -> int:
+        """Return the number of the axis whose servo has this id, from 1; 0: there is only one."""
+        ids = [one.servo.id for one in self._configs.values()]
+        return ids.index(servo_id) + 1 if servo_id in ids and len(ids) > 1 else 0
+
+    def _name_axis(self, error: ServoError) -> None:
+        """Let an error about the servo of one of several axes name it, also in its advice."""
+        if number := self._number(error.id):
+            axis, told = list(self._configs)[number - 1], error.problem
+            advice = own_paths(told.advice, axis)
+            error.problem = replace(told, what=f"{axis}: {told.what}", advice=advice)
+            error.args = (str(error.problem),)
+
     def _between_ticks(self) -> None:
         """Pass on the health of the hottest servo, and call ``on_block``."""
         if self._health is not None:
@@ -273,12 +292,11 @@ class _Session:
         """Run the loop until the end, and switch the torque off."""
         began_s = time.monotonic()
         self._waiting = WallWait(self._loop, self._configs, self._around.tell)
-        self._reason, self._message, at_fault = _run(
+        self._reason, self._message, servo_id = _run(
             self._loop, self._config, self.bus.traffic, duration_s, self._waiting
         )
-        ids = [config.servo.id for config in self._configs.values()]
-        if len(ids) > 1 and at_fault in ids:
-            self._telemetry.words[Word.STOP_AXIS] = 1 + ids.index(at_fault)
+        if number := self._number(servo_id):
+            self._telemetry.words[Word.STOP_AXIS] = number
         self._real_s = time.monotonic() - began_s
         recent_s = self._loop.stall_s(self._clock.now_ns())
         self._stalled = f"this computer stalled for {recent_s * 1e3:.0f} ms" if recent_s else ""
@@ -425,7 +443,7 @@ def _run(
     """Warm up, switch the wall on, run.
 
     Returns:
-        The stop reason; a message if needed; the id of the servo whose error ended the run.
+        The stop reason, a message if needed, and the id of the servo that is at fault, if any.
     """
     try:
         reason = None

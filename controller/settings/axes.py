@@ -6,6 +6,7 @@ configuration holds each axis whole, so that written out and read again it is th
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -79,6 +80,9 @@ class Axis(Section):
 
 OWN: Final = tuple(Axis.model_fields)
 """Names of these sections"""
+_OWN_PATH: Final = re.compile(
+    rf"\bservo\.(?!(?:{'|'.join(SHARED)})\b)(?={'|'.join(Servo.model_fields)})"
+)
 
 
 def completed(data: dict[str, Any]) -> dict[str, Any]:
@@ -137,3 +141,8 @@ def split_path(path: str) -> tuple[str, str]:
     """Return the axis of a setting, as ``axes.NAME.`` or empty, and its path in that axis alone."""
     steps = path.split(".", 2)
     return (f"axes.{steps[1]}.", steps[2]) if steps[0] == "axes" and len(steps) > 2 else ("", path)
+
+
+def own_paths(text: str, axis: str) -> str:
+    """Return a text in which the settings of ``servo`` that an axis has of its own are its own."""
+    return _OWN_PATH.sub(f"axes.{axis}.servo.", text)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +19,19 @@ from haptic_wall.controller.processes.plan import Plan
 from haptic_wall.controller.processes.run import _finished_log
 from haptic_wall.controller.processes.run_report import run_report
 from haptic_wall.controller.runtime.cycle import Cycle
+from haptic_wall.controller.runtime.session import Surroundings, run_session
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.hw.errors import ServoHealthError
+from haptic_wall.hw.clock import Clock, SimulatedClock
+from haptic_wall.hw.dynamixel.group import DynamixelGroup
+from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.emulated.bus import EmulatedBus
+from haptic_wall.hw.emulated.memory_line import MemoryLine
+from haptic_wall.hw.emulated.servo import EmulatedServo
+from haptic_wall.hw.errors import ServoHealthError, UnfitServoError
+from haptic_wall.hw.servo import Bus
+from haptic_wall.hw.settings import ServoSettings
 from tests.support.memory_session import run_in_memory
 
 SETS = (
@@ -134,3 +144,33 @@ def test_an_axis_that_is_lost_or_ill_takes_the_torque_from_all(fault: str, reaso
     assert run.result.torque_off is ("unplug" not in fault)
     ends = [event.state.torque for event in run.truth if event.event == "state"][-2:]
     assert ends == [0.0, 0.0]
+
+
+def test_the_axis_whose_driver_ends_the_run_is_named() -> None:
+    run = run_in_memory(TWO, 2.0, faults=["ambient:celsius=79,id=2,at=1"])
+    assert (run.result.stop_reason, run.result.stop_axis) == ("trip:servo_health", "two")
+    assert "id 2 on memory has 79 °C" in run.result.message
+
+
+def test_a_servo_that_is_refused_is_named_with_its_axis() -> None:
+    config = load_config("emulated-ideal", (*TWO, "loop.clock=simulated")).config
+
+    def opener(servos: Sequence[ServoSettings], clock: Clock, _port: int | None) -> Bus:
+        models = (MODELS["XM430-W350"], MODELS["XM540-W270"])
+        bus = EmulatedBus(
+            [
+                EmulatedServo(model, one.id, 48, one.true, start_ns=0, baud=one.baud)
+                for model, one in zip(models, servos, strict=True)
+                if one.true is not None
+            ],
+            baud=servos[0].baud,
+            start_ns=0,
+        )
+        assert isinstance(clock, SimulatedClock)
+        return DynamixelGroup([one.driver() for one in servos], MemoryLine(bus, clock))
+
+    around = Surroundings(open_bus=opener)
+    with pytest.raises(UnfitServoError) as refused:
+        run_session(config, SimulatedClock(), Telemetry.create(2), 0.1, surroundings=around)
+    assert str(refused.value).startswith("two: The servo with id 2")
+    assert "set axes.two.servo.model=XM540-W270" in str(refused.value)
