@@ -42,8 +42,8 @@ HARDWARE = 4
 def command(port: str | None, bauds: list[float] | None, ids: str) -> int:
     """List the servos on a bus: id, baud rate, model, firmware.
 
-    It sends only pings, and restores the port's settings when it ends. The exit status is 4 if
-    no servo answers.
+    It pings, reads from what answers, and restores the port's settings when it ends. The exit
+    status is 4 if no servo answers.
     """
     rates = LIKELY_FIRST if bauds is None else list(dict.fromkeys(map(int, bauds)))
     for rate in bauds or ():
@@ -93,6 +93,7 @@ def _report(path: str, searches: list[BaudSearch]) -> dict[str, Any]:
                 "model_number": servo.model_number,
                 "firmware": servo.firmware,
                 "current_mode": model.current_mode if model else None,
+                "twins": servo.twins,
             }
             for servo in servos
             for model in [model_by_number(servo.model_number)]
@@ -111,10 +112,12 @@ def _text(found: dict[str, Any]) -> str:
     for servo in found["servos"]:
         model = servo["model"] or f"unknown ({servo['model_number']})"
         note = "  no current mode: no torque" if servo["current_mode"] is False else ""
+        if servo["twins"]:
+            note += "  two servos have this id: connect one of them, and give it another"
         lines.append(
             f"{servo['id']:>3}  {servo['baud']:>8}  {model:<14}  {servo['firmware']:>8}{note}"
         )
-    usable = [servo for servo in found["servos"] if servo["current_mode"]]
+    usable = [one for one in found["servos"] if one["current_mode"] and not one["twins"]]
     if len(usable) > 1 and len({servo["baud"] for servo in usable}) == 1:
         axes = {
             f"axis_{one['id']}": {"servo": {k: one[k] for k in ("id", "model")}} for one in usable

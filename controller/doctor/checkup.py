@@ -64,7 +64,13 @@ _ON_THE_BUS: Final = (
 )
 
 
-def examine(config: Config, tell: Tell, consent: Consent | None, change_baud: bool) -> Report:
+def examine(
+    config: Config,
+    tell: Tell,
+    consent: Consent | None,
+    change_baud: bool,
+    each: Mapping[str, Config] | None = None,
+) -> Report:
     """Examine the testbed that a configuration describes.
 
     Args:
@@ -73,16 +79,18 @@ def examine(config: Config, tell: Tell, consent: Consent | None, change_baud: bo
         tell: Called with the current step.
         consent: Asked before each change; None: nothing is changed.
         change_baud: Whether the servo's baud rate may be changed too.
+        each: The configuration of each axis by its name; None: there is one axis.
 
     Raises:
         ServoError: The emulated bus did not start.
     """
     report = Report(tell, consent)
     checkup = _Checkup(config, report, change_baud)
-    settings = config.servo_settings()
+    axes = {name: one.servo_settings() for name, one in (each or {"": config}).items()}
+    first = next(iter(axes.values()))
     if config.servo.backend == "dynamixel":
-        with _port_of(config, settings) as path:
-            checkup.bus(replace(settings.driver(), port=path))
+        with _port_of(config, first) as path:
+            checkup.bus({name: replace(one.driver(), port=path) for name, one in axes.items()})
     else:
         why = f"a servo of the backend {config.servo.backend} is not examined"
         if config.servo.kind == "simulated":
@@ -110,23 +118,25 @@ class _Checkup:
         self._add = report.add
         self._config = config
         self._clock = MonotonicClock()
-        self._return_delay_ns = 0
+        self._return_delays_ns: dict[int, int] = {}
         self._locator = Locator(report, self._clock, change_baud)
         self._wiring = ""
 
     # The bus
 
-    def bus(self, settings: DriverSettings) -> None:
-        """Run all checks from the port to the processor."""
-        self._wiring = wiring(settings.port)
-        self.report.tell(f"port {settings.port}")
-        self._add(*examine_port(settings.port))
+    def bus(self, axes: Mapping[str, DriverSettings]) -> None:
+        """Run all checks from the port to the processor, for the axes of one bus."""
+        port = next(iter(axes.values())).port
+        self._wiring = wiring(port)
+        self.report.tell(f"port {port}")
+        self._add(*examine_port(port))
         measured = None
         if self.report.wrong:
             self.report.reached = False
             self.report.leave_out("latency timer", "baud rate", "servo answers", *_OF_THE_SERVO)
         else:
-            measured = self._servo(settings)
+            measured = self._servos(axes)
+        self.report.axis = ""
         if measured is None:
             self.report.leave_out("reply time", "schedule")
             if "used by" in (check.name for check in self.report.wrong):
@@ -137,20 +147,32 @@ class _Checkup:
             measured = measure(self._config, None)
         self.machine(measured)
 
-    def _servo(self, settings: DriverSettings) -> dict[str, Any] | None:
-        """Run the servo's checks; return the measurements, if possible."""
+    def _servos(self, axes: Mapping[str, DriverSettings]) -> dict[str, Any] | None:
+        """Run the checks of each servo; return the measurements, if possible."""
+        report, ready, fast = self.report, True, True
         try:
-            found = self._locator.find(settings)
-            if found is None:
-                self.report.leave_out(*_OF_THE_SERVO)
+            for name, settings in axes.items():
+                report.axis = name
+                found = self._locator.find(settings) if report.reached else None
+                if found is None:
+                    report.leave_out(*_OF_THE_SERVO)
+                    ready = False
+                    continue
+                quiet = self._set_up(settings, found)
+                ready &= quiet and found.baud == settings.baud
+                model = model_by_number(found.model_number)
+                fast &= model is not None and model.knows_fast_reads(found.firmware)
+            report.axis = ""
+            if not ready:
                 return None
-            quiet = self._set_up(settings, found)
-            if not quiet or found.baud != settings.baud:
-                return None
-            self.report.tell("reply time")
+            report.tell("reply time")
+            wanted = settings.read
+            read = "plain" if len(axes) == 1 else wanted
+            if read == "auto":
+                read = "fast" if fast else "sync"
             descriptor = open_port(settings.port, settings.baud)
             try:
-                return measure(self._config, descriptor)
+                return measure(self._config, descriptor, [one.id for one in axes.values()], read)
             finally:
                 os.close(descriptor)
         except PortBusyError as error:  # by a process whose open files this user may not see
@@ -200,7 +222,8 @@ class _Checkup:
         """Return all checks of the registers, and the rules that can mend those that fail."""
         constant = settings.torque_constant or model.torque_constant or 0.0
         seen = read_servo(table, model, constant, settings.torque_limit)
-        self._return_delay_ns = seen["return_delay_time"] * RETURN_DELAY_UNIT_NS
+        delay_ns = seen["return_delay_time"] * RETURN_DELAY_UNIT_NS
+        self._return_delays_ns[table.station.id] = delay_ns
         checks, repairs = {}, {}
         for rule, check in judge(seen):
             checks[check.name] = check
@@ -255,7 +278,7 @@ class _Checkup:
             config.loop.rate_hz,
             config.servo.baud,
             most_missed,
-            self._return_delay_ns,
+            max(self._return_delays_ns.values(), default=0),
             stalls,
             self._wiring,
         )

@@ -11,6 +11,7 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
@@ -21,6 +22,7 @@ from haptic_wall.controller.runtime.deadlines import Wait, waiter_for
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.orders import read_orders
 from haptic_wall.hw.clock import MonotonicClock
+from haptic_wall.hw.dynamixel.wire import Read
 from haptic_wall.hw.errors import ServoError
 from haptic_wall.hw.serialport.line import FdLine
 
@@ -38,7 +40,9 @@ class Orders:
 
     port: int | None
     """Descriptor of the open serial port; None: only the machine is measured"""
-    id: int
+    ids: Sequence[int]
+    """Of the servos on it"""
+    read: Read
     period_ns: int
     profile: realtime.Profile
     priority: int
@@ -47,12 +51,16 @@ class Orders:
     parent: int
 
 
-def measure(config: Config, port: int | None) -> dict[str, Any]:
+def measure(
+    config: Config, port: int | None, ids: Sequence[int] = (), read: Read = "plain"
+) -> dict[str, Any]:
     """Measure the timing, on the core and with the rights of a run.
 
     Args:
         config: The configuration of the run.
         port: Descriptor of the open serial port; None: only the machine is measured.
+        ids: The servos on it.
+        read: How they are read.
 
     Returns:
         ``realtime``, ``lateness_ns``, ``replies`` and ``failed``: the granted settings, the
@@ -64,7 +72,8 @@ def measure(config: Config, port: int | None) -> dict[str, Any]:
     spin_us = config.realtime.spin_us
     orders = Orders(
         port=port,
-        id=config.servo.id,
+        ids=ids,
+        read=read,
         period_ns=config.period_ns,
         profile=config.realtime.profile,
         priority=config.realtime.priority,
@@ -102,7 +111,9 @@ def main() -> None:
     if orders.port is not None:
         try:
             line = FdLine(orders.port, clock)
-            answer["replies"] = asdict(time_replies(line, orders.id, REPLIES, orders.period_ns))
+            answer["replies"] = asdict(
+                time_replies(line, orders.ids, REPLIES, orders.period_ns, orders.read)
+            )
         except ServoError as error:
             answer["failed"] = str(error)
     sys.stdout.write(json.dumps(answer) + "\n")

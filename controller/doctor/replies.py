@@ -1,4 +1,4 @@
-"""Measures how long single replies take, independent of the loop's time limit.
+"""Measures how long a bus takes to reply, independent of the loop's time limit.
 
 An adapter's timer spreads them evenly between zero and its period; a stall of the machine delays a
 few only. So widely spread measurements are repeated.
@@ -7,11 +7,12 @@ few only. So widely spread measurements are repeated.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from haptic_wall.hw.dynamixel.exchange import Exchange
+from haptic_wall.hw.dynamixel.wire import Read
 from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import Outcome
 
@@ -25,7 +26,7 @@ adapter's timer spreads them evenly up to twice the median"""
 
 @dataclass(frozen=True, slots=True)
 class Replies:
-    """Times of single reads; the best run counts where some were disturbed."""
+    """Times until all servos have replied; the best run counts where some were disturbed."""
 
     took_ns: list[int]
     """Sent at all phases [ns], in order of size"""
@@ -37,9 +38,12 @@ class Replies:
     """Of all runs"""
     corrupt: int
     """Of all runs"""
-    least_counts: int
-    """Lowest position that was read [counts]"""
-    most_counts: int
+    spread: int
+    """Largest distance of two positions of a servo [counts]"""
+    count: int = 1
+    """Number of servos"""
+    read: Read = "plain"
+    """How they were read"""
 
     @property
     def disturbed(self) -> bool:
@@ -62,19 +66,22 @@ def percentile(ordered: list[int], share: float) -> int:
     return ordered[max(0, math.ceil(share * len(ordered)) - 1)]
 
 
-def time_replies(line: Line, servo_id: int, count: int, period_ns: int) -> Replies:
-    """Send single reads, wait for each reply, and repeat disturbed runs.
+def time_replies(
+    line: Line, ids: Sequence[int], count: int, period_ns: int, read: Read = "plain"
+) -> Replies:
+    """Read the servos, wait for all replies, and repeat disturbed runs.
 
     Args:
         line: The bus.
-        servo_id: The servo.
+        ids: The servos.
         count: Number of reads spread over the phases; a quarter as many follow in sequence.
         period_ns: Period of the phases [ns].
+        read: How they are read.
 
     Raises:
         ServoLostError: The port is gone.
     """
-    timer = _Stopwatch(line, servo_id)
+    timer = _Stopwatch(line, ids, read)
     step_ns = round(period_ns * 0.6180339887)  # the golden ratio spreads them evenly
     best: list[int] = []
     in_row: list[int] = []
@@ -93,8 +100,9 @@ def time_replies(line: Line, servo_id: int, count: int, period_ns: int) -> Repli
         timer.asked,
         timer.failures[Outcome.LOST],
         timer.failures[Outcome.CORRUPT],
-        min(timer.positions, default=0),
-        max(timer.positions, default=0),
+        max((max(seen) - min(seen) for seen in zip(*timer.positions, strict=True)), default=0),
+        len(ids),
+        read,
     )
 
 
@@ -103,11 +111,12 @@ def _disturbed(took_ns: list[int]) -> bool:
 
 
 class _Stopwatch:
-    def __init__(self, line: Line, servo_id: int) -> None:
+    def __init__(self, line: Line, ids: Sequence[int], read: Read) -> None:
         self.asked = 0
         self.failures = {Outcome.LOST: 0, Outcome.CORRUPT: 0}
-        self.positions: list[int] = []
-        self._exchange = Exchange(line, [servo_id])
+        self.positions: list[list[int]] = []
+        self._exchange = Exchange(line, ids)
+        self._exchange.select(self._exchange.stations, read)
         self._clock = line.clock
 
     def run(self, pauses_ns: Iterable[int]) -> list[int]:
@@ -118,11 +127,12 @@ class _Stopwatch:
             clock.wait_until(clock.now_ns() + pause_ns)
             sent_ns = clock.now_ns()
             exchange.request()
-            (sample,) = exchange.collect(sent_ns + _PATIENCE_NS)
+            samples = exchange.collect(sent_ns + _PATIENCE_NS)
             self.asked += 1
-            if sample.outcome is Outcome.OK:
+            worst = max(sample.outcome for sample in samples)
+            if worst is Outcome.OK:
                 took.append(clock.now_ns() - sent_ns)
-                self.positions.append(sample.counts)
+                self.positions.append([sample.counts for sample in samples])
             else:
-                self.failures[sample.outcome] += 1
+                self.failures[worst] += 1
         return sorted(took)

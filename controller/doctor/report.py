@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from haptic_wall.hw.errors import ExplainedError
 from haptic_wall.hw.servo import Check
@@ -30,6 +30,10 @@ def of_error(name: str, error: ExplainedError, wanted: str, otherwise: str) -> C
 def not_applicable(name: str, why: str) -> Check:
     """Return a check of something that does not exist here."""
     return Check(name, True, f"does not apply: {why}", "", applies=False)
+
+
+_OF_THE_BUS: Final = ("port", "used by", "latency timer", "baud rate")
+"""Checks that are made with an axis, and hold for all"""
 
 
 class Change(NamedTuple):
@@ -62,6 +66,8 @@ class Report:
     not_examined: list[str] = field(default_factory=list)
     reached: bool = True
     """The port could be used, and a servo replied on it"""
+    axis: str = ""
+    """The axis that is examined; its own checks have its name before theirs. Empty: the only one"""
     suits: str | None = None
     """The suitable schedule; None: none, or not measured"""
 
@@ -72,11 +78,12 @@ class Report:
 
     def add(self, *checks: Check) -> None:
         """Record checks, in the place of earlier ones of the same name."""
-        self.found.update({check.name: check for check in checks})
+        named = (replace(check, name=self._named(check.name)) for check in checks)
+        self.found.update({check.name: check for check in named})
 
     def leave_out(self, *names: str) -> None:
         """Record items that could not be examined."""
-        self.not_examined += names
+        self.not_examined += map(self._named, names)
 
     def may(self, question: str) -> bool:
         """Whether a change may be made; it is asked."""
@@ -84,6 +91,10 @@ class Report:
 
     def note(self, change: Change) -> bool:
         """Record a change, and tell it; return whether the wanted value was read back."""
+        change = change._replace(name=self._named(change.name))
         self.changes.append(change)
         self.tell(f"{change}")
         return change.verified
+
+    def _named(self, name: str) -> str:
+        return f"{self.axis}.{name}" if self.axis and name not in _OF_THE_BUS else name

@@ -3,22 +3,24 @@
 Each servo answers a broadcast ping in a time slot of its own, in the order of ids; waiting for all
 253 slots takes most of a second. The search waits for the slots of the requested ids, and for the
 remaining ones only if a servo has replied. It then pings missing ids one by one, because colliding
-replies or noise may have garbled theirs. It neither reads nor writes registers.
+replies or noise may have garbled theirs. A scan also reads from each servo, as two with one id and
+model reply to a ping like one. It writes no register.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Collection, Generator, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Final, NamedTuple
 
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.codec import BROADCAST, MAX_ID, Frame, Instruction, Parser, encode
+from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.registers import BAUD_RATES
 from haptic_wall.hw.dynamixel.tables import model_by_number
 from haptic_wall.hw.dynamixel.wire import wire_ns
-from haptic_wall.hw.errors import BaudRefusedError
+from haptic_wall.hw.errors import BaudRefusedError, ServoLostError, UnfitServoError
 from haptic_wall.hw.serialport import port
 from haptic_wall.hw.serialport.line import FdLine, Line
 
@@ -46,6 +48,8 @@ class FoundServo(NamedTuple):
     id: int
     model_number: int
     firmware: int
+    twins: bool = False
+    """Two servos have this id; known after a scan"""
 
     @property
     def model(self) -> str | None:
@@ -122,9 +126,23 @@ def scan(
         try:
             with opened(path, baud, clock) as line:
                 found = search(line, baud, ids)
+                servos = [one._replace(twins=_are_two(line, one, path)) for one in found.servos]
+                found = found._replace(servos=servos)
         except BaudRefusedError as error:
             found = BaudSearch(baud, [], 0, str(error))
         yield found
+
+
+def _are_two(line: Line, servo: FoundServo, path: str) -> bool:
+    """Whether two servos reply at an id."""
+    model = model_by_number(servo.model_number)
+    if model is None:
+        return False
+    table = Table.on(line, servo.baud, servo.id, path, model)
+    with suppress(UnfitServoError, ServoLostError):
+        table.be_alone()
+        table.read("realtime_tick")
+    return table.station.twins
 
 
 @contextmanager

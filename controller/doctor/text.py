@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -25,9 +25,12 @@ def as_data(name: str, report: Report) -> dict[str, Any]:
 
 def text(name: str, report: Report) -> str:
     """Format the report: a line for each check, what was changed, and the verdict."""
-    column = max((len(finding.name) for finding in report.found.values()), default=0)
-    lines = [f"{name}. No torque was enabled.", ""]
-    for finding in report.found.values():
+    told, table = list(report.found.values()), _table(report.found)
+    if table:  # it has the others
+        told = [one for one in told if "." not in one.name or not one.ok or one.fix]
+    column = max((len(finding.name) for finding in told), default=0)
+    lines = [f"{name}. No torque was enabled.", "", *table]
+    for finding in told:
         lines += _rows(finding, column)
     if report.changes:
         lines += ["", "Changed:"]
@@ -38,8 +41,30 @@ def text(name: str, report: Report) -> str:
     return "\n".join(lines)
 
 
+def _table(found: Mapping[str, Check]) -> list[str]:
+    """Return a row for each check that several axes have, and a column for each axis."""
+    cells = [(*name.split(".", 1), _mark(one)) for name, one in found.items() if "." in name]
+    marks = {(axis, check): mark for axis, check, mark in cells}
+    axes, checks = (
+        dict.fromkeys(axis for axis, *_ in cells),
+        dict.fromkeys(one for _, one, _ in cells),
+    )
+    if not axes:
+        return []
+    column = max(map(len, checks))
+    lines = [" " * column + "".join(f"  {axis:>5}" for axis in axes)]
+    for check in checks:
+        row = (f"  {marks.get((axis, check), ''):>{max(5, len(axis))}}" for axis in axes)
+        lines.append(f"{check:<{column}}" + "".join(row))
+    return [*lines, ""]
+
+
+def _mark(finding: Check) -> str:
+    return "WRONG" if not finding.ok else "-" if not finding.applies else "ok"
+
+
 def _rows(finding: Check, column: int) -> Iterator[str]:
-    mark = "WRONG" if not finding.ok else "-" if not finding.applies else "ok"
+    mark = _mark(finding)
     wanted = f" (wanted: {finding.wanted})" if not finding.ok else ""
     head = f"{mark:<5}  {finding.name:<{column}}  "
     indent = " " * len(head)

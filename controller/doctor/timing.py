@@ -89,7 +89,7 @@ def sustainable_hz(
         most_missed: Fraction of replies.
     """
     in_time = _PERIODS[schedule] * 1e9 / percentile(replies.took_ns, 0.99)
-    on_wire = COLLECT_SHARE / cycle_s(baud)
+    on_wire = COLLECT_SHARE / cycle_s(baud, replies.count, replies.read)
     in_row = 1e9 / ((1.0 - most_missed) * replies.in_row_ns) if replies.in_row_ns else on_wire
     return min(in_time, on_wire, in_row)
 
@@ -104,7 +104,7 @@ def _advice(replies: Replies, wanted: Wanted) -> str:
         return f"check {wanted.wiring}: it answers single registers but not the block of its sample"
     if replies.share_failed > wanted.most_missed:
         return f"check {wanted.wiring}, and that no other servo has this id"
-    needed_ns = 1e9 * cycle_s(wanted.baud) + wanted.return_delay_ns
+    needed_ns = 1e9 * cycle_s(wanted.baud, replies.count, replies.read) + wanted.return_delay_ns
     held_ns = percentile(replies.took_ns, 0.5) - needed_ns
     if held_ns > _TIMER_NS:
         return (
@@ -152,12 +152,14 @@ def _rate(replies: Replies, wanted: Wanted, advice: str) -> Check:
     }
     ok = rates[wanted.schedule] >= wanted.rate_hz
     found = ", ".join(f"{schedule} {hz:.0f} Hz" for schedule, hz in rates.items())
+    if replies.count > 1:
+        found += f" ({replies.count} servos, {replies.read} read)"
     text = f"{wanted.rate_hz:g} Hz ({wanted.schedule})"
     return Check("sustainable rate", ok, found, text, "" if ok else advice)
 
 
 def _encoder(replies: Replies) -> Check:
-    spread = replies.most_counts - replies.least_counts
+    spread = replies.spread
     fix = "" if spread <= 1 else "noise, or the shaft is moving: take your hands off and repeat"
     found = f"{spread} counts apart in {replies.asked - replies.lost - replies.corrupt} readings"
     return Check("encoder at rest", True, found, "at most 1 count apart", fix)

@@ -13,10 +13,12 @@ from typing import Any
 from pydantic import ValidationError
 
 from haptic_wall.controller.errors import ConfigError, UserError
+from haptic_wall.controller.laws.wall import NONE
 from haptic_wall.controller.settings import yaml_text as config_yaml
 from haptic_wall.controller.settings.axes import RENAMED, split_path
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.fields import fields
+from haptic_wall.controller.settings.model import NUMBERS
 from haptic_wall.controller.settings.problems import problems_of, shown, value_at
 from haptic_wall.controller.system import files
 from haptic_wall.controller.system.printable import in_line
@@ -92,6 +94,7 @@ def load_config(source: str, sets: Sequence[str] = (), *, runs: bool = False) ->
     known = list(axes) if isinstance(axes, dict) else []
     problems: list[Problem] = []
     for change in sets:
+        law = _law(data, change.partition("=")[0].strip())
         try:
             path = apply_set(data, change)
         except UserError as error:
@@ -104,8 +107,11 @@ def load_config(source: str, sets: Sequence[str] = (), *, runs: bool = False) ->
             if known and name and name not in known:
                 near = did_you_mean(name, known) or f"axes are {', '.join(known)}"
                 problems.append(Problem("no such axis", advice=near, field=prefix[:-1]))
-            if rest in map("servo.{}".format, RENAMED) and isinstance(data.get("bus"), dict):
-                data["bus"].pop(rest.partition(".")[2], None)  # the later one counts
+            for void in _void(path, data, law):
+                if origins.get(void) != "--set" or void.startswith("bus."):
+                    section, _, key = void.rpartition(".")
+                    value_at(data, section).pop(key, None)
+                    origins.pop(void, None)
     for name in RENAMED:
         if value_at(data, f"bus.{name}") is not None:
             origins[f"servo.{name}"] = origins[f"bus.{name}"]
@@ -114,6 +120,31 @@ def load_config(source: str, sets: Sequence[str] = (), *, runs: bool = False) ->
     if problems or config is None:
         raise ConfigError(title, problems)
     return Loaded(config, source, origins)
+
+
+def _law(data: dict[str, Any], path: str) -> Any:  # noqa: ANN401 - whatever the file holds
+    """Return the law at a path ``wall.law``, of an axis by default that of all."""
+    laws = (value_at(data, each) for each in (path, split_path(path)[1]))
+    return next(filter(None, laws), "wall")
+
+
+def _void(path: str, data: dict[str, Any], law: Any) -> list[str]:  # noqa: ANN401
+    """Return the paths whose values a change of another one makes void.
+
+    They are the other name of port or baud, and the numbers of a law that gives way to another one.
+
+    Args:
+        path: What was changed.
+        data: The settings after the change.
+        law: ``_law`` before it.
+    """
+    prefix, bare = split_path(path)
+    section, _, key = bare.partition(".")
+    if section == "servo" and key in RENAMED and isinstance(data.get("bus"), dict):
+        return [f"bus.{key}"]
+    if bare != "wall.law" or value_at(data, path) in (NONE, law):
+        return []
+    return [f"{prefix}wall.{name}" for name in NUMBERS if name != "law"]
 
 
 def load_axis(

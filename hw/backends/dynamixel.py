@@ -102,13 +102,13 @@ def _open(servos: Sequence[ServoSettings], clock: Clock, descriptor: int | None)
                 advice="set loop.clock=simulated, or start `haptic-wall emulate` and set "
                 "servo.port to its path.",
             )
-        return DynamixelGroup(drivers, _memory_line(servos, clock), servos[0].read)
+        return DynamixelGroup(drivers, _memory_line(servos, clock))
 
     from haptic_wall.hw.serialport.line import FdLine
 
     line = FdLine(_open_port(servos) if descriptor is None else descriptor, clock)
     try:
-        return DynamixelGroup(drivers, line, servos[0].read)
+        return DynamixelGroup(drivers, line)
     except BaseException:
         line.close()
         raise

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from typing import Final
@@ -165,6 +165,19 @@ class Driven:
         self.law = law
         self.turned = replace(law, step=self._settings.sign * law.step)
         """The same with the servo's sign, between goals and torques of the joint"""
+
+    def obeys_only_itself(self, ids: Collection[int]) -> None:
+        """Refuse a servo that would also take the goals of another one of these ids.
+
+        Raises:
+            UnfitServoError: It would.
+        """
+        second = self.table.read("secondary_id")
+        if second in ids and second != self.station.id:
+            raise UnfitServoError(
+                f"The {self._name} also obeys id {second}, which is another one of this bus",
+                advice="write 255 to its Secondary ID (12); `haptic-wall doctor --fix` does so.",
+            )
 
     def end(self) -> None:
         """Stop watching for pauses: the torque is off from now."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import Final, Literal
+from typing import Final
 
 from haptic_wall.hw.dynamixel.codec import SyncWrite
 from haptic_wall.hw.dynamixel.cut import torque_off
@@ -52,18 +52,12 @@ class DynamixelGroup:
     Args:
         settings: Settings of each servo, with the same bus and period; the ids must differ.
         line: The bus; ``close`` closes it. Nothing is sent yet.
-        read: How several servos are read; ``auto``: the fastest way to which all reply.
 
     Raises:
         UnfitServoError: Two servos have the same id, or see ``Driven``.
     """
 
-    def __init__(
-        self,
-        settings: Sequence[DriverSettings],
-        line: Line,
-        read: Read | Literal["auto"] = "auto",
-    ) -> None:
+    def __init__(self, settings: Sequence[DriverSettings], line: Line) -> None:
         ids = [one.id for one in settings]
         if not ids or len(set(ids)) != len(ids):
             raise UnfitServoError(
@@ -77,7 +71,7 @@ class DynamixelGroup:
             Driven(one, station, self.exchange)
             for one, station in zip(settings, self.exchange.stations, strict=True)
         ]
-        self._baud, self._period_s, self._read = first.baud, first.period_s, read
+        self._baud, self._period_s, self._read = first.baud, first.period_s, first.read
         self.traffic = Traffic([one.station.counts for one in self.servos])
         self._polls = HealthPolls(self.exchange, first.baud, first.period_s)
         self._now_ns = line.clock.now_ns
@@ -121,6 +115,8 @@ class DynamixelGroup:
                 exchange.select([one.station])
                 with _about(one):
                     ready.append(one.start())
+                    if count > 1:
+                        one.obeys_only_itself(exchange.by_id)
                 self._keep(servos[: len(ready)])
             longest_s = max(each.longest_ns for each in ready) * 1e-9
             hold_s = longest_s - asking_s(self._baud)

@@ -105,7 +105,10 @@ def prove_the_sign(
     came = law.torque(push.measured)
     found = f"no motion at {torque:+.3f} N·m"
     why = f"Its shaft did not move at {abs(torque):.2g} N·m"
-    advice = "free it if it is blocked or held, or raise servo.probe_torque; 0 skips the probe"
+    advice = (
+        "free it if it is blocked or held, hold it up if a weight or an arm is on it, or raise "
+        "servo.probe_torque; 0 skips the probe, once the sign is known"
+    )
     if push.moved:
         found = f"{push.moved:+d} counts at {torque:+.3f} N·m"
     lacking = not push.peak or abs(came) <= _CAME * abs(torque)

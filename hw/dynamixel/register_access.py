@@ -53,6 +53,7 @@ _GARBLED: Final = (ErrorCode.INSTRUCTION, ErrorCode.CRC, ErrorCode.DATA_LENGTH)
 """Refusals of a request that the line has damaged"""
 _REASONS: Final = {code.value: f"{code.name.lower().replace('_', ' ')} error" for code in ErrorCode}
 _APART: Final = "connect one of them, and give it another id with Dynamixel Wizard."
+_SECOND: Final = ", and for a second servo with this id"
 _LATE_MS: Final = 10.0
 UNHELD: Final = "set the adapter's latency timer to 1 ms, use no hub"
 """Advice where replies come late"""
@@ -114,7 +115,7 @@ class Table:
         failure = self._failure("a ping")
         if isinstance(failure, UnfitServoError):
             raise failure
-        for_a_second = ", and for a second servo with this id" if self._damaged else ""
+        for_a_second = _SECOND if self._damaged else ""
         raise ServoMissingError(
             f"No servo answers as {self.name}{self._reason()}{self._strange()}",
             advice=f"check {wiring(self.name)}{for_a_second}; `haptic-wall scan` lists what answers"
@@ -124,11 +125,17 @@ class Table:
     def read(self, name: str) -> int:
         """Return the value of a register.
 
+        Two servos with one id and the same settings send the same EEPROM, but never the same clock,
+        position and current. If only replies with those are damaged, there are two.
+
         Raises:
             ServoLostError: No valid reply, though it replied before.
             UnfitServoError: The servo refuses, or two have replied.
         """
         found = self.try_read(name)
+        if found is None and self._damaged and not self.registers[name].eeprom:
+            same = [self.try_read("return_delay_time", QUICK_NS[-1:]) for _ in range(_LISTENINGS)]
+            self.station.twins |= None not in same
         self._be_one()
         if found is None:
             raise self._failure(f"to read {self.label(name)}")
@@ -164,7 +171,7 @@ class Table:
         """Refuse a second servo with this id; a silent one only replies with Status Return Level 2.
 
         Replies that come apart are of different return delays. Others collide, and are lost, unless
-        both servos send the same: then nothing distinguishes them.
+        both servos send the same: see ``read``.
 
         Raises:
             ServoLostError: Replies collide.
@@ -203,6 +210,7 @@ class Table:
             more: Follows the advice.
         """
         what += self._strange()
+        more = more or (_SECOND if self._damaged else "")
         advice = f"check {wiring(self.name)}{more}."
         if late := self.lateness():
             what += late
@@ -323,7 +331,7 @@ class Table:
             )
         return self.lost(
             f"The servo {self.name} answered before, but not the request {doing}{self._reason()}",
-            ", and for a second servo with this id",
+            _SECOND,
         )
 
 

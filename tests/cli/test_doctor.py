@@ -12,7 +12,10 @@ from typing import Any
 
 import pytest
 
+from haptic_wall.controller.doctor.checkup import examine
 from haptic_wall.controller.doctor.search import opened
+from haptic_wall.controller.doctor.text import text
+from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.register_access import Table, write_all
 from haptic_wall.hw.dynamixel.tables import MODELS
@@ -187,3 +190,25 @@ def test_two_servos_with_one_id_are_told_from_a_bad_cable(
         _, checks, wrong, _ = report(cli, *at(port), *fix)
     assert wrong == {"servo answers"}
     assert "a second servo with this id" in checks["servo answers"]["fix"]
+
+
+@pytest.mark.realtime
+def test_the_servos_of_several_axes_are_examined_in_one_table() -> None:
+    servos = [f"--servo=XM430-W350:{each}" for each in ("1", "2:44", "3")]
+    with emulate(*servos) as (_, port):
+        set_registers(port, drive_mode=1)
+        config = load_config("xm430-w350", [f"servo.port={port}", "realtime.profile=off"]).config
+        each = {
+            name: config.model_copy(update={"servo": config.servo.model_copy(update={"id": id_})})
+            for name, id_ in (("shoulder", 1), ("elbow", 2), ("wrist", 3))
+        }
+        found = examine(config, lambda _: None, None, change_baud=False, each=each)
+    wrong = {check.name for check in found.wrong}
+    assert "shoulder.direction" in wrong
+    assert not any(name.startswith(("elbow.dir", "wrist.dir")) for name in wrong)
+    assert "(3 servos, sync read)" in found.found["sustainable rate"].found
+    shown = text("arm", found).splitlines()
+    assert shown[2].split() == ["shoulder", "elbow", "wrist"]
+    (row,) = [line for line in shown if line.startswith("direction ")]
+    assert row.split() == ["direction", "WRONG", "ok", "ok"]
+    assert sum("servo answers" in line for line in shown) == 1

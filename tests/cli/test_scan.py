@@ -71,3 +71,13 @@ def test_servos_are_found_at_whatever_rate_they_are(cli: Cli) -> None:
         status, out, _ = cli("scan", "--port", port, "--baud=1e6,2000000")
         assert status == 4
         assert "Nothing answers" in out
+
+
+@pytest.mark.realtime
+def test_two_servos_with_one_id_are_named_though_they_answer_a_ping_alike(cli: Cli) -> None:
+    servos = ["--servo=XM430-W350:3", "--servo=XM430-W350:3", "--servo=XM430-W350:4"]
+    with emulate(*servos) as (_, port):
+        status, out, _ = cli("scan", "--port", port, "--baud=4000000")
+    assert status == 0
+    (two,) = [line for line in out.splitlines() if "two servos have this id" in line]
+    assert two.split()[0] == "3"

@@ -230,13 +230,13 @@ def test_too_low_a_current_limit_is_advice_and_none_at_all_or_an_impossible_one_
 
 def test_without_an_adapter_a_reply_takes_its_time_on_the_wire_at_every_phase() -> None:
     bus = Bus(return_delay=0)
-    replies = time_replies(bus, 1, 50, MS)
+    replies = time_replies(bus, [1], 50, MS)
     # 14 bytes there, 27 or 28 back, 2.5 µs each
     assert 102_500 <= replies.took_ns[0] <= replies.took_ns[-1] <= 105_000
 
 
 def test_an_adapter_timer_of_1_ms_spoils_immediate_and_leaves_pipelined() -> None:
-    found = time_replies(Bus(timer_ns=MS, return_delay=0), 1, 200, MS)
+    found = time_replies(Bus(timer_ns=MS, return_delay=0), [1], 200, MS)
     # A reply is ready 0.1 ms after its request and is given up 0.8 ms after: the timer expires in
     # that time at 7 of 10 phases, and a reply of the other 3 is lost every time.
     late = sum(took > 0.8 * MS for took in found.took_ns)
@@ -249,7 +249,7 @@ def test_an_adapter_timer_of_1_ms_spoils_immediate_and_leaves_pipelined() -> Non
 def test_a_servo_that_is_silent_is_not_asked_for_ever() -> None:
     bus = Bus(return_delay=0)
     bus.servos[1].unplug(bus.clock.now_ns())
-    found = time_replies(bus, 1, 20, MS)
+    found = time_replies(bus, [1], 20, MS)
     assert found.took_ns == []
     assert (found.asked, found.lost) == (20, 20)
     assert found.share_failed == 1

@@ -19,9 +19,9 @@ def replies(
     in_row_ns: int,
     lost: int = 0,
     corrupt: int = 0,
-    counts: tuple[int, int] = (2048, 2048),
+    spread: int = 0,
 ) -> Replies:
-    return Replies(list(took_ns), in_row_ns, len(took_ns) + lost + corrupt, lost, corrupt, *counts)
+    return Replies(list(took_ns), in_row_ns, len(took_ns) + lost + corrupt, lost, corrupt, spread)
 
 
 def held(timer_ns: int) -> Replies:

@@ -82,6 +82,17 @@ def test_an_axis_with_another_law_does_not_inherit_the_numbers_of_the_first() ->
     assert loaded(compact(config.model_dump(mode="json")), "of two axes, short") == config
 
 
+def test_a_law_that_is_set_begins_with_its_own_numbers() -> None:
+    walls = load_config("emulated-arm", ["axes.base.wall.law=wall"]).config.each
+    assert (walls["base"].wall.low, walls["elbow"].wall.low) == (None, -1.2)
+    same = load_config("emulated-arm", ["axes.base.wall.law=stops"]).config
+    assert same.each["base"].wall.low == -1.5
+    rests = load_config("emulated-arm", ["axes.base.wall.law=none"]).config
+    assert rests.each["base"].wall.low == -1.5
+    with pytest.raises(ConfigError, match=r"axes\.base\.wall\.low .*it is for wall.law stops"):
+        load_config("emulated-arm", ["axes.base.wall.low=-0.3", "axes.base.wall.law=wall"])
+
+
 def test_the_names_of_the_bus_are_those_of_its_servo(tmp_path: Path) -> None:
     file = tmp_path / "arm.yaml"
     file.write_text(yaml.safe_dump(SHARED | {"bus": {"port": "/dev/ttyUSB7", "baud": 1000000}}))
@@ -91,7 +102,8 @@ def test_the_names_of_the_bus_are_those_of_its_servo(tmp_path: Path) -> None:
     assert config.servo.kind == "hardware"
     with pytest.raises(ConfigError, match=r"bus\.port: found 5, wanted a text or null"):
         loaded(SHARED | {"bus": {"port": 5}}, "of a file")
-    changed = load_config(str(file), ["servo.port=emulated", "servo.inertia=0.01"]).config
+    later = ["bus.port=/dev/ttyUSB8", "servo.port=emulated", "servo.inertia=0.01"]
+    changed = load_config(str(file), later).config
     assert changed.servo.kind == "emulated"
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
 
 import pytest
 
@@ -30,7 +29,7 @@ from haptic_wall.hw.errors import (
 )
 from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import BusCounts, Facts, Outcome, Reading
-from haptic_wall.hw.settings import DriverSettings
+from haptic_wall.hw.settings import DriverSettings, Way
 from haptic_wall.hw.truth import TrueServo
 from tests.cases import sampled
 from tests.hw.dynamixel.bench import pin
@@ -72,7 +71,7 @@ class Bench:
         probes: bool = False,
         period_ns: int = PERIOD_NS,
         watchdog_s: float = 0.2,
-        read: Read | Literal["auto"] = "auto",
+        read: Way = "auto",
     ) -> None:
         self.clock = SimulatedClock(start_ns=123_456_789)
         self.period_ns = period_ns
@@ -99,12 +98,13 @@ class Bench:
                 model,
                 watchdog_s=watchdog_s,
                 period_s=period_ns * 1e-9,
+                read=read,
             )
             for n, model in enumerate(models, start=1)
         ]
         if not probes:
             settings = [replace(each, probe_torque=0.0) for each in settings]
-        self.group = DynamixelGroup(settings, self.line, read)
+        self.group = DynamixelGroup(settings, self.line)
 
     def cycle(self, torques: Sequence[float] | None = None) -> list[Reading]:
         begun = self.clock.now_ns()
@@ -267,6 +267,15 @@ def test_a_start_that_fails_leaves_no_torque_on() -> None:
     bench.truths[2].memory["drive_mode"] = 1
     with pytest.raises(UnfitServoError, match="reverse"):
         bench.group.start()
+    assert [truth.memory["torque_enable"] for truth in bench.truths] == [0, 0, 0]
+
+
+def test_a_servo_that_also_obeys_the_id_of_another_is_refused() -> None:
+    bench = Bench([48, 48, 48])
+    bench.truths[0].memory["secondary_id"] = 3
+    with pytest.raises(UnfitServoError, match=r"id 1 .*also obeys id 3.*Secondary ID") as caught:
+        bench.group.start()
+    assert caught.value.id == 1
     assert [truth.memory["torque_enable"] for truth in bench.truths] == [0, 0, 0]
 
 

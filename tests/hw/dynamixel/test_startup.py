@@ -542,3 +542,13 @@ def test_two_servos_with_one_id_get_no_torque(seed: int) -> None:
     if not fault and apart_s > reply_s + 2e-6:
         named = ("Two servos answer as id 1", "a second servo with this id")
         assert any(said in str(refusal.value) for said in named)
+
+
+@pytest.mark.parametrize(("position", "tick"), [(TRUE.position, 999), (1.0, 12_345)])
+def test_two_servos_with_one_id_and_the_same_settings_are_named(position: float, tick: int) -> None:
+    """What they are set to is read without a fault; their clocks or positions collide."""
+    bench = Bench()
+    twin = add_twin(bench, bench.truth.memory["return_delay_time"], position=position, tick=tick)
+    with pytest.raises(UnfitServoError, match="Two servos answer as id 1 "):
+        bench.servo.start()
+    assert bench.truth.memory["torque_enable"] == twin.memory["torque_enable"] == 0
