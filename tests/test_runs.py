@@ -159,7 +159,11 @@ OFF = "400001000100"
 """A sync write of one byte to Torque Enable of servo 1: 0"""
 
 
-def assert_torque_off(rows: list[dict[str, str]]) -> None:
+OFF_2 = f"{OFF}0200"
+"""The same of servos 1 and 2"""
+
+
+def assert_torque_off(rows: list[dict[str, str]], off: str = OFF) -> None:
     """The last the bus saw of torque: switched off, read back as off, and none acting."""
     torque_enable = [
         row
@@ -168,7 +172,7 @@ def assert_torque_off(rows: list[dict[str, str]]) -> None:
         and row["instruction"] in ("3", "131")
         and row["params"][:4] == "4000"
     ]
-    assert torque_enable[-1]["params"] == OFF
+    assert torque_enable[-1]["params"] == off
     assert float(rows[-1]["torque_nm"]) == 0.0
     reads = [row for row in rows if row["event"] == "rx" and row["instruction"] == "2"]
     assert reads[-1]["params"][:4] == "4000", "read back, alone or with what follows it"
@@ -218,8 +222,13 @@ def test_a_run_outlives_a_killed_recorder_and_a_stopped_supervisor_until_sigterm
     assert list(rows) == list(range(words[Word.HEAD]))
 
 
-def test_a_killed_loop_has_its_torque_cut(tmp_path: Path) -> None:
-    arguments = run_arguments("--duration", "60", "--witness", "witness.csv")
+@pytest.mark.parametrize(
+    "axes",
+    [[], pytest.param(["one.servo.id=1", "two.servo.id=2"], marks=pytest.mark.whole)],
+)
+def test_a_killed_loop_has_its_torque_cut(tmp_path: Path, axes: list[str]) -> None:
+    sets = [f"--set=axes.{each}" for each in axes]
+    arguments = run_arguments("--duration", "60", "--witness", "witness.csv", *sets)
     with ticking(*arguments, cwd=tmp_path) as (process, family):
         os.kill(family["loop_process"], signal.SIGKILL)
         output, _ = process.communicate(timeout=60)
@@ -229,7 +238,10 @@ def test_a_killed_loop_has_its_torque_cut(tmp_path: Path) -> None:
     assert "was killed by SIGKILL" in report["explanation"]
     assert "switched the torque off and read it back" in report["explanation"]
     assert report["torque_off"] is True
-    assert_torque_off(witness(tmp_path))
+    rows = witness(tmp_path)
+    assert_torque_off(rows, OFF_2 if axes else OFF)
+    ends = {row["id"]: float(row["torque_nm"]) for row in rows if row["event"] == "state"}
+    assert ends == dict.fromkeys(("1", "2") if axes else ("1",), 0.0)
 
 
 @pytest.mark.whole

@@ -181,8 +181,8 @@ class Backstop:
         hold = self._hold
         if hold.torque and hold.left(elongation, soft=self.phase == Phase.REDUCED):
             hold.leave()
-            if self.phase == Phase.PROBING:
-                self._answer(Verdict.HAND if hold.inside and self._asks else Verdict.CHANGED)
+            if self.phase == Phase.PROBING and self._asks:
+                self._answer(Verdict.HAND if hold.inside else Verdict.CHANGED)
         if self.phase == Phase.RETURNING:
             self._return(elongation, last)
         elif self._asks:

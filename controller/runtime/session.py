@@ -273,9 +273,12 @@ class _Session:
         """Run the loop until the end, and switch the torque off."""
         began_s = time.monotonic()
         self._waiting = WallWait(self._loop, self._configs, self._around.tell)
-        self._reason, self._message = _run(
+        self._reason, self._message, at_fault = _run(
             self._loop, self._config, self.bus.traffic, duration_s, self._waiting
         )
+        ids = [config.servo.id for config in self._configs.values()]
+        if len(ids) > 1 and at_fault in ids:
+            self._telemetry.words[Word.STOP_AXIS] = 1 + ids.index(at_fault)
         self._real_s = time.monotonic() - began_s
         recent_s = self._loop.stall_s(self._clock.now_ns())
         self._stalled = f"this computer stalled for {recent_s * 1e3:.0f} ms" if recent_s else ""
@@ -418,8 +421,12 @@ def _run(
     traffic: Traffic | None,
     duration_s: float | None,
     waiting: WallWait,
-) -> tuple[StopReason, str]:
-    """Warm up, switch the wall on, run; return the stop reason, and a message if needed."""
+) -> tuple[StopReason, str, int | None]:
+    """Warm up, switch the wall on, run.
+
+    Returns:
+        The stop reason; a message if needed; the id of the servo whose error ended the run.
+    """
     try:
         reason = None
         if traffic or config.loop.clock == "monotonic":
@@ -428,12 +435,12 @@ def _run(
             reason = waiting(duration_s)
         loop.cycle.wall_on()
         loop.begin()
-        return reason or loop.serve(duration_s) or End.DURATION, ""
+        return reason or loop.serve(duration_s) or End.DURATION, "", None
     except ServoHealthError as error:
-        return Trip.SERVO_HEALTH, str(error)
+        return Trip.SERVO_HEALTH, str(error), error.id
     except TorqueLostError as error:
-        return Trip.TORQUE_LOST, str(error)
+        return Trip.TORQUE_LOST, str(error), error.id
     except ServoLostError as error:
-        return Trip.SERVO_LOST, str(error)
+        return Trip.SERVO_LOST, str(error), error.id
     except Exception as error:  # noqa: BLE001 - whatever it is, the torque must go off
-        return Trip.INTERNAL_ERROR, defect_text(error)
+        return Trip.INTERNAL_ERROR, defect_text(error), None

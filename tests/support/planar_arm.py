@@ -207,7 +207,8 @@ def run_arm(
         if any(watch.failed for _, watch, _, _ in axes):
             trip, ticks = "oscillation", tick + 1
             break
-        k, d, wanted, _, _ = operator.rows[tick] if tick < len(operator.rows) else (0.0,) * 5
+        k, d, wanted, speed, _ = operator.rows[tick] if tick < len(operator.rows) else (0.0,) * 5
+        wanted += speed * d / k if k else 0.0  # its damper moves with it
         grip = k / reach**2, d / reach**2, tip[0] + wanted * along[0], tip[1] + wanted * along[1]
         for step in range(tick * _STEPS, (tick + 1) * _STEPS):
             for i in (0, 1):

@@ -17,9 +17,11 @@ from haptic_wall.controller.processes.inline import run_inline
 from haptic_wall.controller.processes.plan import Plan
 from haptic_wall.controller.processes.run import _finished_log
 from haptic_wall.controller.processes.run_report import run_report
+from haptic_wall.controller.runtime.cycle import Cycle
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
+from haptic_wall.hw.errors import ServoHealthError
 from tests.support.memory_session import run_in_memory
 
 SETS = (
@@ -97,6 +99,24 @@ def test_all_axes_count_the_longest_device_delay(tmp_path: Path) -> None:
     delays = [part["delay_s"]["total"] for part in report["axes"].values()]
     assert delays == [pytest.approx(0.003)] * 3
     assert report["delay_s"]["total"] == pytest.approx(0.003)
+
+
+def test_an_error_of_the_driver_names_its_axis(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    error, run = ServoHealthError("too hot"), Cycle.run
+    error.id = 7
+
+    def hot(cycle: Cycle, *times: int) -> None:
+        if cycle.ticks == 50:
+            raise error
+        run(cycle, *times)
+
+    monkeypatch.setattr(Cycle, "run", hot)
+    sets = (*SETS, "axes.elbow.servo.id=7")
+    report = logged(load_config("simulated", sets).config, tmp_path / "a.hwlog")
+    assert (report["stop_reason"], report["stop_axis"]) == ("trip:servo_health", "elbow")
+    assert report["explanation"].startswith("elbow: ")
 
 
 @pytest.mark.parametrize(
