@@ -57,7 +57,7 @@ class HapticWall(Teleoperator):
         for name, ends in config.percent.items():
             if name not in self.axes or len(ends) != 2 or ends[0] == ends[1]:
                 raise ValueError(
-                    f"percent: found {name}: {ends}, wanted two positions [rad] of one of {self.axes}"
+                    f"percent: found {name}: {ends}, wanted two positions of one of {self.axes}"
                 )
         self._scope = contextlib.ExitStack()
         self._wall: haptic_wall.RunningWall | None = None
