@@ -14,6 +14,7 @@ import contextlib
 import json
 import math
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -283,15 +284,18 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 - JSON
     return value.tolist() if hasattr(value, "tolist") else os.fspath(value)
 
 
-def _end_with(starter: int) -> None:
-    os.read(starter, 1)
+def _end_with(pipe: int, starter: int) -> None:
+    # Children of the starter may hold the pipe; a starter that has gone already left only the pipe.
+    select.select([pipe, starter], [], [])
     os.kill(os.getpid(), signal.SIGTERM)
 
 
-if __name__ == "__main__":  # a command that ends when its standard input closes
+if __name__ == "__main__":  # a command that ends with its starter
     from haptic_wall.controller.cli.main import main
 
     pipe = os.dup(0)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-    threading.Thread(target=_end_with, args=(pipe,), daemon=True).start()
+    threading.Thread(
+        target=_end_with, args=(pipe, os.pidfd_open(os.getppid())), daemon=True
+    ).start()
     sys.exit(main())

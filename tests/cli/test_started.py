@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -128,19 +129,25 @@ def test_a_wall_outlives_the_thread_that_started_it() -> None:
         assert wall.running()
 
 
-def test_a_wall_ends_with_its_starter() -> None:
+def test_a_wall_ends_with_its_starter_whose_own_children_live_on() -> None:
     code = (
         "from haptic_wall.controller.cli.started import run\n"
-        "import os\n"
+        "import os, time\n"
         "with run('simulated', ['realtime.profile=off']) as wall:\n"
-        "    print(wall._process.pid, flush=True)\n"
+        "    if not (child := os.fork()):\n"
+        "        os.close(1)\n"
+        "        time.sleep(60)\n"
+        "        os._exit(0)\n"
+        "    print(wall._process.pid, child, flush=True)\n"
         "    os._exit(1)\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, check=False
     )
-    process = Path(f"/proc/{int(done.stdout)}")
-    end = time.monotonic() + 60.0
+    wall, child = map(int, done.stdout.split())
+    process = Path(f"/proc/{wall}")
+    end = time.monotonic() + 40.0
     while process.exists() and (process / "cmdline").read_bytes():
         assert time.monotonic() < end
         time.sleep(0.05)
+    os.kill(child, signal.SIGKILL)

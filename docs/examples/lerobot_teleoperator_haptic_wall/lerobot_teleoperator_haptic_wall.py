@@ -54,8 +54,11 @@ class HapticWall(Teleoperator):
         super().__init__(config)
         self.config = config
         self.axes = haptic_wall.axes(config.arm, config.set)
-        if wrong := set(config.percent) - set(self.axes):
-            raise ValueError(f"percent names {sorted(wrong)}; {config.arm} has {self.axes}")
+        for name, ends in config.percent.items():
+            if name not in self.axes or len(ends) != 2 or ends[0] == ends[1]:
+                raise ValueError(
+                    f"percent: found {name}: {ends}, wanted two positions of one of {self.axes}"
+                )
         self._scope = contextlib.ExitStack()
         self._wall: haptic_wall.RunningWall | None = None
 
