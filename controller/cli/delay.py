@@ -18,9 +18,7 @@ from haptic_wall.controller.cli.options import say
     help="Inserted delays to measure, in whole periods, beside CONFIG's; default: 0, and 5 more"
     " than CONFIG's.",
 )
-@experiment(
-    folder_option("Folder for delay.json, delay.png and the logs; default: a new one in ./runs/.")
-)
+@experiment(folder_option("Folder for delay.json and the logs; default: a new one in ./runs/."))
 def command(asked: Asked, steps: list[int] | None) -> None:
     """Measure the delay of CONFIG's loop from torque command to motion, and its parts.
 
@@ -35,7 +33,6 @@ def command(asked: Asked, steps: list[int] | None) -> None:
         delay_text,
         measure_delay,
     )
-    from haptic_wall.controller.report.delay import plot_delay
 
     config = asked.config
     chosen = [0, config.delay.steps + CHECK_STEPS] if steps is None else steps
@@ -45,6 +42,6 @@ def command(asked: Asked, steps: list[int] | None) -> None:
         START_S + RUN_S * len(chosen),
         measure=lambda folder: measure_delay(config, folder, chosen, tell=say),
         report=lambda found: delay_report(found, config.period_s, config.belief().delay.high),
-        draw=plot_delay,
+        draw=None,
         text=lambda found: delay_text(found, config.period_s),
     )

@@ -170,7 +170,7 @@ def carry_out(
     seconds: float,
     measure: Callable[[Path], Found],
     report: Callable[[Found], Mapping[str, Any]],
-    draw: Callable[[Found, str, Path], None],
+    draw: Callable[[Found, str, Path], None] | None,
     text: Callable[[Found], list[str]],
     *,
     rows: Callable[[Found], Iterable[Mapping[str, Any]]] | None = None,
@@ -186,7 +186,7 @@ def carry_out(
         seconds: How long it takes in real time, about [s].
         measure: Measures; its argument is the folder for logs.
         report: Returns JSON-ready values.
-        draw: Draws the picture, of what was found, with a title, to a path.
+        draw: Draws the picture, of what was found, with a title, to a path; None: there is none.
         text: Returns the lines of the answer for people; those of the files written follow.
         rows: Returns the rows of a CSV table; None: there is none.
         others: Files that keep what an earlier call has found, which this one continues.
@@ -217,7 +217,8 @@ def carry_out(
         folder.mkdir(parents=True, exist_ok=True)  # it may have gone meanwhile
         if rows is not None:
             _write_table(all_or_none.enter_context(whole(table[0])), rows(found))
-        seen = drawn_or_noted("--out", picture, partial(draw, found, asked.name))
+        picture_of = draw and partial(draw, found, asked.name)
+        seen = picture_of and drawn_or_noted("--out", picture, picture_of)
         paths = [result, *table, *([seen] if seen else [])]
         part = all_or_none.enter_context(whole(result))
         part.write_text(as_json({**held, "files": paths}) + "\n", encoding="utf-8")

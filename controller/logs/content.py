@@ -87,6 +87,8 @@ _INSIDE: Final[Mapping[str, Mapping[str, Any]]] = {
         "frequency_hz": _NUMBER,
         "amplitude_rad": _NUMBER,
         "first_alarm_s": _NUMBER,
+        "probes": int | None,
+        "probed_s": _NUMBER,
     },
 }
 """Kinds of the parts that are used; a missing one counts as None"""

@@ -163,7 +163,7 @@ def run_delay(bench: StepContext) -> StepResult:
     """Measure the loop's delay, and whether inserted delays are recovered."""
     config = bench.config
     found = measure_delay(config, bench.folder / LOGS, DELAY_STEPS, tell=bench.tell)
-    return StepResult(delay_report(found, config.period_s, config.belief().delay.high), (found,))
+    return StepResult(delay_report(found, config.period_s, config.belief().delay.high))
 
 
 def run_sweep(bench: StepContext) -> StepResult:

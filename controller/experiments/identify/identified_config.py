@@ -179,6 +179,8 @@ def _narrowed(
     torque = name not in ("delay", "backlash")
     least, most = units if torque else (1.0, 1.0)
     low, high = least * bounds.low, most * bounds.high
+    if name == "delay" and kept is None and found["value"] > high:
+        high = max(high, found["high"])  # the motion tells it well, and a longer one is safer
     promised = bounds.low < bounds.high
     if name == "damping" and not promised and kept is None:
         promised = True

@@ -12,7 +12,6 @@ from haptic_wall.controller.report.html import embedded, filled_in
 
 _CAPTIONS = {
     "identify": "The motion to which the model was fitted, the torque, and the fit's residual.",
-    "delay": "The lag that each run found, with the periods inserted in it.",
     "sweep": "Measured critical stiffness, over the limits of the identified servo.",
 }
 

@@ -12,7 +12,6 @@ from haptic_wall.controller.experiments.commission.steps import Plot, Step
 from haptic_wall.controller.experiments.commission.verdict import GuardQuestion
 from haptic_wall.controller.guard.limits import evaluate, least_of
 from haptic_wall.controller.report import style
-from haptic_wall.controller.report.delay import plot_delay
 from haptic_wall.controller.report.identify import plot_identification
 from haptic_wall.controller.report.limit_curves import draw_limits
 from haptic_wall.controller.report.sweep import plot_sweep
@@ -20,11 +19,7 @@ from haptic_wall.controller.report.sweep import plot_sweep
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-PLOTS: dict[Step, Plot] = {
-    "identify": plot_identification,
-    "delay": plot_delay,
-    "sweep": plot_sweep,
-}
+PLOTS: dict[Step, Plot] = {"identify": plot_identification, "sweep": plot_sweep}
 """The function that draws each step's picture"""
 _POINTS = 241
 _BEYOND = 1.8
