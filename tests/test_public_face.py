@@ -33,7 +33,9 @@ CALLED = {
     "emulated_bus": (
         "(servos: 'Sequence[str]' = ('XM430-W350:1',), *, baud: 'int' = 4000000,"
         " latency_timer: 'int' = 0, block: 'int | None' = None, faults: 'Sequence[str]' = (),"
-        " seed: 'int' = 0, truth: 'Mapping[str, float | str] | None' = None) -> 'None'"
+        " seed: 'int' = 0, truth: 'Mapping[str, float | str] | None' = None,"
+        " own: 'Mapping[int, Mapping[str, float | str]] | None' = None,"
+        " arm: 'Mapping[str, float | str] | None' = None) -> 'None'"
     ),
 }
 FIELDS = {
