@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 from haptic_wall.controller.doctor.report import Report
@@ -27,7 +27,7 @@ def text(name: str, report: Report) -> str:
     """Format the report: a line for each check, what was changed, and the verdict."""
     told, table = list(report.found.values()), _table(report.found)
     if table:  # it has the others
-        told = [one for one in told if "." not in one.name or not one.ok or one.fix]
+        told = _joined([one for one in told if "." not in one.name or not one.ok or one.fix])
     column = max((len(finding.name) for finding in told), default=0)
     lines = [f"{name}. No torque was enabled.", "", *table]
     for finding in told:
@@ -57,6 +57,18 @@ def _table(found: Mapping[str, Check]) -> list[str]:
         row = (f"  {marks.get((axis, check), ''):>{max(5, len(axis))}}" for axis in axes)
         lines.append(f"{check:<{column}}" + "".join(row))
     return [*lines, ""]
+
+
+def _joined(told: list[Check]) -> list[Check]:
+    """Make one of equal findings of several axes."""
+    axes: dict[Check, list[str]] = {}
+    for one in told:
+        axis, dot, check = one.name.rpartition(".")
+        axes.setdefault(replace(one, name=check), []).extend([axis] if dot else [])
+    return [
+        replace(one, found=f"{', '.join(names)}: {one.found}" if names else one.found)
+        for one, names in axes.items()
+    ]
 
 
 def _mark(finding: Check) -> str:

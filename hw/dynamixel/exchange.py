@@ -15,6 +15,8 @@ Three cheap checks do it:
 3. **The servo's clock.** The block begins with the servo's millisecond tick, which must have
    advanced by the time that passed since the last accepted sample.
 
+Of two different answers of one servo neither is used: one of them has a wrong id.
+
 A request may ask for a wider block around the sample, of a length that no other request has.
 Registers are read in blocks of other sizes still; see ``register_access``.
 
@@ -86,6 +88,8 @@ class Exchange:
         """Servos whose answers it waits for"""
         self._found: dict[Station, Sample] = {}
         """Its answers"""
+        self._doubted: list[Station] = []
+        """Servos of which two answers have come that differ"""
         self.sent_ns = 0
         """When the last request was sent [ns]"""
         self._broken = 0
@@ -219,6 +223,7 @@ class Exchange:
             self._free(self._asked, QUARANTINE)
         self._asked = None
         self._missing = ()
+        self._found, self._doubted = {}, []
 
     def _free(self, asked: SampleRequest, later: int) -> None:
         """Let the lengths of a request be used again, so many requests later."""
@@ -275,14 +280,27 @@ class Exchange:
                 continue
             if frame.error & REFUSED:  # it does not name its request
                 self._refusals += 1
+            elif station in self._found and self._contradicts(station, frame):
+                # One of the two came from another servo: neither is used.
+                del self._found[station]
+                self._missing = [station, *self._missing]
+                self._refusals += 1
+                self._doubted.append(station)
+                station.counts.cycles -= 1
             elif station not in self._missing or not self._accepts(station, frame):
                 station.counts.late += len(frame.params) in self.blocks
+
+    def _contradicts(self, station: Station, frame: Frame) -> bool:
+        """Whether a frame is a second answer of a servo to the waiting request, not a copy."""
+        asked = self._asked
+        answers = asked is not None and asked.unpack(station.id, frame.params) is not None
+        return answers and frame.params != station.block
 
     def _accepts(self, station: Station, frame: Frame) -> bool:
         """Take a frame as a servo's answer to the waiting request, if it is that."""
         asked, data = self._asked, frame.params
         found = None if asked is None else asked.unpack(station.id, data)
-        if found is None:
+        if found is None or station in self._doubted:
             return False
         tick, current, position = found
         sent_ns = self.sent_ns
@@ -322,5 +340,5 @@ class Exchange:
             station.silent = 0
         self._calm = not missing
         self._order = (*heard, *missing[1:], *missing[:1])
-        found, self._found = self._found, {}
+        found, self._found, self._doubted = self._found, {}, []
         return [lost.get(each) or found[each] for each in self._selected]

@@ -22,7 +22,7 @@ from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.samples import LENGTHS, SAMPLE_ADDRESS, SAMPLE_END
 from haptic_wall.hw.dynamixel.station import Station
 from haptic_wall.hw.dynamixel.tables import REGISTERS
-from haptic_wall.hw.dynamixel.wire import asking_s, poll_bytes
+from haptic_wall.hw.dynamixel.wire import asking_s, poll_bytes, wire_s
 from haptic_wall.hw.errors import Problem, ServoError
 
 EVERY_NS: Final = 200_000_000
@@ -112,7 +112,7 @@ class HealthPolls:
         self.longest_s = hold_s + asking_s(baud, count, exchange.way)
         if count > 1:
             address, end = _SUPPLY_AND_HEAT
-            self.longest_s = hold_s + (self._besides + end - address) * 10 / baud
+            self.longest_s = hold_s + wire_s(self._besides + end - address, baud)
         """Time of all replies at the worst phase of an adapter's timer, to a poll of several [s]"""
         self.patience_s = _IN_TIME * period_s
         """Time that the loop has given the last replies [s]"""

@@ -55,14 +55,19 @@ def cycle_s(baud: float, count: int = 1, read: Read = "plain") -> float:
         read: How they are read.
     """
     goals = GOAL_BYTES + _GOAL_PART_BYTES * (count - 1)
-    return asking_s(baud, count, read) + goals * BYTE_AT_ONE_BAUD_NS * 1e-9 / baud
+    return asking_s(baud, count, read) + wire_s(goals, baud)
 
 
 def asking_s(baud: float, count: int = 1, read: Read = "plain") -> float:
     """Return the time of a request for all samples, and of the replies [s]; as ``cycle_s``."""
     request = READ_REQUEST_BYTES * count if read == "plain" else READ_REQUEST_BYTES + count
     total = request + _replies(count, read) + SAMPLE_BYTES * count
-    return total * BYTE_AT_ONE_BAUD_NS * 1e-9 / baud
+    return wire_s(total, baud)
+
+
+def wire_s(count: int, baud: float) -> float:
+    """Return the time of ``count`` bytes on the wire [s]; 0 at a rate of 0, which is not known."""
+    return count * BYTE_AT_ONE_BAUD_NS * 1e-9 / baud if baud else 0.0
 
 
 def poll_bytes(count: int, read: Read) -> int:

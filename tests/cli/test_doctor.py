@@ -210,3 +210,4 @@ def test_the_servos_of_several_axes_are_examined_in_one_table() -> None:
     (row,) = [line for line in shown if line.startswith("direction ")]
     assert row.split() == ["direction", "WRONG", "ok", "ok"]
     assert sum("servo answers" in line for line in shown) == 1
+    assert sum("shoulder, elbow, wrist: 250 (wanted: 0)" in line for line in shown) == 1

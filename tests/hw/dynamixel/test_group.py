@@ -224,7 +224,17 @@ def test_where_one_is_missing_nobody_else_is_said_to_have_kept_its_torque() -> N
 
 @pytest.mark.parametrize("way", ["fast", "sync"])
 @pytest.mark.parametrize(
-    "fault", sampled(["corrupt:p=0.05", "drop:p=0.05", "late:ms=1.5,p=0.05", "truncate:p=0.05"], 4)
+    "fault",
+    sampled(
+        [
+            "corrupt:p=0.05",
+            "drop:p=0.05",
+            "late:ms=1.5,p=0.05",
+            "truncate:p=0.05",
+            "wrong-id:p=0.05,to=2",
+        ],
+        5,
+    ),
 )
 def test_a_damaged_reply_never_becomes_somebodys_position(way: Read, fault: str) -> None:
     bench = started(48, 48, 48)
