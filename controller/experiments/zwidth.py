@@ -22,7 +22,7 @@ from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
 from haptic_wall.controller.experiments.sweep.result import PointResult
 from haptic_wall.controller.experiments.sweep.sweep import Sweep, sweep
-from haptic_wall.controller.experiments.sweep.text import cell
+from haptic_wall.controller.experiments.sweep.text import cell, point_text
 from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError
 from haptic_wall.controller.guard.limits import evaluate, least_of
 from haptic_wall.controller.settings.config import Config
@@ -234,8 +234,7 @@ def measure_points(
     for (width, each), kept in zip(asked, kept_points, strict=True):
 
         def progress(_at: PlanePoint, point: PointResult, width: Width = width) -> None:
-            value = f"{point.measured:.4g} N·m/rad" if point.measured else f"{point.reason}"
-            tell(f"{width.velocity.label}, B {point.virtual_damping:g}: {value}")
+            tell(f"{width.velocity.label}, {point_text(point)}")
 
         finished = sweep(each, kept, tell=tell, progress=progress)
         width.points = each.points(kept)

@@ -23,6 +23,7 @@ from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
 from haptic_wall.controller.experiments.sweep.result import PointResult
 from haptic_wall.controller.experiments.sweep.sweep import Sweep, sweep
+from haptic_wall.controller.experiments.sweep.text import point_text
 from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError
 from haptic_wall.controller.settings import yaml_text as config_yaml
 from haptic_wall.controller.settings.config import Config
@@ -179,13 +180,9 @@ def run_sweep(bench: StepContext) -> StepResult:
     except UserError:  # of an older model
         kept = asked.kept(fresh=True)
 
-    def progress(setting: PlanePoint, point: PointResult) -> None:
+    def progress(_setting: PlanePoint, point: PointResult) -> None:
         bench.partly.update(asked.report(kept))
-        said = point.reason if point.measured is None else f"{point.measured:.4g} N·m/rad"
-        bench.tell(
-            f"{len(kept.done)}/{len(asked.settings)}  B {setting.virtual_damping:g},"
-            f" {setting.delay_steps} steps: {said}"
-        )
+        bench.tell(f"{len(kept.done)}/{len(asked.settings)}  {point_text(point)}")
 
     if kept.done:
         bench.partly.update(asked.report(kept))

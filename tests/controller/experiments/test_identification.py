@@ -199,6 +199,9 @@ def test_where_the_motion_tells_less_than_was_believed_the_belief_bounds_the_dam
     assert (bounds["low"], bounds["high"]) == (0.0024, 0.0036)
     elsewhere = replace(found, damping=replace(found.damping, value=0.1, stderr=0.01))
     assert identified_model(elsewhere, config)["damping"]["low"] == pytest.approx(0.07)
+    # A delay within its error beyond the belief keeps its own upper bound: a longer one is safer.
+    late = replace(found, delay=Estimated(0.00504, 2e-5))
+    assert identified_model(late, config)["delay"]["high"] > 0.0051 - 1e-9
 
 
 def test_a_residual_with_structure_narrows_no_belief(usual: tuple[Config, Identified]) -> None:
