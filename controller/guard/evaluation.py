@@ -132,8 +132,8 @@ class Evaluation:
         if self.settings.mode == "off" or request.velocity_filter is not None:
             unbound = np.full_like(p.gain, UNBOUND)
             return formulas_from(belief, unbound, unbound, self._periods)
-        most = np.minimum(self._wanted, self.settings.damping_cap * self.rigid_ceiling)
-        most = np.clip(OF_ENCODER * self.encoder_damping, 0.0, np.maximum(most, 0.0))
+        most = np.minimum(np.abs(self._wanted), self.settings.damping_cap * self.rigid_ceiling)
+        most = np.minimum(most, OF_ENCODER * self.encoder_damping)
         limit = _critical(p, request, p.gain * most) / p.gain
         return formulas_from(belief, limit, most, self._periods)
 
@@ -148,7 +148,7 @@ class Evaluation:
         belief, shortest = self.situation.belief, self._periods[0]
         ceiling = fast_ceiling(belief, self.fast_hz, self.rigid_ceiling, shortest)
         full = np.ones_like(ceiling)  # a load without damping allows no damping at all
-        share = np.divide(self.damping, ceiling, out=full, where=ceiling > 0.0)
+        share = np.divide(np.abs(self.damping), ceiling, out=full, where=ceiling > 0.0)
         return fast_limit(belief, self.fast_hz, self.at_corner(self.exact), share, shortest)
 
     @cached_property
