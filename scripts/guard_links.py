@@ -1,16 +1,18 @@
 """Searches a belief with a flexible transmission for servos on which its walls oscillate."""
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from scipy.optimize import differential_evolution
 
 from haptic_wall.controller.guard.belief import HEAVIEST, Belief, Bounded
 from haptic_wall.controller.guard.bins import Bins
-from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
+from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation
 from haptic_wall.controller.guard.schedule import interval_bins_ns, served_range
+from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.chain import Chain, sampled, two_masses
 from haptic_wall.controller.theory.chain_contact import one_sided_limits, returned
@@ -18,7 +20,7 @@ from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.crossings import Loops, poles
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.truth import EncoderSide
-from scripts.study import Found, Given, Part, table
+from scripts.study import Found, Part, table
 
 PERIOD = 1e-3
 SERVOS = ((0.011951, 0.011692), (0.0018142, 0.0036617))
@@ -37,24 +39,26 @@ NAMES = (
 )
 
 
-class Outcome(NamedTuple):
-    """The worst that one belief's walls do on a truth inside it."""
+class Box(NamedTuple):
+    """The worst that the walls of one belief do in one bin of the served interval."""
 
-    random: float
-    """Fastest growth of a pole over the random truths [1/s]"""
-    searched: float
-    """The same, of the optimiser's search"""
+    interval: int
+    """Index of the bin"""
+    growth: float
+    """Fastest growth of a pole that was found [1/s]"""
+    beyond: float
+    """The same at 1.2 times the stiffness, where the search looks"""
     thrown: float
-    """Largest exit over entry speed of the one-sided wall over some of the truths"""
+    """Largest exit over entry speed of the one-sided wall over some of the truths; else NaN"""
     damping: float
     """Commanded B over the middle's ceiling, where less than asked is commanded; else NaN"""
     stiffness: float
     """Commanded K of the two-sided wall over the middle's limit at the commanded B"""
     one_sided: float
-    """Commanded K of the one-sided wall over the middle's one-sided limit"""
+    """Commanded K of the one-sided wall over the middle's one-sided limit; else NaN"""
 
 
-Kind = Literal["known", "wide", "lowpass", "notch"]
+Kind = Literal["known", "slow", "ends", "fast", "wide", "lowpass", "notch"]
 Value = Any
 """A float, or an array"""
 Servo = tuple[Value, Value, Value, Value, Value]
@@ -72,9 +76,9 @@ def drawn(random: np.random.Generator, kind: Kind = "known") -> tuple[Belief, fl
         return _drawn_wide(random)
     between = partial(_between, random)
 
-    def doubted(value: float) -> Bounded:
+    def doubted(value: float, least: float = 0.03, most: float = 0.5) -> Bounded:
         return Bounded(
-            value, value / (1.0 + between(0.03, 0.5)), value * (1.0 + between(0.03, 0.5))
+            value, value / (1.0 + between(least, most)), value * (1.0 + between(least, most))
         )
 
     m, b = SERVOS[int(random.integers(2))]
@@ -92,7 +96,28 @@ def drawn(random: np.random.Generator, kind: Kind = "known") -> tuple[Belief, fl
         flexible_damping_ratio=doubted(between(0.005, 0.15)),
         encoder=encoder,
     )
-    return belief, float(random.uniform(0.0, 3e-3)), between(0.05, 2.0)
+    age, of_ceiling = float(random.uniform(0.0, 3e-3)), between(0.05, 2.0)
+    if kind == "slow":
+        hz = between(4.0, max(0.064 / (age + lag), 6.0))
+        belief = replace(belief, flexible_hz=doubted(hz))
+    elif kind == "fast":
+        hz, of_ceiling = between(60.0, 1000.0), 0.3 * of_ceiling
+        belief = replace(belief, flexible_hz=doubted(hz), encoder="output")
+    elif kind == "ends":
+        load = m * between(0.01, 20.0)
+        lag = float(random.choice([0.0, 5e-4, 1e-3, 2e-3, random.uniform(0.0, 4e-3)]))
+        belief = replace(
+            belief,
+            inertia=doubted(m + load, 1e-3),
+            damping=doubted(b * between(0.05, 20.0), 1e-3, 2.0),
+            delay=Bounded(lag, float(random.choice([0.0, lag])), lag),
+            torque_gain=doubted(1.0, 1e-3),
+            load_inertia=doubted(load, 1e-3),
+            flexible_hz=doubted(between(3.0, 600.0), 1e-3),
+            flexible_damping_ratio=doubted(between(1e-4, 0.3), 1e-3, 3.0),
+        )
+        of_ceiling = float(random.choice([of_ceiling, 1.0, 10.0]))
+    return belief, age, of_ceiling
 
 
 def _drawn_wide(random: np.random.Generator) -> tuple[Belief, float, float]:
@@ -177,6 +202,7 @@ def growth(
     delay: FloatArray,
     wall: Decision,
     velocity_filter: VelocityFilter | None,
+    of_stiffness: Value = 1.0,
 ) -> FloatArray:
     """Return the rate at which each truth's loop grows, at most [1/s].
 
@@ -187,15 +213,17 @@ def growth(
         delay: Delay of each, without the servo's lag [s].
         wall: The commanded gains.
         velocity_filter: Filter of the velocity that damps.
+        of_stiffness: Rendered over commanded stiffness.
     """
     found = np.zeros(len(truths))
     late = (delay + truths[:, NAMES.index("delay")]) / interval
     gain = truths[:, NAMES.index("torque_gain")]
+    stiffness = gain * of_stiffness * wall.stiffness
     for whole in np.unique(np.floor(late)).tolist():
         part = np.flatnonzero(np.floor(late) == whole)
         chains = sampled(chain.take(part), interval[part], late[part] - whole)
         loops = Loops(chains, interval[part], np.full(part.size, int(whole)), 1, velocity_filter)
-        closed = poles(loops, gain[part] * wall.stiffness, gain[part] * wall.damping)
+        closed = poles(loops, stiffness[part], gain[part] * wall.damping)
         found[part] = np.log(np.abs(closed).max(axis=1)) / interval[part]
     return found
 
@@ -235,154 +263,92 @@ class Search(NamedTuple):
     kind: Kind
 
 
-def outcome(case: Search) -> Outcome:
-    """Draw a belief, and find the worst truth inside it."""
-    seed, number, truths, steps, kind = case
-    random = np.random.default_rng((seed, number))
-    belief, age, of_ceiling = drawn(random, kind)
-    known, gain, delay = middle_of(belief), belief.torque_gain.value, age + belief.delay.value
-    filtered = _filter(random, kind, belief.flexible_hz.value)
-    ceiling = chain_ceiling(
-        *two_masses(*known, encoder=belief.encoder), PERIOD, delay, velocity_filter=filtered
-    )
-    possible = float(ceiling) / gain
-    asked = of_ceiling * possible
-    situation = Situation(belief, PERIOD, 4.1, 0.0)
-
-    def decided(request: Request) -> Decision:
-        return decide(request, GuardSettings(), situation, [age], age, explained=False)[0]
-
-    both = decided(Request(1e9, asked, "both", velocity_filter=filtered))
-    shares = _shares(random, truths, len(NAMES))
-
-    def growths(shares: FloatArray) -> FloatArray:
-        found, every = inside(belief, shares), np.ones(len(shares))
-        chain = chain_of(found, belief.encoder)
-        return growth(found, chain, PERIOD * every, age * every, both, filtered)
-
-    tried = growths(shares)
-    worst = np.argsort(-tried)
-    found = differential_evolution(
-        lambda point: -float(growths(point[None])[0]),
-        [(0.0, 1.0)] * len(NAMES),
-        init=shares[worst[:10]],
-        maxiter=steps,
-        seed=number,
-        polish=False,
-    )
-    damping = both.damping * gain
-    limit = chain_boundary(
-        *two_masses(*known, encoder=belief.encoder),
-        damping,
-        PERIOD,
-        delay,
-        velocity_filter=filtered,
-    ).stiffness
-    thrown_by = of_one_sided = math.nan
-    if filtered is None:
-        one = decided(Request(1e9, asked, "above"))
-        thrown_by = thrown(belief, inside(belief, shares[worst[:4]]), age, one)
-        chain, _ = two_masses(*known, encoder=belief.encoder)
-        limits = np.atleast_1d(limit), np.atleast_1d(damping)
-        of_one_sided = float(
-            one.stiffness * gain / one_sided_limits(chain, PERIOD, delay, *limits)[0]
-        )
-    return Outcome(
-        float(tried.max()),
-        -float(found.fun),
-        thrown_by,
-        both.damping / possible if both.damping < asked else math.nan,
-        float(both.stiffness * gain / limit),
-        of_one_sided,
-    )
-
-
-def lines(found: Found[Search, Outcome]) -> list[str]:
-    """Count growth and throws of each kind of belief, and the shares of what is possible."""
-    cells = []
-    for kind, words in KINDS.items():
-        rows = np.array([row for case, row in found if case.kind == kind])
-        truths = sum(case.truths for case, _ in found if case.kind == kind)
-        grow, by_search = (int(np.sum(rows[:, n] > GROWS)) for n in (0, 1))
-        thrown = rows[np.isfinite(rows[:, 2]), 2]
-        shares = [_spread(rows[:, n]) for n in (4, 5, 3)]
-        worst = f"{int(np.sum(thrown > 1.0 + 1e-6))} of {4 * thrown.size}" if thrown.size else ""
-        cells.append((words, len(rows), truths, grow, by_search, worst, *shares))
-    head = ("belief", "number", "truths", "grow", "by search", "throw")
-    return table((*head, "K two-sided", "K one-sided", "B"), *cells)
-
-
-def _spread(values: FloatArray) -> str:
-    kept = values[np.isfinite(values)]
-    return ", ".join(f"{x:.2f}" for x in np.quantile(kept, [0.1, 0.5])) if kept.size else ""
-
-
-KINDS: dict[Kind, str] = {
-    "known": "no filter",
-    "wide": "no filter, wide doubt",
-    "lowpass": "low-pass",
-    "notch": "notch",
-}
-_POPULATION = 40
-
-
-class Served(NamedTuple):
-    """Fastest growth of one wall in one bin of the served interval [1/s]."""
-
-    random: float
-    """Over random truths, ages and intervals of the bin"""
-    searched: float
-    """Of an optimiser's search"""
-
-
-def served(case: Search) -> list[Served]:
-    """Draw a belief and a wall, and search some bins for intervals at which it grows."""
+def outcome(case: Search) -> list[Box]:
+    """Draw a belief, and find the worst truth inside it: at the period, and in another bin."""
     seed, number, truths, steps, kind = case
     random = np.random.default_rng((seed, number, list(KINDS).index(kind)))
     belief, age, of_ceiling = drawn(random, kind)
     filtered = _filter(random, kind, belief.flexible_hz.value)
-    late = int(random.choice([0, 0, 1, 2, 3, 5]))
-    delay = late * PERIOD + age + belief.delay.value
-    ceiling = chain_ceiling(
-        *two_masses(*middle_of(belief), encoder=belief.encoder),
-        PERIOD,
-        delay,
-        velocity_filter=filtered,
-    )
-    situation = Situation(belief, PERIOD, 4.1, 0.0)
-    request = Request(1e9, of_ceiling * float(ceiling), "both", velocity_filter=filtered)
-    bins = interval_bins_ns(round(PERIOD * 1e9), flexible=True)
-    found = []
-    for index in range(len(bins)):
-        (wall,) = Bins(
-            request, GuardSettings(), situation, late, [round(age * 1e9)], bins
-        ).decide_interval(index)
-        low, high = (share * bins[index] * 1e-9 for share in served_range(bins, index))
+    late = int(random.choice([0, 0, 0, 1, 2, 3, 5]))
+    known, gain = middle_of(belief), belief.torque_gain.value
+    servo, delay = two_masses(*known, encoder=belief.encoder), age + belief.delay.value
+    loop = (PERIOD, late * PERIOD + delay)
+    possible = float(chain_ceiling(*servo, *loop, velocity_filter=filtered)) / gain
+    asked, found = of_ceiling * possible, []
+    edges = interval_bins_ns(round(PERIOD * 1e9), flexible=True)
+
+    def decided(side: Side, index: int) -> Decision:
+        request = Request(1e9, asked, side, velocity_filter=filtered)
+        where = GuardSettings(), Situation(belief, PERIOD, 4.1, 0.0)
+        bins = Bins(request, *where, late, [round(age * 1e9)], edges)
+        return bins.decide_interval(index)[0]
+
+    for index in (0, int(random.integers(1, len(edges)))):
+        wall = decided("both", index)
+        low, high = (share * edges[index] * 1e-9 for share in served_range(edges, index))
 
         def growths(
-            shares: FloatArray, low: float = low, high: float = high, wall: Decision = wall
+            shares: FloatArray,
+            of_stiffness: Value,
+            wall: Decision = wall,
+            ends: tuple[float, float] = (low, high),
         ) -> FloatArray:
-            interval = low + shares[:, -1] * (high - low)
+            interval = ends[0] + shares[:, -1] * (ends[1] - ends[0])
             delay = shares[:, -2] * age + [_ring(late, t) for t in interval.tolist()]
-            known = inside(belief, shares[:, :-2])
-            chain = chain_of(known, belief.encoder)
-            return growth(known, chain, interval, delay, wall, filtered)
+            inner = inside(belief, shares[:, :-2])
+            chain = chain_of(inner, belief.encoder)
+            return growth(inner, chain, interval, delay, wall, filtered, of_stiffness)
 
         shares = _shares(random, truths, len(NAMES) + 2)
-        tried = growths(shares)
-        search = differential_evolution(
-            lambda points, growths=growths: -growths(np.atleast_2d(points.T)),
-            [(0.0, 1.0)] * shares.shape[1],
-            init=shares[np.argsort(-tried)[:_POPULATION]],
-            maxiter=steps,
-            seed=index,
-            polish=False,
-            tol=0.0,
-            updating="deferred",
-            vectorized=True,
+        softer = np.where(random.random(truths) < 0.2, random.random(truths), 1.0)
+        worst = float(growths(shares, softer).max())
+        top, beyond = _climbed(random, shares, partial(growths, of_stiffness=1.2), steps)
+        worst = max(worst, float(growths(top, 1.0).max()))
+        thrown_by = of_one_sided = math.nan
+        limit = float(chain_boundary(*servo, wall.damping * gain, *loop, 1, filtered).stiffness)
+        if filtered is None and index == 0 and number % 4 == 0:  # it takes long
+            one, longer = decided("above", 0), late * PERIOD
+            thrown_by = thrown(belief, inside(belief, top[:4, :-2]), age + longer, one)
+            most = np.array([limit]), np.array([wall.damping * gain])
+            free = float(one_sided_limits(servo[0], *loop, *most)[0])
+            of_one_sided = one.stiffness * gain / free if free > 0.0 else math.nan
+        found.append(
+            Box(
+                index,
+                worst,
+                beyond,
+                thrown_by,
+                wall.damping / possible if wall.damping < asked and index == 0 else math.nan,
+                wall.stiffness * gain / limit if limit > 0.0 and index == 0 else math.nan,
+                of_one_sided,
+            )
         )
-        found.append(Served(float(tried.max()), -float(search.fun)))
     return found
+
+
+_TOP = 16
+
+
+def _climbed(
+    random: np.random.Generator,
+    shares: FloatArray,
+    growths: Callable[[FloatArray], FloatArray],
+    steps: int,
+) -> tuple[FloatArray, float]:
+    """Return the worst points that a search from the worst of some finds, and their worst growth.
+
+    Steps around the best alternate with differences between them.
+    """
+    found = growths(shares)
+    for step in range(steps):
+        best = np.argsort(-found)[:_TOP]
+        shares, found = shares[best], found[best]
+        one, other, third = (shares[random.integers(_TOP, size=100)] for _ in range(3))
+        moved = random.normal(size=one.shape) * 0.15 * 0.5**step * (random.random(one.shape) < 0.5)
+        tried = np.clip(one + (0.7 * (other - third) if step % 2 else moved), 0.0, 1.0)
+        shares, found = np.concatenate([shares, tried]), np.concatenate([found, growths(tried)])
+    best = np.argsort(-found)[:_TOP]
+    return shares[best], float(found[best[0]])
 
 
 def _ring(steps: int, interval: float) -> float:
@@ -392,38 +358,52 @@ def _ring(steps: int, interval: float) -> float:
     return interval * sum(waiting)
 
 
-def served_lines(found: Found[Search, list[Served]]) -> list[str]:
-    """Count growth over kinds of beliefs."""
+def lines(found: Found[Search, list[Box]]) -> list[str]:
+    """Count growth and throws of each kind of belief, and the shares of what is possible."""
     cells = []
     for kind, words in KINDS.items():
-        own = np.array([each for case, row in found if case.kind == kind for each in row])
-        tried = sum(case.truths * len(row) for case, row in found if case.kind == kind)
-        random, searched = own.T
-        grow, by_search = (int(np.sum(each > GROWS)) for each in (random, searched))
-        fastest = f"{max(random.max(), searched.max()):.2g}"
-        cells.append((words, len(own), tried, grow, by_search, fastest))
-    head = ("belief", "walls", "truths", "grow", "by search", "fastest [1/s]")
-    return table(head, *cells)
+        rows = np.array([box for case, row in found if case.kind == kind for box in row])
+        if not rows.size:
+            continue
+        grow, beyond = (int(np.sum(rows[:, n] > GROWS)) for n in (1, 2))
+        thrown = rows[np.isfinite(rows[:, 3]), 3]
+        worst = f"{int(np.sum(thrown > 1.0 + 1e-6))} of {thrown.size}" if thrown.size else ""
+        shares = [_spread(rows[:, n]) for n in (5, 6, 4)]
+        cells.append((words, len(rows), grow, f"{rows[:, 1].max():.2g}", beyond, worst, *shares))
+    head = ("belief", "boxes", "grow", "fastest [1/s]", "at 1.2 K", "throw")
+    return table((*head, "K two-sided", "K one-sided", "B"), *cells)
 
 
-def _searches(given: Given, seed: int, beliefs: int) -> list[Search]:
-    """Return the beliefs of each kind."""
-    return [
-        Search(seed, i, given.truths, given.steps, kind) for kind in KINDS for i in range(beliefs)
-    ]
+def none_grows(found: Found[Search, list[Box]]) -> bool:
+    """Whether no wall grows or throws."""
+    every = [box for _, row in found for box in row]
+    return not any(box.growth > GROWS or box.thrown > 1.0 + 1e-6 for box in every)
 
+
+def _spread(values: FloatArray) -> str:
+    kept = values[np.isfinite(values)]
+    return ", ".join(f"{x:.2f}" for x in np.quantile(kept, [0.1, 0.5])) if kept.size else ""
+
+
+KINDS: dict[Kind, str] = {
+    "known": "no filter",
+    "slow": "slow",
+    "ends": "at the ends",
+    "fast": "fast",
+    "wide": "wide doubt",
+    "lowpass": "low-pass",
+    "notch": "notch",
+}
 
 LINKS = Part(
     "links",
-    lambda given: _searches(given, given.seed, given.beliefs),
+    lambda given: [
+        Search(given.seed, i, given.truths, given.steps, kind)
+        for i in range(given.beliefs)
+        for kind in KINDS
+    ],
     outcome,
     lines,
-    case_s=4.0,
-)
-SERVED = Part(
-    "served",
-    lambda given: _searches(given, given.seed + 400, given.served),
-    served,
-    served_lines,
-    case_s=6.0,
+    case_s=0.5,
+    wanted=none_grows,
 )

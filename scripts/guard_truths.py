@@ -89,8 +89,8 @@ MOST = {
     "dead_band": DEAD_BAND,
     "droop": 0.05,
 }
-"""Largest size of each effect, from docs/concepts/plant.md; weight, cogging and dead band over the
-stall torque, the static friction over the Coulomb friction"""
+"""Largest size of each effect, near those of config/emulated-xm430.yaml; weight, cogging and dead
+band over the stall torque, the static friction over the Coulomb friction"""
 BELIEVED = (
     "servo",
     "inertia_width",

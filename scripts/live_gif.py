@@ -1,7 +1,8 @@
 """Films the live page for the README.
 
-``python -m scripts.live_gif [FILE]``: a hand drags the shaft into the wall, the wall gets stiffer,
-and the guard clamps it.
+``python -m scripts.live_gif``: a hand drags the shaft into the wall, the wall gets stiffer, and the
+guard clamps it. ``python -m scripts.live_gif arm``: hands push six joints into their stops, the
+page shows one after another, and a servo loses its cable.
 """
 
 from __future__ import annotations
@@ -31,6 +32,34 @@ STIFFER_AT: Final = 14
 STIFFNESS: Final = 120
 
 
+UNPLUGGED_S: Final = 12
+"""Time from the bus's start until a servo of the arm loses its cable [s]"""
+WALL: Final = ["simulated", "--set", "servo.hand=none"]
+ARM: Final = [
+    *("emulated-arm", "--set", "loop.clock=monotonic"),
+    *("--set", f"servo.faults=unplug:id=5,at={UNPLUGGED_S}"),
+]
+
+
+def film_arm(tab: Tab) -> list[Image.Image]:
+    """Return pictures of the page of an arm, until its run is over."""
+    pictures, begin = [], time.monotonic()
+    for k in range(2 * FRAMES):
+        if k % 12 == 6:
+            number = k // 12 % 6
+            tab.value(f"document.querySelectorAll('#strip .axis')[{number}].click()")
+        pictures.append(_picture(tab))
+        if tab.value("document.getElementById('state').textContent.includes('over')"):
+            return [*pictures, *[_picture(tab)] * 10]
+        time.sleep(max(0.0, begin + (k + 1) * FRAME_S - time.monotonic()))
+    return pictures
+
+
+def _picture(tab: Tab) -> Image.Image:
+    shot = Image.open(io.BytesIO(tab.shot())).convert("RGB").resize(SHOWN)
+    return shot.quantize(COLOURS, dither=Image.Dither.NONE)
+
+
 def film(tab: Tab) -> list[Image.Image]:
     """Return pictures of the page, at even times."""
     box = tab.value(
@@ -51,21 +80,22 @@ def film(tab: Tab) -> list[Image.Image]:
                 "(() => { const field = document.querySelector('.knob input[type=number]');"
                 f" field.value = {STIFFNESS}; field.dispatchEvent(new Event('change')); }})()"
             )
-        shot = Image.open(io.BytesIO(tab.shot())).convert("RGB").resize(SHOWN)
-        pictures.append(shot.quantize(COLOURS, dither=Image.Dither.NONE))
+        pictures.append(_picture(tab))
         time.sleep(max(0.0, begin + (k + 1) * FRAME_S - time.monotonic()))
     return pictures
 
 
 def main() -> None:
     """Run a wall, film its page, write the file."""
-    path = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs" / "pictures" / "live.gif"
+    arm = sys.argv[1:] == ["arm"]
+    path = ROOT / "docs" / "pictures" / ("arm.gif" if arm else "live.gif")
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         run = subprocess.Popen(
             [
-                *[sys.executable, "-m", "haptic_wall.controller.cli.main", "run", "simulated"],
+                *[sys.executable, "-m", "haptic_wall.controller.cli.main", "run"],
+                *(ARM if arm else WALL),
                 *["--live", "--live-control", "--duration", "inf", "--no-plot"],
-                *["--set", "servo.hand=none", "--log", f"{folder}/run.hwlog"],
+                *["--log", f"{folder}/run.hwlog"],
             ],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
@@ -79,7 +109,7 @@ def main() -> None:
                 tab.open(address)
                 tab.wait("document.querySelector('#plane canvas') !== null")
                 tab.wait("document.querySelectorAll('#marks li.wall').length > 0")
-                first, *more = film(tab)
+                first, *more = film_arm(tab) if arm else film(tab)
         finally:
             run.send_signal(signal.SIGINT)
             run.communicate()

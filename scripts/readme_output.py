@@ -30,10 +30,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from haptic_wall.controller.cli.main import COMMANDS
 from haptic_wall.controller.cli.main import main as haptic_wall
 from haptic_wall.controller.guard.guard import Decision, Situation, decide
 from haptic_wall.controller.guard.limits import LIMITS as GUARD_LIMITS
 from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.fields import fields
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
 from haptic_wall.hw.clock import SimulatedClock
@@ -47,6 +49,13 @@ HORN = 0.1
 """Length of the horn that forces are told for [m]"""
 PUBLISHED = ROOT / "docs" / "examples" / "published-friction.csv"
 """Fits of real servos"""
+WIDE = {
+    r"^-1(e\+12|000000) to 1(e\+12|000000)": "any",
+    r"^0 to 1(e\+\d+|000000)": "≥ 0",
+    r"^above 0 and at most 1(e\+\d+|000000)": "> 0",
+    " or null": ", null",
+}
+"""How wide ranges are shown"""
 WHOLE_DELAYS = (0, 1, 2, 5)
 """Delays of the table of one-sided limits [periods]"""
 
@@ -88,7 +97,8 @@ def kept(text: str, chosen: str) -> str:
     wanted, keep = set(chosen.split(", ")), False
     lines = []
     for line in text.splitlines():
-        label = line[:12].strip()
+        check = re.match(r"(?:ok|WRONG|-) +(.{25})", line)  # of doctor
+        label = (check[1] if check else line[:12]).strip()
         keep = label in wanted if label else keep
         if keep:
             lines.append(line)
@@ -112,7 +122,7 @@ def said(command: str) -> str:
 def measured(command: str) -> str:
     """Run a command and return its output on this machine; a run's picture goes to docs/."""
     with tempfile.TemporaryDirectory() as folder:
-        if command.startswith("haptic-wall run emulated-port"):
+        if command.startswith("haptic-wall"):
             return beside_an_emulated_bus(command, folder)
         if command == "scripts/test":
             tests = [str(ROOT / command)]
@@ -145,8 +155,10 @@ def beside_an_emulated_bus(command: str, folder: str) -> str:
             env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
             capture_output=True,
             text=True,
-            check=True,
+            check=False,
         )
+    if done.returncode not in (0, 1):  # doctor found something wrong
+        raise RuntimeError(done.stderr)
     return done.stdout
 
 
@@ -162,7 +174,7 @@ def table(head: list[str], rows: list[list[object]]) -> str:
         return f"{value:.4g}" if isinstance(value, float) else str(value)
 
     lines = [head, ["---"] * len(head), *([cell(value) for value in row] for row in rows)]
-    return "\n".join(["", *(f"| {' | '.join(line)} |" for line in lines), "", ""])
+    return "\n".join(["", *(f"|{'|'.join(line)}|" for line in lines), "", ""])
 
 
 def situation(config: Config) -> Situation:
@@ -216,8 +228,9 @@ def dampings() -> tuple[list[str], list[list[object]]]:
 
 
 def limits() -> tuple[list[str], list[list[object]]]:
-    """Return the guard's limits, with their source."""
-    return ["limit", "source"], [[each.name, each.source] for each in GUARD_LIMITS]
+    """Return the guard's limits, with their meaning and source."""
+    rows: list[list[object]] = [[each.name, each.meaning, each.source] for each in GUARD_LIMITS]
+    return ["limit", "meaning", "source"], rows
 
 
 def one_sided_shares() -> tuple[list[str], list[list[object]]]:
@@ -252,7 +265,32 @@ def published() -> tuple[list[str], list[list[object]]]:
     return ["servo", *head], rows
 
 
+def commands() -> tuple[list[str], list[list[object]]]:
+    """Return the commands with their lines in the help."""
+    rows: list[list[object]] = [[f"`{name}`", line.rstrip(".")] for name, line in COMMANDS.items()]
+    return ["command", "does"], rows
+
+
+def settings() -> tuple[list[str], list[list[object]]]:
+    """Return every setting with its values and the beginning of its meaning."""
+    rows: list[list[object]] = []
+    for path, field in fields().items():
+        values = re.sub(r"^(a number|a whole number|one of)( from)? |, or {.*}", "", field.wanted)
+        for wide, short in WIDE.items():
+            values = re.sub(wide, short, values)
+        values = re.sub(r"([\d.+e-]+) to ", r"\1…", values)
+        meaning = field.meaning.partition(". ")[0]
+        told = tuple(f"{of}{name}:" for name in field.choices for of in ("", "Of wall: "))
+        if not meaning.startswith(told):
+            ends = "[;(]" if meaning.startswith("Of ") else "[;:(]|, e.g"
+            meaning = re.split(ends, meaning)[0].rstrip()
+        rows.append([f"`{path}`", f"{values} {field.unit}".rstrip(), meaning])
+    return ["setting", "values", "meaning"], rows
+
+
 TABLES = {
+    "commands": commands,
+    "settings": settings,
     "limits": limits,
     "stiffness": stiffness,
     "dampings": dampings,

@@ -27,6 +27,7 @@ DRIVEN = tuple(
 )
 BEGINNING_S = 0.2
 """Length of the beginning that tells where a predicted piece begins [s]"""
+_ROUNDS = 10
 FULL_PWM = 885.0
 """Present PWM of an XL330 at full voltage"""
 
@@ -71,7 +72,10 @@ def predicted(pieces: Pieces, names: tuple[str, ...], values: FloatArray) -> Flo
         held=near[:, :rows],
     )
     terms = dict(zip(names, values.tolist(), strict=True))
-    own = model_of(first, terms).own(beginnings(first), rounds=10)
+    own, model = beginnings(first), model_of(first, terms)
+    for _ in range(_ROUNDS):
+        linear = model.linear(model.begin, own)
+        own = own - linear.own_part(linear.left[None])[0]
     model = model_of(pieces, terms)
     found: FloatArray = pieces.position + model.left(model.begin[None], own[:, None])[0]
     return found

@@ -180,7 +180,7 @@ def found(part: Part[Case, Row], given: Given) -> list[tuple[Case, Row]]:
 def table(*rows: Sequence[object]) -> list[str]:
     """A table as a page wants it; the first row is its head."""
     lines = [rows[0], ["---"] * len(rows[0]), *rows[1:]]
-    return [f"| {' | '.join(map(str, line))} |" for line in lines]
+    return [f"|{'|'.join(map(str, line))}|" for line in lines]
 
 
 def table_of(head: str) -> Callable[[Found[Any, list[str]]], list[str]]:

@@ -211,7 +211,7 @@ def _fit_record(record: Path, plot: Path | None, mass: float | None, length: flo
         found = estimate.identify_record(motion, pendulum)
     result = {"name": record.name, **report(found), "plot": None}
     if plot is not None and found.shot is not None:
-        from haptic_wall.controller.report.recorded import plot_recorded
+        from haptic_wall.controller.report.identify import plot_recorded
 
         draw = partial(plot_recorded, found, record.name)
         result["plot"] = drawn_or_noted("--plot", plot, draw)

@@ -39,27 +39,32 @@ def command(log: Path, place: str, start_s: float | None, end_s: float | None) -
     stretch = TimeSpan(*stretch_between(start_s, end_s))
     live = live_at(place, field="--at")
     with socket.socket(fileno=live.descriptor) as listener:
-        view = _view(log, stretch)
+        views = _views(log, stretch)
         put(live.address)
         from haptic_wall.controller.live.server import LiveServer
         from haptic_wall.controller.live.web_server import silenced
 
         silenced()
         with interrupt.until_signal() as came:
-            asyncio.run(LiveServer(view, live.host).run(listener, lambda: bool(came)))
+            asyncio.run(LiveServer(views, live.host).run(listener, lambda: bool(came)))
         return interrupt.status_after(came)
 
 
-def _view(log: Path, stretch: TimeSpan) -> View:
+def _views(log: Path, stretch: TimeSpan) -> dict[str, View]:
+    """Return the view of each axis by name."""
     from haptic_wall.controller.live.source import LoggedSource
     from haptic_wall.controller.live.view import View
 
+    views = {}
     with reading("LOG", log, "a log of run"), working("reading the log"):
-        read = LogReader.open(log, stretch)
-        source = LoggedSource(read)
-    walls = walls_of(read.metadata, read.changes)
-    view = View(walls.configs[0], str(read.metadata.get("name", log.name)), source, recorded=True)
-    begun = source.since(walls.since)
-    states = [(*at, each) for at, each in zip(begun, walls.configs, strict=False)]
-    view.recall(dict(read.end or {}), list(read.changes), states)
-    return view
+        whole = LogReader.open(log, stretch)
+        parts = [(name, whole.axis(name)) for name in whole.axes]
+        sources = [LoggedSource(part) for _, part in parts]
+    for (name, read), source in zip(parts, sources, strict=True):
+        walls = walls_of(read.metadata, read.changes)
+        title = str(read.metadata.get("name", log.name))
+        view = views[name] = View(walls.configs[0], title, source, recorded=True)
+        begun = source.since(walls.since)
+        states = [(*at, each) for at, each in zip(begun, walls.configs, strict=False)]
+        view.recall(dict(read.end or {}), list(read.changes), states)
+    return views

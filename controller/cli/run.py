@@ -115,6 +115,10 @@ def command(
         )
     shown_live = _live(live, control=live_control)
     held = _hold(hold, page=shown_live is not None and bool(shown_live.token))
+    if no_plot and plot_path is not None:
+        raise UserError(
+            "found both --plot and --no-plot", field="--no-plot", advice="leave one of them out"
+        )
     log, plot = _places(log_path, plot_path, witness, loaded.name, draws=not no_plot)
     plan = Plan(
         config=effective,

@@ -88,6 +88,7 @@ class Backstop:
         failed: Reducing does not help: the run must end.
         news: Since its reader has set it to False, what it says of the motion may have changed.
         probes: Number of probes.
+        probed_s: Time with a softer wall in probes, and after them until it came back [s].
         hands: Number of probes that found a hand.
         alarms: Number of alarms.
         backlash: The last alarm was about a small motion that neither grew nor saturated the
@@ -117,6 +118,7 @@ class Backstop:
         self.alarm = self.failed = self.backlash = False
         self._settled = self._small_cycle = self.news = False
         self.probes = self.hands = self.alarms = 0
+        self.probed_s = 0.0
 
     def update(
         self, away: float, torque: float, span: float, stiffness: float, damping: float = 0.0
@@ -156,7 +158,7 @@ class Backstop:
         last, self._elongation = self._elongation, elongation
         if self.phase is not _WATCHING:
             self.news = True
-            self._answer_time(elongation, last)
+            self._answer_time(elongation, last, span)
         if ended:
             self.news = True
             self._ended(self.swings)
@@ -171,13 +173,16 @@ class Backstop:
         if self.derating.scale != 1.0:
             self._follow_load(away, torque, span, ended=ended)
 
-    def _answer_time(self, elongation: float, last: float) -> None:
+    def _answer_time(self, elongation: float, last: float, span: float) -> None:
         """Answer what takes no half-cycle: rest, and a load that has gone.
 
         Args:
             elongation: Of the spring, signed [rad].
             last: At the last sample [rad].
+            span: Time since then [s].
         """
+        if self.phase != Phase.REDUCED:
+            self.probed_s += span
         hold = self._hold
         if hold.torque and hold.left(elongation, soft=self.phase == Phase.REDUCED):
             hold.leave()
@@ -342,11 +347,19 @@ class Backstop:
             if seen.steady and seen.size >= self._settings.threshold:
                 self._take_up(seen)
                 self._alarm(Cause.BEYOND_HANDS)  # the wall still waits for its spring to be at rest
-        elif self._asks:
-            if phase == Phase.PROBING:
-                self._answer(self.probe.ended(seen, self._time))
-            else:
-                self._judge(seen)
+        elif not self._asks:
+            self._listen(seen)
+        elif phase == Phase.PROBING:
+            self._answer(self.probe.ended(seen, self._time))
+        else:
+            self._judge(seen)
+
+    def _listen(self, seen: Regularity) -> None:
+        """Find a hand in the probe of another axis: it needs no probe of its own."""
+        if self.phase != Phase.PROBING or self.probe.before is NEVER:
+            return
+        if self.probe.ended(seen, self._time) == Verdict.HAND:
+            self._hand = self.probe.before._replace(at=self._time)
 
     def _go_on_with(self, seen: Regularity) -> None:
         """Judge another motion with the reduced walls from now on, if the last one has died."""
@@ -463,6 +476,10 @@ class Backstop:
     def _soften_for(self, cycle: float) -> None:
         """Soften this wall for the probe of a motion with a period [s]."""
         hold, tuning, settings = self._hold, self._tuning, self._settings
+        if not self._asks:
+            last = self._asked.motion.last
+            self.probe.begin()
+            self.probe.before = sighting(last, self._time) if len(last) > 1 else NEVER
         rests = not self._begin_hold()
         loaded = abs(self._torque) > tuning.loaded_contacts * settings.torque_limit
         if rests and loaded and not hold.permitted:

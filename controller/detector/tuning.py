@@ -54,8 +54,9 @@ class Tuning:
     """The logarithm of the ratio of its durations a cycle apart is below this [1]."""
     regular: int = 2
     """A motion is regular after so many such half-cycles in a row [1]."""
-    loss: float = 0.005
-    """A regular motion dies by itself if it loses more than this fraction a cycle [1]"""
+    loss: float = 0.01
+    """A regular motion dies by itself if it loses more than this fraction a cycle [1]: with half of
+    it one that faded into a limit cycle was found 5 s late"""
     loss_counts: float = 0.45
     """and more than this in all: two mean amplitudes are off by 0.25 together [counts]"""
     loss_half_cycles: int = 6

@@ -66,8 +66,12 @@ class Belief:
 
     def is_fast(self, period: float) -> bool:
         """Whether a light load vibrates too fast to be sampled: a bare horn [period in s]."""
-        light = self.load_inertia.high <= _LIGHT * self.inertia.low
-        return self.is_flexible and light and self.flexible_hz.low * period > _FAST
+        return self.is_flexible and self.is_light and self.flexible_hz.low * period > _FAST
+
+    @property
+    def is_light(self) -> bool:
+        """Whether a load is so light that a contact hardly makes it vibrate."""
+        return self.load_inertia.high <= _LIGHT * self.inertia.low
 
     @property
     def is_known(self) -> bool:

@@ -31,6 +31,7 @@ WallSide = Literal["one", "both"]
 EVERY_DAMPING = GuardSettings(mode="off")
 """Guard settings that evaluate the limits at any damping, without clamping it."""
 _PEAK_POINTS = 33
+_NO_ENCODER = "the encoder, for which counts per turn and torque limit must be given"
 _DEFAULT_SHARES = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9)
 _BELIEVED = ("inertia", "damping", "delay", "torque_gain")
 _LOAD = (
@@ -217,9 +218,11 @@ def report(question: Question, virtual_damping: Sequence[float]) -> dict[str, An
     binding, stiffness = smallest(limits)
     rigid = np.array([np.inf]) if question.load else _evaluation(question).rigid_ceiling
     asked = (question.request, EVERY_DAMPING, question.situation, question.plants(1).period, rigid)
+    encoder = finite(float(encoder_damping(*asked)[0]))
     return {
         "max_virtual_damping": ceiling(question),
-        "encoder_damping": finite(float(encoder_damping(*asked)[0])),
+        "encoder_damping": encoder,
+        "not_examined": _NO_ENCODER if encoder is None else None,
         "peak": highest(question),
         "points": points,
         "settings": _settings(question),

@@ -15,9 +15,14 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.guard.flexible import LinkLimits, fast_ceiling
+from haptic_wall.controller.guard.flexible import (
+    LinkLimits,
+    fast_ceiling,
+    fast_limit,
+    formulas_from,
+)
 from haptic_wall.controller.guard.plants import LIGHT, Box, Plants
-from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
+from haptic_wall.controller.guard.types import OF_ENCODER, GuardSettings, Request, Situation
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.theory import one_sided_limit
 from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
@@ -31,7 +36,7 @@ _REGULAR = 1.01
 """Served interval up to which it is the period itself [periods]"""
 WIDE, SLOWLY_SAMPLED = 2.0, 0.25
 """Ratio of the ends of a vibration's frequency, and cycles per interval, above both of which longer
-intervals than the period get no stiffness and no damping: what they allow takes long to compute"""
+intervals than the period are left to the formulas: a grid takes long"""
 T = TypeVar("T")
 
 
@@ -88,13 +93,14 @@ class Evaluation:
     def vibration(self) -> FloatArray:
         """Return the same with the believed vibration of a load [N·m·s/rad]."""
         belief, rigid, p = self.situation.belief, self.rigid_ceiling, self.corners
-        if self.is_fast:
-            return np.minimum(rigid, fast_ceiling(belief, rigid))
         if not belief.is_flexible:
             return rigid
-        if self.is_starved:
-            return np.zeros_like(rigid)
-        return np.minimum(rigid, self.link.ceiling(p.period, p.delay))
+        found = rigid
+        if belief.flexible_hz.low < self.fast_from:
+            found = np.minimum(found, self.link.ceiling(p.period, p.delay))
+        if belief.flexible_hz.high >= self.fast_from:
+            found = np.minimum(found, fast_ceiling(belief, self.fast_hz, rigid, self._periods[0]))
+        return found
 
     @property
     def link(self) -> LinkLimits:
@@ -106,24 +112,44 @@ class Evaluation:
             request.velocity_filter,
             situation.inserted,
             situation.served,
+            self.fast_from,
             self.work,
         )
 
     @property
-    def is_fast(self) -> bool:
-        """Whether a believed light load vibrates too fast to be sampled."""
-        situation = self.situation
-        return situation.belief.is_fast(situation.served[0] * situation.period)
+    def _periods(self) -> tuple[float, float]:
+        served, period = self.situation.served, self.situation.period
+        return served[0] * period, served[1] * period
+
+    @cached_property
+    def fast_from(self) -> float:
+        """Return the frequency from which formulas count a load's vibration [Hz]."""
+        belief, p, request = self.situation.belief, self.corners, self.request
+        hz, longest = belief.flexible_hz, self._periods[1]
+        longer = self.situation.period > _REGULAR * self.situation.sampled
+        if longer and hz.high > WIDE * hz.low and hz.high * longest > SLOWLY_SAMPLED:
+            return hz.low
+        if self.settings.mode == "off" or request.velocity_filter is not None:
+            unbound = np.full_like(p.gain, UNBOUND)
+            return formulas_from(belief, unbound, unbound, self._periods)
+        most = np.minimum(self._wanted, self.settings.damping_cap * self.rigid_ceiling)
+        most = np.clip(OF_ENCODER * self.encoder_damping, 0.0, np.maximum(most, 0.0))
+        limit = _critical(p, request, p.gain * most) / p.gain
+        return formulas_from(belief, limit, most, self._periods)
 
     @property
-    def is_starved(self) -> bool:
-        """Whether the vibration of a link is too much in doubt for a long interval."""
-        situation = self.situation
-        belief, intervals = situation.belief, situation.period / situation.sampled
-        if not belief.is_flexible or self.is_fast or intervals < _REGULAR:
-            return False
-        hz = belief.flexible_hz
-        return hz.high > WIDE * hz.low and hz.high * situation.period > SLOWLY_SAMPLED
+    def fast_hz(self) -> float:
+        """Return the least of these frequencies that is believed [Hz]."""
+        return max(self.situation.belief.flexible_hz.low, self.fast_from)
+
+    @property
+    def fast_stiffness(self) -> FloatArray:
+        """Return what the formulas allow at each corner [N·m/rad]."""
+        belief, shortest = self.situation.belief, self._periods[0]
+        ceiling = fast_ceiling(belief, self.fast_hz, self.rigid_ceiling, shortest)
+        full = np.ones_like(ceiling)  # a load without damping allows no damping at all
+        share = np.divide(self.damping, ceiling, out=full, where=ceiling > 0.0)
+        return fast_limit(belief, self.fast_hz, self.at_corner(self.exact), share, shortest)
 
     @cached_property
     def ceiling(self) -> FloatArray:
@@ -144,17 +170,23 @@ class Evaluation:
         period, rigid = self.corners.period, self.rigid_ceiling
         return encoder_damping(self.request, self.settings, self.situation, period, rigid)
 
+    @property
+    def _wanted(self) -> FloatArray:
+        if self._asked is not None:
+            return self._asked
+        return np.full_like(self.corners.gain, self.request.damping)
+
     @cached_property
     def damping(self) -> FloatArray:
         """Return the damping that may be commanded at each corner [N·m·s/rad]."""
         p, settings = self.corners, self.settings
-        asked = np.full_like(p.gain, self.request.damping) if self._asked is None else self._asked
+        asked = self._wanted
         if settings.mode == "off":
             return asked
         cap = settings.damping_cap
         found = np.minimum(asked, cap * self.ceiling)
         found = np.where(found <= -p.damping / p.gain, -cap * p.damping / p.gain, found)
-        most = self.encoder_damping
+        most = OF_ENCODER * self.encoder_damping
         return np.clip(found, -most, most) + 0.0
 
     # Members of the belief around each corner

@@ -13,11 +13,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from haptic_wall.controller.guard.belief import HEAVIEST, LIGHTEST, Belief
+from haptic_wall.controller.guard.belief import HEAVIEST, LIGHTEST, Belief, Bounded
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.flexible_scan import FlexibleScan, Servos
@@ -30,9 +31,6 @@ _TOGETHER = 300
 _PHASE = 0.4
 """Largest step of the phase of the vibration over the delay, between frequencies of the grid and
 between its delays [rad]"""
-_HALF = np.array([-2.4, -1.2, -0.6, 0.0, 0.6, 1.2, 2.4])
-"""Distances of frequencies from half a cycle per period, over the damping ratio: on one side a
-vibration bounds the damping most, the nearer the less it is damped, on the other hardly"""
 _QUICK, _QUARTER = 0.3, 0.25
 """Friction times period over the lightest motor from which delays of the grid are nearer: the limit
 of a motor that settles within a period dips beside each whole period; their distance in periods"""
@@ -56,9 +54,18 @@ _CONTACT, _RETURNED = (0.1, 0.15, 0.3, 0.5), (0.96, 0.87, 0.6, 0.47)
 """Frequency of a contact over the vibration's, and the share of the limit that returns no more"""
 _UNBOUND = 1e12
 """Stands for no limit at all [N·m/rad]"""
-_FAST_CEILING, _FAST_COST = 0.75, 0.2
+_BY_FORMULA = 0.45
+"""Cycles per period from which formulas count a vibration. About half a cycle one that is hardly
+damped bounds the damping most on one side, and hardly on the other: no grid finds that"""
+_FAST_CEILING, _FAST_COST = 0.75, 0.1
 """Fraction of a fast vibration's ceiling, or of the rigid one, that is used; fraction of the rigid
 limit that it costs at its ceiling at most"""
+_DAMPER, _SPRING, _FRICTION = 0.2, 0.12, 0.12
+"""Rates of a damper, a spring and the motor's friction up to which formulas hold, over that of the
+vibration"""
+_COSTS, _SPLITS = 0.9, 24
+"""Fraction of the rigid limit that a formula must leave to take the place of the grid; frequencies
+that are tried"""
 
 
 class Knot(NamedTuple):
@@ -81,6 +88,7 @@ class LinkLimits:
         velocity_filter: Filter of the velocity that damps; None: none.
         inserted: The part of a delay that is neither the sample's age nor the device's lag [s].
         served: Shortest and longest interval that may take the place of a period, over it.
+        highest: Frequency above which formulas count the vibration [Hz].
         work: What was computed before for the same asker.
     """
 
@@ -91,8 +99,12 @@ class LinkLimits:
         velocity_filter: VelocityFilter | None,
         inserted: float,
         served: tuple[float, float],
+        highest: float,
         work: Work,
     ) -> None:
+        hz = belief.flexible_hz
+        most = min(hz.high, highest)
+        belief = replace(belief, flexible_hz=Bounded(min(hz.value, most), hz.low, most))
         self._belief, self._samples, self._inserted = belief, samples, inserted
         self._filter = velocity_filter
         self._notch = velocity_filter is not None and velocity_filter.kind == "notch"
@@ -231,23 +243,58 @@ def returned_share(belief: Belief, stiffness: FloatArray) -> FloatArray:
     return found
 
 
-def fast_ceiling(belief: Belief, rigid: FloatArray) -> FloatArray:
-    """Return the ceiling for a load that vibrates too fast to be sampled.
+def formulas_from(
+    belief: Belief, stiffness: FloatArray, damping: FloatArray, periods: tuple[float, float]
+) -> float:
+    """Return the frequency from which formulas count the vibration [Hz].
 
-    With cos <= 1 the formula for two masses is least at ``2 zeta omega`` times the whole inertia.
+    They do near half a cycle per period and above, and where they hardly cost anything.
 
     Args:
-        belief: One that ``is_fast``.
-        rigid: Ceiling of each plant without the vibration, in commanded units [N·m·s/rad].
+        belief: Belief with a load behind a transmission.
+        stiffness: Exact limit of the rigid servo, of each plant [N·m/rad].
+        damping: Largest that is commanded to each [N·m·s/rad].
+        periods: Shortest and longest [s].
     """
-    rate = math.tau * belief.flexible_hz.low
-    damped = 2.0 * belief.flexible_damping_ratio.low * rate * belief.inertia.low
+    low, highest = belief.flexible_hz.low, _BY_FORMULA / periods[1]
+    if low >= highest or belief.encoder != "output":
+        return highest
+    rigid = np.full_like(damping, _UNBOUND)
+    for hz in np.geomspace(low, highest, _SPLITS).tolist():
+        allowed = fast_ceiling(belief, hz, rigid, periods[0])
+        if np.all(damping < _FAST_CEILING * allowed):
+            left = fast_limit(belief, hz, stiffness, damping / allowed, periods[0])
+            if np.all(left >= _COSTS * stiffness):
+                return float(hz)
+    return highest
+
+
+def fast_ceiling(belief: Belief, hz: float, rigid: FloatArray, period: float) -> FloatArray:
+    """Return a bound of the ceiling for a vibration that is far faster than the wall's motion.
+
+    A torque that is held for a period moves the vibration by at most ``2 s / (omega² J)`` of it,
+    with ``s = sin(omega T / 2)``, and the difference of two samples over the period is at most
+    ``2 s / T`` of the amplitude. So the damper adds at most ``4 s² B / (omega² J T)`` of the
+    amplitude in a period, at any delay; the vibration loses ``1 - exp(-zeta omega T)``.
+
+    Args:
+        belief: Belief with a load behind a transmission.
+        hz: Least frequency of the vibration [Hz].
+        rigid: Ceiling of each plant without the vibration, in commanded units [N·m·s/rad].
+        period: The shortest [s].
+    """
+    rate, inertia = math.tau * hz, _moved(belief)
+    if not _follows(belief, rate):
+        return np.zeros_like(rigid)
+    lost = -math.expm1(-belief.flexible_damping_ratio.low * rate * period)
+    swing = math.sin(min(0.5 * rate * period, 0.5 * math.pi)) ** 2
+    damped = min(lost * rate**2 * inertia * period / (4.0 * swing), _DAMPER * rate * inertia)
     found: FloatArray = _FAST_CEILING * np.minimum(rigid, damped / belief.torque_gain.high)
     return found
 
 
 def fast_limit(
-    belief: Belief, exact: FloatArray, of_ceiling: FloatArray, period: FloatArray
+    belief: Belief, hz: float, exact: FloatArray, of_ceiling: FloatArray, period: float
 ) -> FloatArray:
     """Return the limit for such a load, from the rigid servo's exact limit [N·m/rad].
 
@@ -255,17 +302,34 @@ def fast_limit(
     damping takes up ``zeta omega T``. That binds only where the vibration is hardly damped.
 
     Args:
-        belief: One that ``is_fast``.
+        belief: Belief with a load behind a transmission.
+        hz: Least frequency of the vibration [Hz].
         exact: That limit of each plant [N·m/rad].
         of_ceiling: Virtual damping over ``fast_ceiling``.
-        period: Period of each plant [s].
+        period: The shortest [s].
     """
     left = 1.0 - np.clip(of_ceiling, 0.0, 1.0)
-    rate = math.tau * belief.flexible_hz.low
-    damped = belief.flexible_damping_ratio.low * rate**3 * period * belief.inertia.low
-    by_spring = _FAST_CEILING * left * damped / belief.torque_gain.high
+    rate, ratio = math.tau * hz, belief.flexible_damping_ratio.low
+    soft = rate**2 * _moved(belief) / belief.torque_gain.high
+    by_spring = np.minimum(_FAST_CEILING * left * ratio * rate * period, _SPRING**2) * soft
+    if not _follows(belief, rate):
+        return np.zeros_like(exact)
     found: FloatArray = np.minimum(exact * (1.0 - _FAST_COST * (1.0 - left)), by_spring)
     return found
+
+
+def _moved(belief: Belief) -> float:
+    """Return the inertia that a torque moves, as the encoder sees the vibration [kg·m²]."""
+    inertia, load = belief.inertia.low, belief.load_inertia.high
+    if belief.encoder == "output":
+        return inertia
+    return inertia * min(1.0, _motor(inertia, load) / load)
+
+
+def _follows(belief: Belief, rate: float) -> bool:
+    """Whether the lightest motor follows a vibration [rad/s], and friction does not hold it."""
+    motor = _motor(belief.inertia.low, belief.load_inertia.high)
+    return belief.damping.high <= _FRICTION * rate * motor
 
 
 def _all_intervals(
@@ -286,18 +350,8 @@ def _all_intervals(
     if velocity_filter is not None:
         # a filter is slower by the interval, and a notch then lies elsewhere
         even = max(even, math.ceil(velocity_filter.q * math.log(high / low) / _NOTCH))
-    halves = _halves(belief, period, hz.low * low, hz.low * high) / hz.low  # see _servos
-    return [*np.linspace(low, high, even + 1).tolist(), *halves.tolist()]
-
-
-def _halves(belief: Belief, period: float, least: float, most: float) -> FloatArray:
-    """Return frequencies about 0.5, 1.5 and so on between two [cycles per period]."""
-    whole, load = belief.inertia.low, belief.load_inertia.high
-    halves = np.arange(0.5, most + 0.5)
-    by_friction = belief.damping.low * load / (_motor(whole, load) * whole)  # [1/s]
-    ratio = belief.flexible_damping_ratio.low + by_friction * period / (2.0 * math.tau * halves)
-    near = np.outer(_HALF, ratio * halves) + halves
-    return np.unique(near[(near > least) & (near <= most + 1e-9)])
+    found: list[float] = np.linspace(low, high, even + 1).tolist()
+    return found
 
 
 def _is_quick(belief: Belief, period: float) -> bool:
@@ -366,8 +420,6 @@ def _servos(
     if 0.0 < knot.low < slow:
         more = math.ceil(math.log(slow / knot.low) / math.log(_STEPS))
         rates = np.unique([*rates, *np.geomspace(knot.low, slow, more + 1)])
-    halves = _halves(belief, period, knot.low * period, belief.flexible_hz.high * period)
-    rates = np.unique([*rates, *halves / period])
     if velocity_filter is not None and velocity_filter.kind == "notch":
         middle = velocity_filter.w0 / (math.tau * period)
         near = middle * (1.0 + _BESIDE / velocity_filter.q)

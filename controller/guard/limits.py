@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from haptic_wall.controller.guard.evaluation import UNBOUND, Evaluation, quantisation_limit
-from haptic_wall.controller.guard.flexible import fast_limit, returned_share
+from haptic_wall.controller.guard.flexible import returned_share
 from haptic_wall.controller.theory import linear_limit, passive_limit
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.harmonic import backlash_limit
@@ -217,14 +217,13 @@ class Flexible:
         """Return the least over the belief's whole box."""
         p, request, situation = at.corners, at.request, at.situation
         belief = situation.belief
-        if at.is_fast:
-            full = np.ones_like(at.damping)  # a load without damping allows no damping at all
-            share = np.divide(at.damping, at.vibration, out=full, where=at.vibration > 0.0)
-            exact = at.at_corner(at.exact)
-            return fast_limit(belief, exact, share, situation.served[0] * p.period)
-        if at.is_starved:
-            return np.zeros_like(at.damping)
-        found = at.link.stiffness(p.period, p.delay, at.damping)
+        found = np.full_like(at.damping, UNBOUND)
+        if belief.flexible_hz.low < at.fast_from:
+            found = at.link.stiffness(p.period, p.delay, at.damping)
+        if belief.flexible_hz.high >= at.fast_from:
+            found = np.minimum(found, at.fast_stiffness)
+            if belief.is_light and belief.flexible_hz.low >= at.fast_from:
+                return found
         if request.side == "both":
             return found if request.linear else self.ON_A_LINK * found
         return found * returned_share(belief, found) * np.minimum(at.one_sided_share, 1.0)

@@ -76,12 +76,17 @@ def _stiffness(decision: Decision, wall: Wall) -> Iterator[str]:
         if not decision.is_coarse:
             yield _coarse_count(decision, wall)
     elif value == 0:
-        highest = wall.settings.damping_cap * decision.damping_ceiling
         yield (
             f"no stiffness is allowed at a damping of {decision.damping:.4g} N·m·s/rad and a "
-            f"delay of {ms(decision.delay)}: give the wall virtual damping within "
-            f"0 to {highest:.4g} N·m·s/rad"
+            f"delay of {ms(decision.delay)}: give the wall {_other_damping(decision, wall)}"
         )
+
+
+def _other_damping(decision: Decision, wall: Wall) -> str:
+    if decision.damping > 0.0:
+        return "less virtual damping"
+    highest = wall.settings.damping_cap * decision.damping_ceiling
+    return f"virtual damping within 0 to {highest:.4g} N·m·s/rad"
 
 
 def _coarse_count(decision: Decision, wall: Wall) -> str:

@@ -53,8 +53,6 @@ INTERVAL_BINS = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0)
 LINK_BINS = (1.0, 1.25, 1.5, 1.75, 2.0)
 """The same where a link is believed: its limits are the least over a bin, so bins are narrower, and
 what longer intervals allow takes long to compute [periods]"""
-_INSIDE = 64
-"""Steps inside a bin in which the ring's delay is evaluated"""
 IRREGULAR_CAP = 0.5
 """Factor on ``guard.damping_cap`` in all bins but the first. Damping near the ceiling of the
 weighted interval exceeds the ceiling of the longest intervals, and some repeated patterns then grow
@@ -102,12 +100,11 @@ def served_range(intervals_ns: Sequence[int], index: int) -> tuple[float, float]
 def inserted_delays(
     steps: int, period: float, interval: float, served: tuple[float, float]
 ) -> tuple[float, float]:
-    """Return the shortest and the longest delay of the ring over the intervals of a bin [s].
+    """Return the shortest and the longest mean delay of the ring over the intervals of a bin [s].
 
     A torque leaves the ring in the first tick that is at least ``steps`` periods of the grid later.
-    Ticks at intervals that are no whole periods lie anywhere between the points of the grid, so
-    that torques wait for different numbers of ticks: their mean counts. At the bin's upper end the
-    longest wait counts.
+    Where ticks lie anywhere between the points of the grid, that is up to an interval later than
+    the last point before.
 
     Args:
         steps: Length of the ring [periods].
@@ -115,20 +112,9 @@ def inserted_delays(
         interval: Upper end of the bin [s].
         served: As of ``served_range``.
     """
-    longest = math.ceil(steps * period / interval - 1e-9) * interval
-    if not steps or interval <= period:
-        return longest, longest
-    low, high = (share * interval / period for share in served)
-    means = [
-        period * _mean_wait(steps, low + (high - low) * k / _INSIDE) for k in range(_INSIDE + 1)
-    ]
-    return min(means), max(longest, *means)
-
-
-def _mean_wait(steps: int, interval: float) -> float:
-    """Return the mean delay of the ring; all in periods, ``interval`` at least 1."""
-    ticks = math.ceil(steps / interval)
-    return interval * sum(min(steps - n * interval, 1.0) for n in range(ticks))
+    if not steps:
+        return 0.0, 0.0
+    return steps * period, (steps - 1) * period + served[1] * interval
 
 
 class BinFilter:

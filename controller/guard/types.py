@@ -16,6 +16,9 @@ Mode = Literal["stable", "passive", "off"]
 WITHIN = 1.05
 """A decision also covers intervals between ticks that are longer by up to this factor: jitter of
 22 % of a period adds 5 %, one lost reading in fifty adds 4 %."""
+OF_ENCODER = 0.8
+"""Fraction that may be commanded of the damping at which one encoder count commands all that it
+may: the rest is left for a spring"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,4 +138,4 @@ class Decision:
     def is_coarse(self) -> bool:
         """Whether one encoder count binds the damping."""
         reduced = self.damping != self.request.damping
-        return reduced and abs(self.damping) >= self.encoder_damping
+        return reduced and abs(self.damping) >= OF_ENCODER * self.encoder_damping

@@ -49,13 +49,17 @@ class Client:
 
     Args:
         connection: Connection to the page.
-        tail: Number of the first row that it gets.
         turns: Whether it may turn knobs.
+
+    Attributes:
+        axis: Name of the axis that it shows.
+        tail: Number of the next row that it gets.
     """
 
-    def __init__(self, connection: ServerConnection, tail: int, *, turns: bool) -> None:
+    def __init__(self, connection: ServerConnection, *, turns: bool) -> None:
         self._connection = connection
-        self.tail = tail
+        self.axis = ""
+        self.tail = 0
         self.turns = turns
         self.asks: asyncio.Task[None] | None = None
         """Its change that is under way"""

@@ -71,14 +71,15 @@ def _imported() -> Callable[
     [dict[str, Any], Live, Callable[[], bool]], tuple[LiveServer, Callable[[], bool]]
 ]:
     """Import what reads the rows; return what makes the server of a run and its end."""
-    from haptic_wall.controller.live.running_view import view_of
+    from haptic_wall.controller.live.running_view import views_of
     from haptic_wall.controller.live.server import LiveServer
     from haptic_wall.controller.runtime.idle_window import until_idle_window
 
     def made(
         orders: dict[str, Any], live: Live, ends: Callable[[], bool]
     ) -> tuple[LiveServer, Callable[[], bool]]:
-        view, news, telemetry = view_of(orders)
+        views, news, telemetry = views_of(orders)
+        period_ns: int = orders["period_ns"]
 
         def until() -> bool:
             over = ends()
@@ -86,8 +87,8 @@ def _imported() -> Callable[
             return over
 
         def pause(wanted_s: float) -> float:
-            return until_idle_window(telemetry.words, view.config.period_ns, wanted_s)
+            return until_idle_window(telemetry.words, period_ns, wanted_s)
 
-        return LiveServer(view, live.host, live.token, Path(orders["run"]), pause), until
+        return LiveServer(views, live.host, live.token, Path(orders["run"]), pause), until
 
     return made

@@ -29,7 +29,7 @@ def is_number(value: object, most: float = 1e300) -> TypeGuard[int | float]:
     return type(value) in (int, float) and abs(value) < most  # type: ignore[arg-type]
 
 
-def sets_of(changes: object) -> list[str] | None:
+def sets_of(changes: object, axis: str = "") -> list[str] | None:
     """Return changes as ``PATH=VALUE``; None: they are not what a page may change.
 
     It may change numbers, and choose one of the laws that come with the program, and the wall's
@@ -37,6 +37,7 @@ def sets_of(changes: object) -> list[str] | None:
 
     Args:
         changes: A mapping from path to value, as a page sent it.
+        axis: Name of the axis whose wall is meant; empty: there is one without a name.
     """
     if not isinstance(changes, dict) or not changes:
         return None
@@ -46,7 +47,11 @@ def sets_of(changes: object) -> list[str] | None:
                 return None
         elif path not in NUMBERS or not is_number(value):
             return None
-    return [f"{path}={json.dumps(value)}" for path, value in changes.items()]
+    whose = f"axes.{axis}." if axis else ""
+    return [
+        f"{whose if path.startswith('wall.') else ''}{path}={json.dumps(value)}"
+        for path, value in changes.items()
+    ]
 
 
 async def ask(run: Path, sets: list[str], tell: Callable[[dict[str, Any]], None]) -> None:

@@ -1,4 +1,4 @@
-"""Makes the view of a running wall, from what its supervisor sends."""
+"""Makes the views of a running wall, one for each axis, from what its supervisor sends."""
 
 from __future__ import annotations
 
@@ -24,18 +24,26 @@ _MOST_NEWS = 65_536
 
 
 class News:
-    """Receives messages of the supervisor about the run, and passes them to the view.
+    """Receives messages of the supervisor about the run, and passes them to the views.
 
     Args:
         line: Socket from the supervisor; each message is one JSON object.
         telemetry: Of the run.
-        view: View of the run.
+        config: Configuration at its start.
+        views: Of each axis by name.
     """
 
-    def __init__(self, line: socket.socket, telemetry: Telemetry, view: View) -> None:
+    def __init__(
+        self,
+        line: socket.socket,
+        telemetry: Telemetry,
+        config: Config,
+        views: Mapping[str, View],
+    ) -> None:
         self._line = line
         self._words = telemetry.words
-        self._view = view
+        self._config = config
+        self._views = views
         self.over = False
         """Whether the run has ended, and nothing more comes"""
 
@@ -55,36 +63,52 @@ class News:
         self._line.close()
 
     def _show(self, news: dict[str, Any]) -> None:
-        view, origin_ns = self._view, self._words[Word.BEGAN_NS]
+        views, origin_ns = self._views.values(), self._words[Word.BEGAN_NS]
         if "note" in news and origin_ns:
             at_ns = news["at_ns"] - self._words[Word.OFFSET_NS]
-            view.add([Mark((at_ns - origin_ns) * 1e-9, "note", news["note"])])
+            mark = Mark((at_ns - origin_ns) * 1e-9, "note", news["note"])
+            for view in views:
+                view.add([mark])
         elif "ended" in news:
-            view.end(f"the run is over: {news['ended']}")
+            for view in views:
+                view.end(f"the run is over: {news['ended']}")
         elif "change" in news:
             change = news["change"]
             if change["outcome"] == "applied":
                 with contextlib.suppress(HapticWallError):
-                    view.change(changed(view.config, change["set"]), change["at_s"])
+                    self._change(changed(self._config, change["set"]), change["at_s"])
             if change["at_s"] is not None:
-                view.add([change_mark(change)])
+                for view in views:
+                    view.add([change_mark(change)])
+
+    def _change(self, config: Config, at_s: float | None) -> None:
+        before, self._config = self._config.each, config
+        for name, each in config.each.items():
+            if each != before[name]:
+                self._views[name].change(each, at_s)
 
 
-def view_of(orders: Mapping[str, Any]) -> tuple[View, News, Telemetry]:
-    """Return the view of a running wall, its news, and its rows.
+def views_of(orders: Mapping[str, Any]) -> tuple[dict[str, View], News, Telemetry]:
+    """Return the views of a running wall, its news, and its rows.
 
     Args:
-        orders: Of the run's supervisor; the view takes the descriptors in them.
+        orders: Of the run's supervisor; the views take the descriptors in them.
     """
-    telemetry = Telemetry(orders["telemetry"])
     config = Config.model_validate_json(orders["config"], context=RUNS)
-    view = View(
-        config,
-        orders["name"],
-        RunningSource(telemetry, config.period_ns),
-        recorded=False,
-        hand=None if orders["hand"] is None else SharedHand(orders["hand"]),
-        dead_man=DeadMan(telemetry.words) if orders["dead_man"] else None,
-        now_ns=lambda: time.monotonic_ns() - telemetry.words[Word.OFFSET_NS],
-    )
-    return view, News(socket.socket(fileno=orders["news"]), telemetry, view), telemetry
+    telemetry = Telemetry(orders["telemetry"], axes=len(config.each))
+    hand = None if orders["hand"] is None else SharedHand(orders["hand"])
+    dead_man = DeadMan(telemetry.words) if orders["dead_man"] else None
+    first = next(iter(config.each))
+    views = {
+        name: View(
+            each,
+            orders["name"],
+            RunningSource(telemetry, config.period_ns, [*config.each], name),
+            recorded=False,
+            hand=hand if name == first else None,
+            dead_man=dead_man,
+            now_ns=lambda: time.monotonic_ns() - telemetry.words[Word.OFFSET_NS],
+        )
+        for name, each in config.each.items()
+    }
+    return views, News(socket.socket(fileno=orders["news"]), telemetry, config, views), telemetry

@@ -19,13 +19,15 @@ MOST_ROWS: Final = 900_000
 
 
 class Source(Protocol):
-    """Rows of a run.
+    """Rows of a run, for the view of one axis.
 
     Attributes:
         capacity: Number of rows that a page keeps.
+        others: Names of the other axes, whose rows come with them.
     """
 
     capacity: int
+    others: list[str]
 
     def origin_ns(self) -> int:
         """Return the zero of the time [ns]; 0: not known yet."""
@@ -35,25 +37,38 @@ class Source(Protocol):
         """Return the servo's supply [V] and temperature [°C]; None: not known."""
         ...
 
+    def stopped(self) -> bool:
+        """Whether the axis of the view ended the run, as one of several."""
+        ...
+
     def first(self) -> int:
         """Return the number of the first row for a client that comes now."""
         ...
 
     def read(self, tail: int, most: int) -> tuple[NDArray[np.void], int]:
-        """Return rows from ``tail`` on, and the next tail; see ``Telemetry.read``."""
+        """Return rows from ``tail`` on, and the next tail; see ``Telemetry.read``.
+
+        Their shape is (n, 1 + others): the axis of the view is the first.
+        """
         ...
 
 
 class RunningSource:
-    """The rows of a running loop's first axis.
+    """The rows of one axis of a running loop.
 
     Args:
         telemetry: Its memory.
         period_ns: Of the loop [ns].
+        axes: Names of all axes.
+        axis: Name of the one of the view.
     """
 
-    def __init__(self, telemetry: Telemetry, period_ns: int) -> None:
+    def __init__(
+        self, telemetry: Telemetry, period_ns: int, axes: Sequence[str] = ("",), axis: str = ""
+    ) -> None:
         self._telemetry = telemetry
+        self.others = [name for name in axes if name != axis]
+        self._order = [axes.index(name) for name in (axis, *self.others)]
         self.capacity = round(BACK_S * 1e9 / period_ns)
 
     def origin_ns(self) -> int:
@@ -66,18 +81,22 @@ class RunningSource:
         found = words[Word.SUPPLY_MV] / 1e3, words[Word.TEMPERATURE_MC] / 1e3
         return found if found[0] else None
 
+    def stopped(self) -> bool:
+        """Whether the axis of the view ended the run, as one of several."""
+        return bool(self._telemetry.words[Word.STOP_AXIS] == self._order[0] + 1)
+
     def first(self) -> int:
         """Return the number of the row a minute ago."""
         return max(0, int(self._telemetry.words[Word.HEAD]) - self.capacity)
 
     def read(self, tail: int, most: int) -> tuple[NDArray[np.void], int]:
         """Return rows from ``tail`` on, and the next tail; see ``Telemetry.read``."""
-        rows, tail = self._telemetry.read(tail, most)
-        return rows[:, 0], tail
+        rows, after = self._telemetry.read(tail, most)
+        return rows[:, self._order], after
 
 
 class LoggedSource:
-    """The rows of a log, in memory.
+    """The rows of one axis of a log, in memory.
 
     Args:
         log: The log, or a stretch of it.
@@ -104,6 +123,7 @@ class LoggedSource:
         self.rows = np.concatenate(blocks)
         self._origin_ns = log.origin_ns
         self.capacity = len(self.rows)
+        self.others: list[str] = []
 
     def origin_ns(self) -> int:
         """Return the deadline of the log's first row [ns]."""
@@ -111,6 +131,10 @@ class LoggedSource:
 
     def health(self) -> None:
         """Return None: a log does not have it."""
+
+    def stopped(self) -> bool:
+        """Return False: the end of a log says it in words."""
+        return False
 
     def since(self, numbers: Sequence[int]) -> list[tuple[int, float]]:
         """Return place and time [s] of each row, by its number; without those behind the end."""
@@ -125,5 +149,5 @@ class LoggedSource:
 
     def read(self, tail: int, most: int) -> tuple[NDArray[np.void], int]:
         """Return rows from place ``tail`` on, and the next place."""
-        rows = self.rows[tail : tail + most]
+        rows = self.rows[tail : tail + most, np.newaxis]
         return rows, tail + len(rows)

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.errors import HapticWallError
 from haptic_wall.controller.live.client import Client
 from haptic_wall.controller.live.dead_man import DeadMan
@@ -73,7 +74,7 @@ class View:
         self._hello = {
             "kind": "hello",
             "name": name,
-            "channels": CHANNELS,
+            "channels": [*CHANNELS, *(f"{other}.position_rad" for other in source.others)],
             "rate_hz": config.loop.rate_hz,
             "capacity": source.capacity,
             "recorded": recorded,
@@ -94,6 +95,12 @@ class View:
         """Commanded now [N·m/rad]; not a number: not known yet"""
         self.delay = math.nan
         """That the guard uses [s]; not a number: not known yet"""
+        self.torque = math.nan
+        """Sent last [N·m]; not a number: not known yet"""
+        self.off = True
+        """The wall is off"""
+        self.alarm = False
+        """An oscillation is seen now"""
         self._map: dict[str, Any] = {}
         self._map_of: tuple[Config, float] | None = None
         self._laws: deque[dict[str, Any]] = deque(maxlen=MOST_LAWS)
@@ -103,9 +110,14 @@ class View:
         self._health: dict[str, Any] = {}
         self._ended = ""
 
-    def welcome(self, client: Client, *, controls: bool) -> None:
-        """Send a new client everything that the other clients already have."""
-        client.tell(self._hello | {"controls": controls})
+    def welcome(self, client: Client, hello: Mapping[str, Any]) -> None:
+        """Send a new client everything that the other clients already have.
+
+        Args:
+            client: The page.
+            hello: What is its own in the first message.
+        """
+        client.tell({**self._hello, **hello})
         client.tell({"kind": "wall", **self._wall()})
         client.tell({"kind": "marks", "marks": [mark.plain() for mark in self._marks]})
         client.tell({"kind": "laws", "laws": list(self._laws)})
@@ -217,9 +229,10 @@ class View:
     def look(self, most: int) -> None:
         """Process the new rows, at most ``most`` of them."""
         origin_ns = self.source.origin_ns()
-        rows, tail = self.source.read(self._tail, most)
-        if not origin_ns or not len(rows):
+        all_rows, tail = self.source.read(self._tail, most)
+        if not origin_ns or not len(all_rows):
             return
+        rows = all_rows[:, 0]
         self._tail = tail
         self.add(self._finder.look(rows, origin_ns))
         position = rows["position"][np.isfinite(rows["position"])]
@@ -232,6 +245,31 @@ class View:
         self.stiffness = float(rows["stiffness"][-1])
         self._on_stiffness = self.stiffness or self._on_stiffness
         self.delay = float(rows["delay_s"][-1])
+        self.torque = float(rows["torque"][-1])
+        self.off = bool(rows["flags"][-1] & (FLAG_WARM_UP | FLAG_OFF))
+        self.alarm = bool(rows["oscillation"][-1] >= State.SUSTAINED)
+
+    def state(self) -> dict[str, Any]:
+        """Return what the strip of all axes shows of this one; null: not known yet.
+
+        ``position`` [rad], the drawn range from ``low`` to ``high`` and the ``edges`` of the law in
+        it [rad], whether it pushes at each end of the range (``walls``), ``torque`` [N·m],
+        ``stiffness`` [N·m/rad], ``off``, ``alarm``, and whether it ``stopped`` the run.
+        """
+        law = self._laws[-1] if self._laws else {}
+        torque = law.get("torque", [0.0])
+        return {
+            "position": _finite(self.shaft),
+            "low": law.get("low"),
+            "high": law.get("high"),
+            "edges": law.get("edges", []),
+            "walls": [torque[0] != 0.0, torque[-1] != 0.0],
+            "torque": _finite(self.torque),
+            "stiffness": _finite(self.stiffness),
+            "off": self.off,
+            "alarm": self.alarm,
+            "stopped": self.source.stopped(),
+        }
 
     def draw_law(self) -> None:
         """Send the curve of the law if the law or the range of motion has changed.
@@ -287,6 +325,10 @@ class View:
         data = self.config.model_dump(mode="json")
         travel = data["safety"]["travel"]
         return {"wall": data["wall"], "delay_steps": data["delay"]["steps"], "travel": travel}
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def _limits(config: Config, delay: float) -> dict[str, Any]:

@@ -93,8 +93,8 @@ def _stiffest(found: Mapping[str, Any]) -> Iterator[str]:
         f"{stiffest}"
     )
     yield f"limit    {_name(design['binding'])}, {design['stiffness']:.4g} N·m/rad"
-    if found["encoder_damping"] is None:
-        yield "not examined: the encoder, for which counts per turn and torque limit must be given"
+    if found["not_examined"] is not None:
+        yield f"not examined: {found['not_examined']}"
 
 
 def _aligned(rows: Sequence[Sequence[str]]) -> Iterator[str]:

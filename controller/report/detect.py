@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,27 +13,21 @@ from haptic_wall.controller.logs.recording import Part
 from haptic_wall.controller.report.style import BLUE, GREY, INK, ORANGE, PAGE, grid, picture, shade
 
 _SHADES = {State.DECAYING: "#e3efe4", State.SUSTAINED: "#fbe3c8", State.GROWING: "#f6c6c0"}
-
-
-SLICES = 2500
-"""Slices of a part's time axis"""
 MOST_PARTS = 200
 
 
 def plot_detection(parts: Sequence[Part], found: Sequence[DetectionRecord], path: Path) -> None:
     """Draw position and amplitude over the detector's state, and the frequency below.
 
-    Of very many parts, the first are drawn; of a long one, each slice's extremes.
+    Of very many parts, the first are drawn.
 
     Raises:
         OSError: The file cannot be written.
     """
     with picture(path, PAGE, 4.4) as figure:
         motion, pace = figure.subplots(2, 1, sharex=True, height_ratios=[2.6, 1.0])
-        for number, (whole, seen_in) in enumerate(
-            list(zip(parts, found, strict=True))[:MOST_PARTS]
-        ):
-            part, record = _telling(whole, seen_in)
+        drawn = list(zip(parts, found, strict=True))[:MOST_PARTS]
+        for number, (part, record) in enumerate(drawn):
             first = number == 0
             label = "position" if first else None
             motion.plot(part.times, part.positions, color=INK, lw=0.7, label=label)
@@ -58,21 +51,3 @@ def plot_detection(parts: Sequence[Part], found: Sequence[DetectionRecord], path
         pace.set_xlabel("time [s]")
         for each in (motion, pace):
             grid(each)
-
-
-def _telling(part: Part, record: DetectionRecord) -> tuple[Part, DetectionRecord]:
-    """Return few of the samples of a long part: of each slice the ends, extremes, worst state."""
-    if part.times.size <= 4 * SLICES:
-        return part, record
-    places: set[int] = set()
-    for inside in np.array_split(np.arange(part.times.size), SLICES):
-        position = part.positions[inside]
-        worst = int(np.argmax(record.state[inside]))
-        tells = [0, worst, worst + 1, inside.size - 1, int(np.argmax(record.amplitude[inside]))]
-        if np.isfinite(position).any():
-            tells += [int(np.nanargmin(position)), int(np.nanargmax(position))]
-        places.update(int(inside[min(each, inside.size - 1)]) for each in tells)
-    some = np.array(sorted(places))
-    names = ("state", "frequency_hz", "amplitude", "growth", "alarm")
-    few = {name: getattr(record, name)[some] for name in names}
-    return Part(part.times[some], part.positions[some], None), replace(record, **few)

@@ -1,21 +1,22 @@
-"""Draws an identification: measured and fitted motion, the torque, and the residual."""
+"""Draws a fit of a servo's motion: measured and fitted positions, the torque, and the residual."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from haptic_wall.controller.experiments.identify.identification import Identified, whole_motion
+from haptic_wall.controller.experiments.identify.motion import Motion, Pieces
 from haptic_wall.controller.experiments.identify.text import row_text
+from haptic_wall.controller.experiments.recorded.estimate import Recorded
+from haptic_wall.controller.experiments.recorded.text import UNITS
 from haptic_wall.controller.report import style
+from haptic_wall.controller.theory.checks import FloatArray
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-_PARTS = 3.0
-"""Height of the first panel relative to the others"""
+_PARTS, _HEIGHT = (3.0, 1.3, 1.3), 5.6
+"""Relative heights of the panels: position, torque, residual; height of all three [inch]"""
 
 
 def plot_identification(found: Identified, name: str, path: Path) -> None:
@@ -29,42 +30,73 @@ def plot_identification(found: Identified, name: str, path: Path) -> None:
     Raises:
         OSError: The file cannot be written.
     """
-    motion = whole_motion(found)
-    begin = float(motion.position[0])
-    with style.picture(path, style.PAGE, 5.6) as figure:
-        figure.suptitle(_title(found, name), fontsize=8.5, ha="left", x=0.01)
-        axes = figure.subplots(3, 1, sharex=True, height_ratios=[_PARTS, 1.3, 1.3])
-        axes[0].plot(motion.sampled, motion.position - begin, color=style.INK, linewidth=0.7)
-        _fitted(axes[0], axes[2], found, begin)
-        axes[0].set_ylabel("position [rad]")
-        axes[1].step(motion.sent, motion.torque, where="post", color=style.GREY, linewidth=0.7)
-        axes[1].set_ylabel(r"torque [N$\cdot$m]")
-        axes[2].set_ylabel("residual [mrad]")
-        axes[2].set_xlabel("time [s]")
-        for ax in axes:
-            style.grid(ax)
-        axes[0].plot([], [], color=style.INK, linewidth=0.7, label="measured")
-        axes[0].plot(
-            [], [], color=style.ORANGE, linewidth=1.0, linestyle="--", label="fitted, in pieces"
-        )
-        axes[0].plot([], [], color=style.GREY, linewidth=0.6, linestyle=":", label="half a count")
-        style.legend_above(axes[0], columns=3)
-
-
-def _fitted(ax: Axes, below: Axes, found: Identified, begin: float) -> None:
-    pieces = found.fit.pieces
-    level = 1e3 * found.rounding * np.sqrt(3.0)
-    for time, measured, fitted, held in zip(
-        pieces.sampled, pieces.position, found.fit.fitted, pieces.held, strict=True
-    ):
-        t = time[held]
-        ax.plot(t, fitted[held] - begin, color=style.ORANGE, linewidth=1.0, linestyle="--")
-        below.plot(t, 1e3 * (fitted - measured)[held], color=style.BLUE, linewidth=0.5)
-    for sign in (-1.0, 1.0):
-        below.axhline(sign * level, color=style.GREY, linewidth=0.6, linestyle=":")
-
-
-def _title(found: Identified, name: str) -> str:
     rows = [row_text(found, key) for key in ("inertia", "damping", "coulomb", "delay")]
     left = f"residual {1e3 * found.residual:.3g} mrad, {1e3 * found.noise:.3g} by noise"
-    return f"{style.titled(name)}: {rows[0]}, {rows[1]},\n{rows[2]}, {rows[3]}; {left}"
+    title = f"{style.titled(name)}: {rows[0]}, {rows[1]},\n{rows[2]}, {rows[3]}; {left}"
+    half = np.sqrt(3.0) * found.rounding
+    _plot_fit(title, [whole_motion(found)], found.fit.pieces, found.fit.fitted, half, path)
+
+
+def plot_recorded(found: Recorded, name: str, path: Path) -> None:
+    """Draw measured and fitted motion, and the residuals, as PNG.
+
+    Args:
+        found: The estimates from the record, with a fit.
+        name: Name of the record, for the title.
+        path: Path of the picture.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    shot = found.shot
+    assert shot is not None, "without a fit there is nothing to draw"
+    values = [
+        f"{word} {each} {UNITS[word]}"
+        for word in ("inertia", "damping", "coulomb")
+        if (each := found.known.get(word)) is not None
+    ]
+    said = ", ".join(values) or "no scale"
+    left = f"residual {np.round(1e3 * shot.rms, 2)} mrad"
+    title = f"{style.titled(name)}: {found.chosen},\n{said}; {left}"
+    _plot_fit(title, found.stretches, shot.pieces, shot.fitted, 0.5 * found.step, path)
+
+
+def _plot_fit(
+    title: str,
+    motions: Sequence[Motion],
+    pieces: Pieces,
+    fitted: FloatArray,
+    half: float,
+    path: Path,
+) -> None:
+    """Draw motions, the fit to their pieces, and half a count of the encoder [rad]."""
+    torque = any(motion.driven for motion in motions)
+    parts = [*_PARTS[: 1 + torque], _PARTS[-1]]
+    with style.picture(path, style.PAGE, _HEIGHT * sum(parts) / sum(_PARTS)) as figure:
+        figure.suptitle(title, fontsize=8.5, ha="left", x=0.01)
+        axes = figure.subplots(len(parts), 1, sharex=True, height_ratios=parts)
+        above, below = axes[0], axes[-1]
+        for motion in motions:
+            above.plot(motion.sampled, motion.position, color=style.INK, linewidth=0.7)
+            if torque:
+                look = {"where": "post", "color": style.GREY, "linewidth": 0.7}
+                axes[1].step(motion.sent, motion.torque, **look)
+                axes[1].set_ylabel(r"torque [N$\cdot$m]")
+        for time, measured, model, held in zip(
+            pieces.sampled, pieces.position, fitted, pieces.held, strict=True
+        ):
+            t, left = time[held], 1e3 * (model - measured)[held]
+            above.plot(t, model[held], color=style.ORANGE, linewidth=1.0, linestyle="--")
+            below.plot(t, left, color=style.BLUE, linewidth=0.5)
+        for sign in (-1e3, 1e3):
+            below.axhline(sign * half, color=style.GREY, linewidth=0.6, linestyle=":")
+        above.set_ylabel("position [rad]")
+        below.set_ylabel("residual [mrad]")
+        below.set_xlabel("time [s]")
+        for ax in axes:
+            style.grid(ax)
+        dashed = {"color": style.ORANGE, "linewidth": 1.0, "linestyle": "--"}
+        above.plot([], [], color=style.INK, linewidth=0.7, label="measured")
+        above.plot([], [], label="fitted, in pieces", **dashed)
+        above.plot([], [], color=style.GREY, linewidth=0.6, linestyle=":", label="half a count")
+        style.legend_above(above, columns=3)

@@ -128,6 +128,9 @@ def _motion(report: Mapping[str, Any]) -> Lines:
                 parts[0] += f", {number(seen[key])} {unit}"
         if seen.get("first_alarm_s") is not None:
             parts.append(f"alarm after {number(seen['first_alarm_s'])} s")
+        if probes := seen.get("probes"):
+            times = "1 probe" if probes == 1 else f"{probes} probes"
+            parts.append(f"{times}, wall softer for {seen['probed_s']:.2g} s")
         share = (seen.get("reduced_to") or {}).get("stiffness", 1.0)
         if share < 1.0:
             parts.append(f"wall reduced to {100.0 * share:.0f} %")

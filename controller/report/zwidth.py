@@ -15,8 +15,8 @@ from haptic_wall.controller.settings.model import Wall
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_LINEAR = 1.5
-"""Decades of room for the linear part of the damping axis, up to the guard's best damping"""
+_LINEAR = 0.5
+"""End of the nearly linear part of the damping axis, over the guard's best damping"""
 
 
 def plot_zwidth(widths: Sequence[Width], wall: Wall, name: str, path: Path) -> None:
@@ -39,6 +39,8 @@ def plot_zwidth(widths: Sequence[Width], wall: Wall, name: str, path: Path) -> N
 
 
 def _plane(ax: Axes, widths: list[Width], wall: Wall) -> None:
+    from matplotlib.ticker import FixedLocator
+
     top = 1e-9
     least = np.inf
     for width, colour in zip(widths, style.shades(len(widths)), strict=True):
@@ -62,7 +64,9 @@ def _plane(ax: Axes, widths: list[Width], wall: Wall) -> None:
             elinewidth=0.8,
         )
     ax.plot([wall.damping], [wall.stiffness], "*", color=style.INK, ms=7)
-    ax.set_xscale("symlog", linthresh=top, linscale=_LINEAR)
+    ax.set_xscale("asinh", linear_width=_LINEAR * top)
+    decades = 10.0 ** np.arange(np.ceil(np.log10(0.2 * top)), 9.0)
+    ax.xaxis.set_major_locator(FixedLocator([0.0, *decades.tolist()]))
     ax.set_yscale("log")
     ax.set_xlim(left=0.0)
     if np.isfinite(least):

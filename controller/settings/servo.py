@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import MISSING, fields
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
@@ -40,11 +41,19 @@ Baud = Annotated[
 ]
 """Values of the Baud Rate register of the X series. Source: ROBOTIS e-manual."""
 
+_NEXT_FAULT = re.compile(r"[\s,]+(?=[^=,\s]+(?:[:,\s]|$))")
+"""Between two faults of one text; a comma before ``key=`` is within a fault"""
+
 
 def _listed(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
-    """Let one text be a list of its words, and a list be what pydantic calls a tuple."""
+    """Return the faults of a text, or of a list.
+
+    YAML parts a list at every comma, that of one fault too.
+    """
+    if isinstance(found, list) and all(isinstance(each, str) for each in found):
+        found = ",".join(found)
     if isinstance(found, str):
-        return tuple(found.split())
+        return tuple(_NEXT_FAULT.split(found.strip())) if found.strip() else ()
     return tuple(found) if isinstance(found, list) else found
 
 
@@ -142,7 +151,7 @@ class Servo(_Truth):
     faults: Annotated[tuple[str, ...], BeforeValidator(_listed)] = setting(
         (),
         "Faults to inject into the emulated bus, as for haptic-wall emulate --fault, e.g. "
-        "drop:p=0.01; several as a list, or in one text with blanks between them",
+        "drop:p=0.01; several as a list, or in one text with blanks or commas between them",
         used_by=_EMULATED,
     )
     fault_seed: Whole = setting(0, "Seed of the faults", ge=0, le=2**32, used_by=_EMULATED)

@@ -63,6 +63,7 @@ def test_without_an_encoder_the_answer_says_what_lacks(cli: Cli) -> None:
     """Not that a given option is missing, nor that a configuration lacks an option it refuses."""
     for words in (LOOP, (*LOOP, "--counts-per-rev=4096")):
         told = cli("boundary", *words, "--virtual-damping=0.1")[1]
+        assert cli.json("boundary", *words)["not_examined"] in told
         assert "the encoder, for which counts per turn and torque limit must be given" in told
     assert "boundary [OPTIONS] [CONFIG]" in cli("boundary", "--help")[1]
 

@@ -43,6 +43,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             "--hold: found two sources, wanted one",
         ),
         (["--set=loop.clock=monotonic", "--hold", "page"], "add --live --live-control"),
+        (["--plot", "a.png", "--no-plot"], "found both --plot and --no-plot"),
         (["--plot", "a.svg"], "--plot a.svg: found a name ending in .svg"),
         (["--log", "."], "--log: . is a folder"),
         (["--log", 300 * "x"], "File name too long; name another place"),
@@ -218,7 +219,7 @@ def test_what_became_of_the_shaft_goes_before_what_became_of_the_log(
 @pytest.mark.parametrize(
     ("sets", "status"),
     [
-        (["wall.law=detents", "wall.count=12", "wall.damping=5"], 3),
+        (["servo.damping=0", "wall.damping=0"], 3),
         (["wall.stiffness=0"], 0),
         (["guard.mode=off", "wall.damping=5"], 0),
     ],

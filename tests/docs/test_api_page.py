@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -28,9 +29,8 @@ for path in sys.argv[1:]:
 def test_the_examples_run(tmp_path: Path, wholly: bool) -> None:
     paths = []
     for number, example in enumerate(EXAMPLES if wholly else EXAMPLES[1:]):
-        name = re.match(r"# (\w+\.py)\n", example)
         patient = re.sub(r'"servo.(hand|port)"', r'"realtime.profile": "off", \g<0>', example)
-        paths.append(tmp_path / (name[1] if name else f"example{number}.py"))
+        paths.append(tmp_path / f"example{number}.py")
         paths[-1].write_text(patient)
     told: list[list[str]] = []
     for some in [[path] for path in paths] if wholly else [paths]:  # alone, or in one process
@@ -50,6 +50,14 @@ def test_the_examples_run(tmp_path: Path, wholly: bool) -> None:
     assert float(told[2][-1]) == 1e6
     assert float(told[-2][0]) > 0.0
     assert told[-1][0] == "duration"
+
+
+def test_the_law_on_its_page_is_one() -> None:
+    (example,) = re.findall(r"^```python\n(.*?)^```", text_of("docs/how-to/laws.md"), re.M | re.S)
+    there: dict[str, Any] = {}
+    exec(example, there)
+    law: haptic_wall.Law = there["Ridge"]()
+    assert law.low < 0.0 < law.high and law.torque(0.1) > 0.0
 
 
 def test_every_name_is_on_the_page() -> None:

@@ -135,13 +135,10 @@ def run_quickly(
         assert f"Port {nowhere} does not exist" in capsys.readouterr().err
         return status, 4
     # A record is kept by an emulator in its own process only; what is watched runs in real time.
-    for option in ("--witness", "--stream", "--stream-rate"):
-        if option in words:
-            at = words.index(option)
-            words = words[:at] + words[at + 2 :]
-    words = [
-        word for word in words if word not in ("--stream-anywhere", "--live", "--live-control")
-    ]
+    if "--witness" in words:
+        at = words.index("--witness")
+        words = words[:at] + words[at + 2 :]
+    words = [word for word in words if word not in ("--live", "--live-control")]
     tripping = "safety.max_speed=0.5" in sets
     extra = [] if tripping else extra
     return call(["run", *words, *extra, "--set", "loop.clock=simulated"]), 3 if tripping else 0
@@ -232,16 +229,13 @@ def test_commands_of_the_program(
         assert (folder / csv).read_text().startswith("time_s,position_rad,torque_nm,")
 
 
+@pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize("found", OTHERS, ids=shown)
-def test_other_commands(found: tuple[str, tuple[str, ...]], folder: Path) -> None:
+def test_other_commands(found: tuple[str, tuple[str, ...]]) -> None:
     _, words = found
     match words:
         case (".", activate):
             assert activate == ".venv/bin/activate"
-        case ("cp", preset, copy):
-            (folder / copy).unlink(missing_ok=True)
-            subprocess.run(words, check=True)
-            assert load_config(copy) and preset.startswith("config/")
         case ("sqlite3", log, query):
             quick = ["--duration=0.1", "--set=loop.clock=simulated", "--no-plot"]
             assert call(["run", "--log", log, *quick]) == 0

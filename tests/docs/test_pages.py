@@ -52,7 +52,7 @@ def test_every_page_is_in_the_list_of_pages() -> None:
     """Or in a folder that is, as the decisions are."""
     text = text_of("docs/README.md")
     listed = {
-        ROOT / "docs" / path for path in re.findall(r"^\| \[.*?\]\(([^)#]+)\) \|", text, re.M)
+        ROOT / "docs" / path for path in re.findall(r"^\| ?\[.*?\]\(([^)#]+)\) ?\|", text, re.M)
     }
     missing = {page for page in PAGES[1:] if not listed & {page, *page.parents}}
     assert missing == {ROOT / "docs" / "README.md"}
@@ -60,7 +60,7 @@ def test_every_page_is_in_the_list_of_pages() -> None:
 
 def test_every_page_of_evidence_is_in_its_list() -> None:
     text = text_of("docs/evidence/README.md")
-    listed = re.findall(r"^\| \[.*?\]\(([^)#]+)\) \|", text, re.M)
+    listed = re.findall(r"^\| ?\[.*?\]\(([^)#]+)\) ?\|", text, re.M)
     pages = {page.name for page in (ROOT / "docs" / "evidence").glob("*.md")}
     assert sorted(listed) == sorted(pages - {"README.md"})
 
@@ -119,7 +119,7 @@ def report_keys_named() -> set[str]:
     return {
         key
         for line in table.splitlines()
-        if line.startswith("| `")
+        if re.match(r"\| ?`", line)
         for key in re.findall(r"`([\w.]+)`", line.split("|")[1])
     }
 
@@ -153,7 +153,7 @@ def test_every_key_of_the_report_is_explained(capsys: pytest.CaptureFixture[str]
 
 def test_every_column_of_the_log_is_explained() -> None:
     page = text_of("docs/how-to/logs.md")
-    rows = re.findall(r"^\| `(\w+)` \| `(\w+)` \|", page, re.M)
+    rows = re.findall(r"^\| ?`(\w+)` ?\| ?`(\w+)` ?\|", page, re.M)
     assert dict(rows) == COLUMNS
     assert set(not_none(ROW.names)) == set(COLUMNS.values())
 
@@ -166,12 +166,11 @@ def test_the_version_is_that_of_changes_and_citation() -> None:
 
 
 def test_every_start_up_check_is_explained() -> None:
-    config = load_config("emulated-ideal", ["loop.clock=simulated"]).config
-    bus = open_bus(config.servos(), SimulatedClock())
+    bus = open_bus(load_config("emulated-arm").config.servos(), SimulatedClock())
     try:
-        (checks,) = bus.start()
+        checks = bus.start()[0]
     finally:
         bus.close()
-    page = text_of("docs/reference/start-up.md").partition("| check | wanted")[2]
+    page = text_of("docs/reference/start-up.md").partition("|check|wanted")[2]
     table = page.partition("\n\n")[0]
-    assert re.findall(r"^\| ([\w -]+) \| ", table, re.M) == [check.name for check in checks]
+    assert re.findall(r"^\| ?([a-z][\w -]*?) ?\|", table, re.M) == [check.name for check in checks]

@@ -1,7 +1,7 @@
 """Draws simulated servos with the effects of real ones, at the sizes that are published of them.
 
-The ranges are those of docs/concepts/plant.md and docs/how-to/emulated-bus.md; where nothing is
-published, of the sizes in docs/concepts/plant.md.
+The ranges are those of docs/concepts/plant.md; where nothing is published, of the sizes in
+config/emulated-xm430.yaml.
 """
 
 from __future__ import annotations

@@ -51,7 +51,7 @@ class _Page(Client):
     """A page that reads everything at once."""
 
     def __init__(self) -> None:
-        super().__init__(cast("Any", None), 0, turns=False)
+        super().__init__(cast("Any", None), turns=False)
 
     def serve(self, new: Messages, _beat: int | None = None, *, last: bool = False) -> None:  # noqa: ARG002
         self._texts.clear()
@@ -59,8 +59,9 @@ class _Page(Client):
 
 
 async def one_turn(server: LiveServer, *_: object) -> None:
-    """Take the place of ``LiveServer.run``: one page, one message of each kind, and no socket."""
-    view = server._view
-    view.welcome(_Page(), controls=False)
+    """Take the place of ``LiveServer.run``: a page of each axis, each message, and no socket."""
+    for view in server.views.values():
+        view.welcome(_Page(), {"controls": False})
     await server.pump(lambda: True)
-    await view.draw_map()
+    for view in server.views.values():
+        await view.draw_map()

@@ -106,7 +106,7 @@ def verdict(question: GuardQuestion, identified: bool) -> dict[str, Any]:
     """
     config, belief = question.config, question.situation.belief
     wall, parts = config.wall, question.parts()
-    # Two digits suffice in practice; rounded down, so that the guard still allows it.
+    # Rounded down, so that the guard still allows it; stiffness grows with it, so three digits.
     best = _rounded_down(question.best_damping())
     return {
         "basis": "identified" if identified else "believed",
@@ -131,5 +131,5 @@ def verdict(question: GuardQuestion, identified: bool) -> dict[str, Any]:
 def _rounded_down(value: float) -> float:
     if value <= 0.0:
         return 0.0
-    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return float(f"{math.floor(value / unit + 1e-9) * unit:.2g}")
+    unit = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return float(f"{math.floor(value / unit + 1e-9) * unit:.3g}")

@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from haptic_wall.controller.experiments.identify.motion import Pieces
 from haptic_wall.controller.experiments.identify.motion_model import simulated
-from haptic_wall.controller.experiments.identify.separable import (
-    Linear,
-    fit_own,
-    fit_pieces,
-)
+from haptic_wall.controller.experiments.identify.separable import Linear, fit_pieces
 from haptic_wall.controller.experiments.identify.standard_errors import CORRELATED
 from haptic_wall.controller.theory.checks import FloatArray
 
@@ -150,15 +145,6 @@ class OutputError:
         shown = self.left(variants, owned)
         slopes = (shown[1:] - shown[0]) / steps[:, None, None]
         return Linear(shown[0], slopes[:count], slopes[count:], self._weights, self.precision)
-
-    def own(self, own: FloatArray, rounds: int) -> FloatArray:
-        """Return the own values with the least squares, at the initial shared ones."""
-
-        def linear(own: FloatArray) -> Linear:
-            found = self.linear(self.begin, own)
-            return replace(found, shared=found.shared[:0], precision=found.precision[:0])
-
-        return fit_own(linear, own, rounds)
 
     def costs(self, name: str, tried: FloatArray, own: FloatArray) -> FloatArray:
         """Return the weighted squares for each value of one that is not fitted, shape (v,)."""

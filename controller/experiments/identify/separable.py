@@ -85,24 +85,6 @@ Linearised = Callable[[FloatArray, FloatArray], Linear]
 """From shared values, shape (p,), and own values, shape (q, s)"""
 
 
-def fit_own(linearised: Callable[[FloatArray], Linear], own: FloatArray, rounds: int) -> FloatArray:
-    """Return the own values with the least squares, by Gauss and Newton's method.
-
-    Args:
-        linearised: The model, by the own values alone.
-        own: At the start, shape (q, s).
-        rounds: Largest number of steps.
-    """
-    best, least = own, np.inf
-    for _ in range(rounds):
-        now = linearised(own)
-        if not now.cost < (1.0 - _SETTLED) * least:
-            break
-        best, least = own, now.cost
-        own = own - now.own_part(now.left[None])[0]
-    return best
-
-
 def fit_pieces(
     linearised: Linearised,
     begin: FloatArray,

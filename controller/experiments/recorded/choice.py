@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 from haptic_wall.controller.experiments.identify.motion import Pieces
 from haptic_wall.controller.experiments.recorded.friction import MODELS
@@ -17,39 +16,23 @@ real servo differ by more than a smaller gain"""
 _ROUNDS = 10
 
 
-@dataclass(frozen=True, slots=True)
-class Judged:
-    """A friction model, and its fit to the pieces."""
-
-    name: str
-    shot: Shot
-
-    @property
-    def fitted(self) -> float:
-        """Return the residual of the fit [rad rms]."""
-        return self.shot.rms
-
-
-def judged(
-    pieces: Pieces, first: Shot, begun: Mapping[str, float]
-) -> tuple[Judged, tuple[Judged, ...]]:
-    """Fit each model to the pieces of a record; return the chosen one, and all.
+def judged(pieces: Pieces, first: Shot, begun: Mapping[str, float]) -> tuple[str, dict[str, Shot]]:
+    """Fit each model to the pieces of a record; return the chosen one's name, and all fits.
 
     Args:
         pieces: The record in pieces of ``PIECE_S``.
         first: Their fit with Coulomb and viscous friction.
         begun: Start of that fit.
     """
-    chosen = Judged("M1", first)
-    models = [chosen]
+    chosen, shots, last = "M1", {"M1": first}, first
     for name in list(MODELS)[1:]:
         # The best fit of a simpler model may lie in another valley than that of a richer one.
-        starts: Sequence[Mapping[str, float]] = (first.terms, begun, models[-1].shot.terms)
-        shots = [fit(pieces, start_with(name, each), rounds=_ROUNDS) for each in starts]
-        models.append(Judged(name, min(shots, key=lambda each: each.rms)))
-        if models[-1].fitted < BETTER * chosen.fitted:
-            chosen = models[-1]
-    return chosen, tuple(models)
+        starts: Sequence[Mapping[str, float]] = (first.terms, begun, last.terms)
+        tried = [fit(pieces, start_with(name, each), rounds=_ROUNDS) for each in starts]
+        last = shots[name] = min(tried, key=lambda each: each.rms)
+        if last.rms < BETTER * shots[chosen].rms:
+            chosen = name
+    return chosen, shots
 
 
 def start_with(name: str, terms: Mapping[str, float]) -> dict[str, float]:

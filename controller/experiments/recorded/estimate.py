@@ -11,7 +11,7 @@ import numpy as np
 from haptic_wall.controller.experiments.estimated import Estimated
 from haptic_wall.controller.experiments.identify.motion import Motion
 from haptic_wall.controller.experiments.identify.standard_errors import standard_covariance
-from haptic_wall.controller.experiments.recorded.choice import PIECE_S, Judged, judged
+from haptic_wall.controller.experiments.recorded.choice import PIECE_S, judged
 from haptic_wall.controller.experiments.recorded.friction import (
     LONGEST_DELAY_S,
     MEANING,
@@ -75,8 +75,8 @@ class Recorded:
     ``inertia_total`` of all that turns, ``damping``, ``coulomb``, ``delay``, ``torque_gain``,
     ``torque_constant`` for each recorded ampere, ``hanging`` (angle at which the load hangs), and
     further parameters of the friction model"""
-    models: tuple[Judged, ...]
-    """Friction models that were tried"""
+    models: Mapping[str, Shot]
+    """Friction models that were tried, each with its fit to pieces of a second"""
     chosen: str | None
     """Name of the model that was chosen"""
     shot: Shot | None
@@ -114,7 +114,7 @@ def identify_record(record: Record, pendulum: Pendulum | None = None) -> Recorde
     stretches = record.stretches
     if not stretches or is_too_slow(record):
         nothing = (*record.notes, _why_nothing(record))
-        return Recorded({}, (), None, None, (), record.step, nothing)
+        return Recorded({}, {}, None, None, (), record.step, nothing)
     driven = any(stretch.driven for stretch in stretches)
     pieces, _ = pieces_of(stretches, PIECE_S, PIECE_S)
     whole, _ = pieces_of(stretches)
@@ -128,17 +128,16 @@ def identify_record(record: Record, pendulum: Pendulum | None = None) -> Recorde
         others = fitted(False)
         if shot.rms**2 >= _WEIGHED * others[1].rms ** 2:
             near, shot = others
-    chosen = Judged("M1", near)
-    models: tuple[Judged, ...] = (chosen,)
+    chosen, models = "M1", {"M1": near}
     if shot.rms > _EXPLAINED * record.step / math.sqrt(12.0):
         begun = first_terms(stretches, weight="sine" in near.terms)
         chosen, models = judged(pieces, near, begun)
-        again = fit(whole, chosen.shot.terms, rounds=20)
-        shot = again if chosen.name != "M1" or again.rms < shot.rms else shot
+        again = fit(whole, models[chosen].terms, rounds=20)
+        shot = again if chosen != "M1" or again.rms < shot.rms else shot
     few = len(stretches) < FEW and not (driven and len(shot.pieces.sampled) >= FEW)
     scale = _Scale(shot.names, record.unit if driven else None, pendulum)
     known = _known(scale, shot, few)
-    notes = [*record.notes, *_notes(scale, shot, chosen.name, record.step, few)]
+    notes = [*record.notes, *_notes(scale, shot, chosen, record.step, few)]
     inertia = known.get("inertia")
     if inertia is not None and 2.0 * inertia.stderr >= inertia.value:
         notes.append(
@@ -147,17 +146,20 @@ def identify_record(record: Record, pendulum: Pendulum | None = None) -> Recorde
             + ("" if pendulum is None else "; check the pendulum's mass and length")
         )
         del known["inertia"]
+    if "hanging" in known and known["hanging"].stderr > 0.5 * math.pi:
+        notes.append("the angle at which the load hangs cannot be determined")
+        del known["hanging"]
     if driven and shot.terms["gain"] <= 0.0:
         notes.append("the torque acts against its sign: check the sign of its column")
         known = {name: each for name, each in known.items() if name == "hanging"}
-    return Recorded(known, models, chosen.name, shot, stretches, record.step, tuple(notes))
+    return Recorded(known, models, chosen, shot, stretches, record.step, tuple(notes))
 
 
 def _why_nothing(record: Record) -> str:
     if record.stretches:
         return (
-            f"nothing can be determined: the rows are {1e3 * row_interval(record):.3g} ms apart,"
-            " wanted at most 50 ms"
+            f"nothing can be determined: the rows are {row_interval(record):.3g} s apart, wanted"
+            " at most 0.05 s; is time_s in seconds?"
         )
     return (
         "nothing can be determined: no part of the record has a motion with a known torque; wanted"

@@ -154,7 +154,8 @@ def _known_rows(
             begin, end = seconds(time[rows[each]]), seconds(time[rows[each + 1]])
             notes.append(f"{what} from {begin} to {end} s: a new part begins there")
         if at.size > _MOST_TOLD:
-            notes.append(f"there are {at.size - _MOST_TOLD} more such places")
+            unit = "; is position_rad in radians?" if 4 * at.size > rows.size else ""
+            notes.append(f"there are {at.size - _MOST_TOLD} more such places{unit}")
     known = np.isfinite(torque[rows])
     edges = np.flatnonzero(gaps | jumps | np.diff(known)) + 1
     parts = np.split(rows, edges)

@@ -29,8 +29,8 @@ def report(found: Recorded) -> dict[str, Any]:
         "friction_model": found.chosen,
         "friction": {name: known[name] for name in found.friction},
         "models": [
-            {"name": each.name, "meaning": MEANING[each.name], "fitted_rms_rad": each.fitted}
-            for each in found.models
+            {"name": name, "meaning": MEANING[name], "fitted_rms_rad": each.rms}
+            for name, each in found.models.items()
         ],
         "parts": len(found.stretches),
         "fitted_s": found.seconds,
@@ -63,9 +63,9 @@ def text(found: Recorded, plot: str | None) -> str:
         left = f"{1e3 * found.residual:.2f} mrad rms, of {found.seconds:.1f} s in {parts}"
         lines.append(("residual", left))
         if len(found.models) > 1:
-            for model in found.models:
-                fitted = f"leaves {1e3 * model.fitted:.2f} mrad in pieces of a second"
-                lines.append((f"  {model.name}", fitted))
+            for name, shot in found.models.items():
+                left = f"leaves {1e3 * shot.rms:.2f} mrad in pieces of a second"
+                lines.append((f"  {name}", left))
     lines += [("note", note) for note in found.notes]
     if plot is not None:
         lines.append(("picture", plot))

@@ -9,6 +9,7 @@ import { GuardMap } from "./map.js";
 import { Knobs } from "./knobs.js";
 import { Hand } from "./hand.js";
 import { DeadMan } from "./dead_man.js";
+import { Strip } from "./strip.js";
 import { keepLaws } from "./backdrop.js";
 
 const element = (id) => document.getElementById(id);
@@ -20,6 +21,7 @@ const map = new GuardMap(element("plane"), element("limits"), element("reasons")
 const hand = new Hand(element("hand"), element("stiff"), state, (what) => link.send(what));
 const deadMan = new DeadMan(element("hold"), () => hand.pointer !== null, (what) => link.send(what));
 element("stiff").addEventListener("input", () => { element("grips").value = element("stiff").value; });
+const strip = new Strip(element("strip"), (axis) => link.send({ axis }));
 const knobs = new Knobs(element("rows"), (what) => link.send(what));
 
 function change(action) {
@@ -35,6 +37,9 @@ function greet(hello) {
   view.span = before.span;
   events.clear();
   state.laws.length = 0;
+  map.show(null);
+  strip.greet(hello);
+  knobs.turn = null; // the range of another axis
   element("grip").hidden = !(hello.hand && hello.controls);
   element("held").hidden = !(hello.dead_man && hello.controls);
   element("may").textContent = hello.controls ? "" : hello.recorded ? "(recorded)" : "(to change it: --live-control)";
@@ -57,6 +62,7 @@ const heard = {
   health: ({ volts, celsius }) => { state.health = `${volts} V · ${celsius} °C`; },
   wall: (wall) => knobs.show(wall, state.hello),
   map: (limits) => map.show(limits),
+  strip: ({ axes }) => strip.show(axes, state.ended),
   answer: (told) => {
     knobs.answer(told);
     if (!told.waits) lower();

@@ -107,8 +107,9 @@ export class Scope {
     this.edges = laws.filter((law, k) => law.since <= to && (laws[k + 1]?.since ?? Infinity) >= from).flatMap((law) => law.edges);
     const [begin, end] = this.store.indices(from, to), { time, columns } = this.store;
     const times = time.subarray(begin, end);
+    const known = (values) => (values.some(Number.isFinite) ? values : Array(values.length).fill(null)); // else no scale fits
     this.plots.forEach((plot, index) => {
-      const data = [times, ...this.panels[index].lines.map(([name]) => columns[name].subarray(begin, end))];
+      const data = [times, ...this.panels[index].lines.map(([name]) => known(columns[name].subarray(begin, end)))];
       plot.batch(() => {
         plot.setData(data, false);
         plot.setScale("x", { min: from, max: to });

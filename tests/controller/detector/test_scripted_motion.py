@@ -52,7 +52,9 @@ def test_a_wall_comes_back_to_somebody_who_leans_where_it_changes_no_torque(side
     own = Backstop(replace(SETTINGS, side=side))
     scales = leaned_on(own, 0.2, 0.1, 2.0)
     assert (own.probes, own.hands, own.alarms) == (1, 1, 0)
-    assert 0.1 < scales.count(0.25) * 1e-3 < 0.4, "for two half-cycles, and half of one"
+    softer = scales.count(0.25) * 1e-3
+    assert 0.1 < softer < 0.4, "for two half-cycles, and half of one"
+    assert own.probed_s == pytest.approx(softer, abs=2e-3)
 
 
 @pytest.mark.parametrize(("side", "middle"), [(0, 0.0), (1, 0.2), (1, 0.0)])

@@ -43,7 +43,8 @@ def test_a_probe_softens_every_wall() -> None:
 @pytest.mark.parametrize("hertz", [2.0, 10.0])
 def test_a_hand_at_the_tip_gets_the_whole_walls_back(hertz: float) -> None:
     time = np.arange(6000) * 1e-3
-    hand = operator_of(15.0, 0.5, 0.15 * np.sin(math.tau * hertz * time))
+    phase = math.tau * hertz * time + 0.1 * hertz * np.sin(3.0 * time)  # no machine
+    hand = operator_of(15.0, 0.5, 0.15 * np.sin(phase))
     trials = run_arm(replace(GOOD, duration_s=7.0, start=(0.0, 0.0)), operator=hand, angle=0.8)
     for trial in trials:
         assert trial.trip is None

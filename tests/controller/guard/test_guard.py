@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.guard.belief import Belief, Bounded, vibration
+from haptic_wall.controller.guard.bins import Bins
 from haptic_wall.controller.guard.decision_report import assumed, decision_report
 from haptic_wall.controller.guard.guard import (
     Decision,
@@ -20,6 +21,8 @@ from haptic_wall.controller.guard.guard import (
     Situation,
     decide,
 )
+from haptic_wall.controller.guard.schedule import interval_bins_ns
+from haptic_wall.controller.guard.types import WITHIN
 from haptic_wall.controller.theory import (
     critical_stiffness,
     max_virtual_damping,
@@ -270,6 +273,28 @@ def test_the_believed_inertia_is_that_of_motor_and_load(load: float) -> None:
     assert 0.8 * ceiling < decision.damping_ceiling < ceiling
     assert decision.limits["flexible"] is not None
     assert 0.85 * limit < decision.limits["flexible"] < limit
+
+
+def test_jitter_also_makes_an_inserted_delay_longer() -> None:
+    """In the first bin ticks may be 5 % longer apart, and so may a torque wait in the ring."""
+    inertia, load, hz, ratio = 5.482e-3, 3.668e-3, 322.1, 7.6e-4
+    known: dict[str, Any] = {
+        "inertia": Bounded.exactly(inertia),
+        "damping": Bounded.exactly(6.5e-3),
+        "delay": Bounded.exactly(5e-4),
+        "load_inertia": Bounded.exactly(load),
+        "flexible_hz": Bounded.exactly(hz),
+        "flexible_damping_ratio": Bounded.exactly(ratio),
+    }
+    asked = Request(1e9, 1.0, "both"), GuardSettings(), situation(**known)
+    intervals = interval_bins_ns(1_000_000, flexible=True)
+    (wall,) = Bins(*asked, 1, [70_000], intervals).decide_interval(0)
+    moving, rate = (inertia - load) * load / inertia, math.tau * hz
+    servo = (inertia - load, 6.5e-3, load, moving * rate**2, 2.0 * ratio * moving * rate)
+    period = WITHIN * 1e-3
+    late = period + 70e-6 + 5e-4
+    limit = chain_boundary(*two_masses(*servo), wall.damping, period, late).stiffness
+    assert 0.5 * limit < wall.stiffness < 0.85 * limit
 
 
 def test_a_bare_horn_is_counted_by_a_formula_below_its_exact_limits() -> None:

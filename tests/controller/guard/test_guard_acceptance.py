@@ -18,6 +18,7 @@ from haptic_wall.controller.guard.guard import (
     Situation,
     decide,
 )
+from haptic_wall.controller.guard.types import OF_ENCODER
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory import max_virtual_damping
 from tests.theory.oracles import Loop, bounce, radius
@@ -139,7 +140,7 @@ def test_commanded_damping_is_what_was_asked_or_the_share_of_the_ceiling_or_of_a
     ) / [x.torque_gain.high for x in b]
     asked = np.array([case.decision.request.damping for case in cases])
     given = np.array([case.decision.damping for case in cases])
-    most = np.array([case.decision.encoder_damping for case in cases])
+    most = OF_ENCODER * np.array([case.decision.encoder_damping for case in cases])
     np.testing.assert_allclose(given, np.min([asked, CAP * ceiling, most], axis=0), rtol=1e-3)
     assert 0.2 < np.mean(given < asked) < 0.9
 

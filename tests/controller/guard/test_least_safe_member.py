@@ -262,7 +262,7 @@ def test_an_interval_of_half_a_cycle_is_counted() -> None:
     assert found.damping_ceiling < ceilings(case, member)[0]
 
 
-@pytest.mark.parametrize("ratio", [0.0, 1e-3])
+@pytest.mark.parametrize("ratio", [1e-5, 1e-3])
 def test_a_hardly_damped_vibration_beside_half_a_cycle_is_counted(ratio: float) -> None:
     known = {"inertia": 0.0102, "damping": 0.007, "load_inertia": 0.0016}
     known |= {"flexible_hz": 490.0, "flexible_damping_ratio": ratio}

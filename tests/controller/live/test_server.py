@@ -10,7 +10,7 @@ import socket
 import struct
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -49,24 +49,28 @@ SIMULATED = (
 
 
 class Served:
-    """A server in a thread, of rows that a test writes."""
+    """A server in a thread, of rows that a test writes; axes are 1 rad apart."""
 
-    def __init__(self) -> None:
+    def __init__(self, axes: Sequence[str] = ("",)) -> None:
         config = load_config("simulated", ()).config
-        self.telemetry = Telemetry.create()
+        self.telemetry = Telemetry.create(len(axes))
         self.telemetry.words[Word.BEGAN_NS] = BEGAN_NS
         self.hand = SharedHand.create()
-        self.view = View(
-            config,
-            "a run",
-            RunningSource(self.telemetry, config.period_ns),
-            recorded=False,
-            hand=self.hand,
-        )
+        self.views = {
+            name: View(
+                config,
+                "a run",
+                RunningSource(self.telemetry, config.period_ns, axes, name),
+                recorded=False,
+                hand=self.hand,
+            )
+            for name in axes
+        }
+        self.view = self.views[axes[0]]
         listener = socket.create_server(("127.0.0.1", 0))
         self.place = f"127.0.0.1:{listener.getsockname()[1]}"
         self._over = False
-        self.server = server = LiveServer(self.view, "127.0.0.1", TOKEN)
+        self.server = server = LiveServer(self.views, "127.0.0.1", TOKEN)
         self._thread = threading.Thread(
             target=lambda: asyncio.run(server.run(listener, lambda: self._over))
         )
@@ -76,7 +80,9 @@ class Served:
     def write(self, count: int) -> None:
         for k in range(self._count, self._count + count):
             at = BEGAN_NS + 1_000_000 * k
-            self.telemetry.write(*row(stiffness=8.0, deadline_ns=at, position=0.001 * k))
+            for axis in range(self.telemetry.axes):
+                position = axis + 0.001 * k
+                self.telemetry.write(*row(stiffness=8.0, deadline_ns=at, position=position))
         self._count += count
 
     def connect(self, query: str = "", **options: Any) -> ClientConnection:
@@ -356,3 +362,34 @@ def test_no_message_harms_the_server_and_none_is_read_without_the_token(
         assert all(each.startswith("not understood: ") for each in words)
     else:
         assert words == {"this page may not change the wall"}
+
+
+def test_a_page_looks_at_one_axis_and_sees_the_state_of_all(tmp_path: Path) -> None:
+    served = Served(["elbow", "wrist"])
+    try:
+        served.write(50)
+        with served.connect(f"?token={TOKEN}") as client:
+            hello = heard(client, "hello")
+            assert (hello["axes"], hello["axis"]) == (["elbow", "wrist"], "elbow")
+            strip = heard(client, "strip")["axes"]
+            assert [each["name"] for each in strip] == ["elbow", "wrist"]
+            assert [each["position"] for each in strip] == pytest.approx([0.049, 1.049])
+            client.send(json.dumps({"axis": "wrist"}))
+            hello = heard(client, "hello")
+            assert (hello["axis"], hello["channels"][-1]) == ("wrist", "elbow.position_rad")
+            while isinstance(message := client.recv(timeout=10.0), str):
+                pass
+            _, count, channels = struct.unpack_from("<dII", message)
+            numbers = np.frombuffer(message, "<f4", count * channels, 16 + 8 * count)
+            assert numbers.reshape(channels, count)[[0, -1], 0] == pytest.approx([1.0, 0.0])
+            client.send(json.dumps({"axis": "knee"}))
+            assert "not understood" in heard(client, "refused")["words"]
+            with listening(tmp_path / "run") as listener:
+                listener.settimeout(10.0)
+                served.server.run_socket = tmp_path / "run"
+                client.send(json.dumps({"set": {"wall.stiffness": 3, "delay.steps": 1}}))
+                with listener.accept()[0] as run:
+                    asked = json.loads(run.recv(9999))["set"]
+                    assert asked == ["axes.wrist.wall.stiffness=3", "delay.steps=1"]
+    finally:
+        served.close()

@@ -44,7 +44,7 @@ class Page:
 
 def greeted(view: View) -> Page:
     page = Page()
-    view.welcome(cast("Client", page), controls=True)
+    view.welcome(cast("Client", page), {"controls": True})
     return page
 
 

