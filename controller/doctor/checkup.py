@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -64,13 +64,7 @@ _ON_THE_BUS: Final = (
 )
 
 
-def examine(
-    config: Config,
-    tell: Tell,
-    consent: Consent | None,
-    change_baud: bool,
-    each: Mapping[str, Config] | None = None,
-) -> Report:
+def examine(config: Config, tell: Tell, consent: Consent | None, change_baud: bool) -> Report:
     """Examine the testbed that a configuration describes.
 
     Args:
@@ -79,17 +73,15 @@ def examine(
         tell: Called with the current step.
         consent: Asked before each change; None: nothing is changed.
         change_baud: Whether the servo's baud rate may be changed too.
-        each: The configuration of each axis by its name; None: there is one axis.
 
     Raises:
         ServoError: The emulated bus did not start.
     """
     report = Report(tell, consent)
     checkup = _Checkup(config, report, change_baud)
-    axes = {name: one.servo_settings() for name, one in (each or {"": config}).items()}
-    first = next(iter(axes.values()))
+    axes = {name: one.servo_settings() for name, one in config.each.items()}
     if config.servo.backend == "dynamixel":
-        with _port_of(config, first) as path:
+        with _port_of(config, list(axes.values())) as path:
             checkup.bus({name: replace(one.driver(), port=path) for name, one in axes.items()})
     else:
         why = f"a servo of the backend {config.servo.backend} is not examined"
@@ -101,13 +93,13 @@ def examine(
 
 
 @contextlib.contextmanager
-def _port_of(config: Config, settings: ServoSettings) -> Iterator[str]:
+def _port_of(config: Config, servos: Sequence[ServoSettings]) -> Iterator[str]:
     """Yield the configured port, or that of an emulated bus that runs meanwhile."""
     if config.servo.kind != "emulated":
-        yield settings.port
+        yield servos[0].port
         return
     cores = pick_cores(config.realtime.core)[1]
-    with emulated_bus(emulator_arguments([settings]), cores) as (_, path):
+    with emulated_bus(emulator_arguments(servos), cores) as (_, path):
         assert path is not None  # nobody stops it while it starts
         yield path
 

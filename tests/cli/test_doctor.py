@@ -197,12 +197,11 @@ def test_the_servos_of_several_axes_are_examined_in_one_table() -> None:
     servos = [f"--servo=XM430-W350:{each}" for each in ("1", "2:44", "3")]
     with emulate(*servos) as (_, port):
         set_registers(port, drive_mode=1)
-        config = load_config("xm430-w350", [f"servo.port={port}", "realtime.profile=off"]).config
-        each = {
-            name: config.model_copy(update={"servo": config.servo.model_copy(update={"id": id_})})
-            for name, id_ in (("shoulder", 1), ("elbow", 2), ("wrist", 3))
-        }
-        found = examine(config, lambda _: None, None, change_baud=False, each=each)
+        ids = {"shoulder": 1, "elbow": 2, "wrist": 3}
+        sets = [f"axes.{name}.servo.id={number}" for name, number in ids.items()]
+        sets += [f"servo.port={port}", "realtime.profile=off", "loop.rate_hz=500"]
+        config = load_config("xm430-w350", sets).config
+        found = examine(config, lambda _: None, None, change_baud=False)
     wrong = {check.name for check in found.wrong}
     assert "shoulder.direction" in wrong
     assert not any(name.startswith(("elbow.dir", "wrist.dir")) for name in wrong)
