@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from pathlib import Path
 from typing import Final
@@ -61,7 +62,8 @@ def _axis_name(joint: str, taken: dict[str, tuple[float, float]]) -> str:
     """Return the joint's name in the letters of an axis's, another one than those before."""
     plain = re.sub(r"[^a-z0-9]+", "_", joint.lower()).strip("_")
     name = (plain if plain[:1].isalpha() else f"joint_{plain}")[:MOST_NAME].rstrip("_")
-    return name if name not in taken else f"joint_{len(taken) + 1}"
+    others = (f"joint_{number}" for number in itertools.count(len(taken) + 1))
+    return next(each for each in itertools.chain((name,), others) if each not in taken)
 
 
 def _refused(path: Path, found: str) -> UserError:

@@ -82,6 +82,15 @@ def test_the_stops_of_a_file_are_the_limits_of_a_robot(cli: Cli, tmp_path: Path)
     assert "half the range of the joint 2nd" in cli.refused(*ask, "--margin", 0.8)
 
 
+def test_joints_with_one_name_in_an_axis_letters_stay_apart(cli: Cli, tmp_path: Path) -> None:
+    file, robot = tmp_path / "arm.yaml", tmp_path / "arm.urdf"
+    joints = ROBOT.replace("Shoulder Pan", "joint_2").replace("2nd", "Joint-2")
+    robot.write_text(joints)
+    assert cli("init", file, "--urdf", robot, "--from", "xm430-w350").status == 0
+    axes = load_config(str(file)).config.each
+    assert {name: one.wall.high for name, one in axes.items()} == {"joint_2": 1.8, "joint_3": 1.5}
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
