@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -69,9 +69,8 @@ def examine(
     tell: Tell,
     consent: Consent | None,
     change_baud: bool,
-    each: Mapping[str, Config] | None = None,
 ) -> Report:
-    """Examine the testbed that a configuration describes.
+    """Examine the testbed that a configuration describes, with all of its axes.
 
     Args:
         config: The configuration. If its port is an emulated bus, the bus is started and ended
@@ -79,18 +78,17 @@ def examine(
         tell: Called with the current step.
         consent: Asked before each change; None: nothing is changed.
         change_baud: Whether the servo's baud rate may be changed too.
-        each: The configuration of each axis by its name; None: there is one axis.
 
     Raises:
         ServoError: The emulated bus did not start.
     """
     report = Report(tell, consent)
     checkup = _Checkup(config, report, change_baud)
-    axes = {name: one.servo_settings() for name, one in (each or {"": config}).items()}
-    first = next(iter(axes.values()))
     if config.servo.backend == "dynamixel":
-        with _port_of(config, first) as path:
-            checkup.bus({name: replace(one.driver(), port=path) for name, one in axes.items()})
+        servos = config.servos()
+        with _port_of(config, servos) as path:
+            axes = zip(config.each, servos, strict=True)
+            checkup.bus({name: replace(one.driver(), port=path) for name, one in axes})
     else:
         why = f"a servo of the backend {config.servo.backend} is not examined"
         if config.servo.kind == "simulated":
@@ -101,13 +99,13 @@ def examine(
 
 
 @contextlib.contextmanager
-def _port_of(config: Config, settings: ServoSettings) -> Iterator[str]:
+def _port_of(config: Config, servos: Sequence[ServoSettings]) -> Iterator[str]:
     """Yield the configured port, or that of an emulated bus that runs meanwhile."""
     if config.servo.kind != "emulated":
-        yield settings.port
+        yield servos[0].port
         return
     cores = pick_cores(config.realtime.core)[1]
-    with emulated_bus(emulator_arguments([settings]), cores) as (_, path):
+    with emulated_bus(emulator_arguments(servos), cores) as (_, path):
         assert path is not None  # nobody stops it while it starts
         yield path
 

@@ -197,12 +197,9 @@ def test_the_servos_of_several_axes_are_examined_in_one_table() -> None:
     servos = [f"--servo=XM430-W350:{each}" for each in ("1", "2:44", "3")]
     with emulate(*servos) as (_, port):
         set_registers(port, drive_mode=1)
-        config = load_config("xm430-w350", [f"servo.port={port}", "realtime.profile=off"]).config
-        each = {
-            name: config.model_copy(update={"servo": config.servo.model_copy(update={"id": id_})})
-            for name, id_ in (("shoulder", 1), ("elbow", 2), ("wrist", 3))
-        }
-        found = examine(config, lambda _: None, None, change_baud=False, each=each)
+        axes = [f"axes.{n}.servo.id={i}" for i, n in enumerate(("shoulder", "elbow", "wrist"), 1)]
+        config = load_config("xm430-w350", [f"servo.port={port}", "realtime.profile=off", *axes])
+        found = examine(config.config, lambda _: None, None, change_baud=False)
     wrong = {check.name for check in found.wrong}
     assert "shoulder.direction" in wrong
     assert not any(name.startswith(("elbow.dir", "wrist.dir")) for name in wrong)
