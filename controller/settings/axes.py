@@ -53,20 +53,11 @@ class Bus(Section):
 
 if TYPE_CHECKING:
 
-    class _Links(Section, TrueArm):
-        """The fields of ``TrueArm``."""
+    class Arm(Section, TrueArm):
+        """True parameters of an arm that simulated or emulated servos move."""
 
 else:
-    _Links = truth_section(TrueArm, Section, "arm.")
-
-
-class Arm(_Links):
-    """True parameters of an arm that simulated or emulated servos move."""
-
-    @property
-    def links(self) -> TrueArm | None:
-        """Return the links between the servos; None: there are none."""
-        return TrueArm(**self.model_dump()) if self.shape != "none" else None
+    Arm = truth_section(TrueArm, Section, "arm.")
 
 
 class Axis(Section):
