@@ -11,14 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from pydantic import Field
 
+from haptic_wall.controller.settings.axis_names import NAME
 from haptic_wall.controller.settings.model import NUMBERS, Model, Section, Wall, setting
 from haptic_wall.controller.settings.servo import Baud, Port, Servo, truth_section
 from haptic_wall.hw.settings import Way
 from haptic_wall.hw.truth import TrueArm
 
-MOST_AXES: Final = 16
-MOST_NAME: Final = 24
-"""Longest name of an axis [letters]"""
 SHARED: Final = (
     "backend",
     "port",
@@ -31,7 +29,7 @@ SHARED: Final = (
 """Fields of ``servo`` that belong to the bus, the same for every axis"""
 RENAMED: Final = ("port", "baud")
 """Fields of ``bus`` that are another name of those of ``servo``"""
-AxisName = Annotated[str, Field(pattern="^[a-z][a-z0-9_]*$", max_length=MOST_NAME)]
+AxisName = Annotated[str, Field(pattern=f"^{NAME}$")]
 
 
 class Bus(Section):
@@ -122,9 +120,3 @@ def _own(section: str, axis: Mapping[str, Any], default: Mapping[str, Any]) -> d
         for name, value in axis.items()
         if name in kept or name not in default or value != default[name]
     }
-
-
-def split_path(path: str) -> tuple[str, str]:
-    """Return the axis of a setting, as ``axes.NAME.`` or empty, and its path in that axis alone."""
-    steps = path.split(".", 2)
-    return (f"axes.{steps[1]}.", steps[2]) if steps[0] == "axes" and len(steps) > 2 else ("", path)
