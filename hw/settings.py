@@ -59,7 +59,7 @@ class ServoSettings(DriverSettings):
     true: TrueServo | None = None
     """True parameters of a simulated or emulated servo; None: it is real"""
     arm: TrueArm | None = None
-    """True links between the servos of its bus; None: there are none"""
+    """True links between the servos of its bus; None: there are none, as with their shape none"""
     faults: tuple[str, ...] = ()
     """Injected faults of an emulated bus, in the syntax of ``haptic_wall.hw.emulated.faults``"""
     fault_seed: int = 0

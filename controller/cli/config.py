@@ -13,7 +13,8 @@ from haptic_wall.controller.cli.options import (
     json_option,
     set_option,
 )
-from haptic_wall.controller.settings.axes import OWN, split_path
+from haptic_wall.controller.settings.axes import OWN
+from haptic_wall.controller.settings.axis_names import split_path
 from haptic_wall.controller.settings.fields import Field, fields
 from haptic_wall.controller.settings.load import Loaded, load_config
 from haptic_wall.controller.system.wrapping import wrapped

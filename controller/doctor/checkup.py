@@ -45,7 +45,7 @@ from haptic_wall.hw.errors import (
 )
 from haptic_wall.hw.serialport.port import open_port
 from haptic_wall.hw.servo import Check
-from haptic_wall.hw.settings import DriverSettings
+from haptic_wall.hw.settings import DriverSettings, ServoSettings
 
 _OF_THE_SERVO: Final = ("model", "firmware", "registers")
 _ON_THE_BUS: Final = (
@@ -64,8 +64,13 @@ _ON_THE_BUS: Final = (
 )
 
 
-def examine(config: Config, tell: Tell, consent: Consent | None, change_baud: bool) -> Report:
-    """Examine the testbed that a configuration describes.
+def examine(
+    config: Config,
+    tell: Tell,
+    consent: Consent | None,
+    change_baud: bool,
+) -> Report:
+    """Examine the testbed that a configuration describes, with all of its axes.
 
     Args:
         config: The configuration. If its port is an emulated bus, the bus is started and ended
@@ -80,9 +85,10 @@ def examine(config: Config, tell: Tell, consent: Consent | None, change_baud: bo
     report = Report(tell, consent)
     checkup = _Checkup(config, report, change_baud)
     if config.servo.backend == "dynamixel":
-        axes = dict(zip(config.each, config.servos(), strict=True))
-        with _port_of(config) as path:
-            checkup.bus({name: replace(one.driver(), port=path) for name, one in axes.items()})
+        servos = config.servos()
+        with _port_of(config, servos) as path:
+            axes = zip(config.each, servos, strict=True)
+            checkup.bus({name: replace(one.driver(), port=path) for name, one in axes})
     else:
         why = f"a servo of the backend {config.servo.backend} is not examined"
         if config.servo.kind == "simulated":
@@ -93,13 +99,13 @@ def examine(config: Config, tell: Tell, consent: Consent | None, change_baud: bo
 
 
 @contextlib.contextmanager
-def _port_of(config: Config) -> Iterator[str]:
+def _port_of(config: Config, servos: Sequence[ServoSettings]) -> Iterator[str]:
     """Yield the configured port, or that of an emulated bus that runs meanwhile."""
     if config.servo.kind != "emulated":
-        yield config.servo.port or ""
+        yield servos[0].port
         return
     cores = pick_cores(config.realtime.core)[1]
-    with emulated_bus(emulator_arguments(config.servos()), cores) as (_, path):
+    with emulated_bus(emulator_arguments(servos), cores) as (_, path):
         assert path is not None  # nobody stops it while it starts
         yield path
 

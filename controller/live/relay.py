@@ -48,10 +48,7 @@ def sets_of(changes: object, axis: str = "") -> list[str] | None:
         elif path not in NUMBERS or not is_number(value):
             return None
     whose = f"axes.{axis}." if axis else ""
-    return [
-        f"{whose if path.startswith('wall.') else ''}{path}={json.dumps(value)}"
-        for path, value in changes.items()
-    ]
+    return [f"{whose}{path}={json.dumps(value)}" for path, value in changes.items()]
 
 
 async def ask(run: Path, sets: list[str], tell: Callable[[dict[str, Any]], None]) -> None:

@@ -15,8 +15,10 @@ from haptic_wall.controller.live.marks import Mark, change_mark
 from haptic_wall.controller.live.source import RunningSource
 from haptic_wall.controller.live.view import View
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
-from haptic_wall.controller.settings.changes import changed
+from haptic_wall.controller.settings.axis_names import of_axis
+from haptic_wall.controller.settings.changes import with_changes
 from haptic_wall.controller.settings.config import RUNS, Config
+from haptic_wall.controller.settings.load import loaded
 from haptic_wall.hw.hand import SharedHand
 
 _MOST_NEWS = 65_536
@@ -29,20 +31,14 @@ class News:
     Args:
         line: Socket from the supervisor; each message is one JSON object.
         telemetry: Of the run.
-        config: Configuration at its start.
         views: Of each axis by name.
     """
 
     def __init__(
-        self,
-        line: socket.socket,
-        telemetry: Telemetry,
-        config: Config,
-        views: Mapping[str, View],
+        self, line: socket.socket, telemetry: Telemetry, views: Mapping[str, View]
     ) -> None:
         self._line = line
         self._words = telemetry.words
-        self._config = config
         self._views = views
         self.over = False
         """Whether the run has ended, and nothing more comes"""
@@ -75,17 +71,14 @@ class News:
         elif "change" in news:
             change = news["change"]
             if change["outcome"] == "applied":
-                with contextlib.suppress(HapticWallError):
-                    self._change(changed(self._config, change["set"]), change["at_s"])
+                for name, view in self._views.items():
+                    if new := of_axis(change["changed"], name):
+                        with contextlib.suppress(HapticWallError):
+                            config = loaded(with_changes(view.config, new), "of the running wall")
+                            view.change(config, change["at_s"])
             if change["at_s"] is not None:
                 for view in views:
                     view.add([change_mark(change)])
-
-    def _change(self, config: Config, at_s: float | None) -> None:
-        before, self._config = self._config.each, config
-        for name, each in config.each.items():
-            if each != before[name]:
-                self._views[name].change(each, at_s)
 
 
 def views_of(orders: Mapping[str, Any]) -> tuple[dict[str, View], News, Telemetry]:
@@ -111,4 +104,4 @@ def views_of(orders: Mapping[str, Any]) -> tuple[dict[str, View], News, Telemetr
         )
         for name, each in config.each.items()
     }
-    return views, News(socket.socket(fileno=orders["news"]), telemetry, config, views), telemetry
+    return views, News(socket.socket(fileno=orders["news"]), telemetry, views), telemetry

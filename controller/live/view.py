@@ -323,8 +323,9 @@ class View:
 
     def _wall(self) -> dict[str, Any]:
         data = self.config.model_dump(mode="json")
-        travel = data["safety"]["travel"]
-        return {"wall": data["wall"], "delay_steps": data["delay"]["steps"], "travel": travel}
+        # Several axes share a delay, which cannot be changed: no knob.
+        steps = None if self.source.others else data["delay"]["steps"]
+        return {"wall": data["wall"], "delay_steps": steps, "travel": data["safety"]["travel"]}
 
 
 def _finite(value: float) -> float | None:

@@ -13,6 +13,7 @@ from typing import Final
 
 from haptic_wall.controller.errors import LogFormatError
 from haptic_wall.controller.logs.columns import WHOLE, columns_of
+from haptic_wall.controller.settings.axis_names import MOST_AXES, NAME
 from haptic_wall.controller.system.files import opened
 
 SUFFIX: Final = ".hwlog"
@@ -22,8 +23,7 @@ VERSION: Final = 1
 """``user_version`` of the file. A new column or a new meaning raises it."""
 ONE_AXIS: Final = ("",)
 """Names of the axes of a log of one servo"""
-MOST_AXES: Final = 16
-_PREFIX: Final = re.compile(r'"([a-z][a-z0-9_]{0,23})\.position_rad"')
+_PREFIX: Final = re.compile(rf'"({NAME})\.position_rad"')
 MOST_BYTES: Final = 1 << 22
 """Largest text in a log: its configuration, an event, its report [bytes]"""
 BESIDE: Final = ("-wal", "-shm", "-journal")

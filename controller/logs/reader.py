@@ -24,7 +24,6 @@ from haptic_wall.controller.errors import LogFormatError, UserError
 from haptic_wall.controller.logs.columns import COLUMNS, SHARED, WHOLE, columns_of, rows_of
 from haptic_wall.controller.logs.content import fault_of_change, fault_of_report, fault_of_rows
 from haptic_wall.controller.logs.file import (
-    MOST_AXES,
     MOST_BYTES,
     ONE_AXIS,
     as_os_error,
@@ -35,6 +34,7 @@ from haptic_wall.controller.logs.file import (
     schema,
 )
 from haptic_wall.controller.runtime.telemetry import ROW
+from haptic_wall.controller.settings.axis_names import MOST_AXES, of_axis
 from haptic_wall.controller.system import json_text
 
 _ROWS: Final = 1000
@@ -122,7 +122,7 @@ class LogReader:
             )
         if self.axes == ONE_AXIS:
             return self
-        prefix, config, end = f"axes.{name}.", self.metadata.get("config"), self.end
+        config, end = self.metadata.get("config"), self.end
         if isinstance(config, dict) and isinstance(config.get("axes"), dict):
             config = config_of(config, name)
         if end is not None and name in (parts := end.get("axes") or {}):
@@ -133,8 +133,7 @@ class LogReader:
         changes = []
         for change in self.changes:
             new = change["changed"] or {}
-            mine = {p.removeprefix(prefix): v for p, v in new.items() if p.startswith(prefix)}
-            if mine or not new:
+            if (mine := of_axis(new, name)) or not new:
                 changes.append({**change, "changed": mine or change["changed"]})
         return replace(
             self,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -24,7 +24,6 @@ def emulator_arguments(
     servos: Sequence[ServoSettings],
     witness: Path | None = None,
     *,
-    arm: Mapping[str, Any] | None = None,
     hand: int | None = None,
     elastic: int | None = None,
 ) -> list[str]:
@@ -33,7 +32,6 @@ def emulator_arguments(
     Args:
         servos: Settings of the servos; their truth must be known.
         witness: Where the bus keeps a record; None: nowhere.
-        arm: The links between them; None: there are none.
         hand: Descriptor of the memory of a person's hand on the shaft, inherited; None: none.
         elastic: Descriptor of the memory of the time that it shares with the loop; None: none.
     """
@@ -41,7 +39,7 @@ def emulator_arguments(
     plan: dict[str, Any] = {
         "servos": [f"{one.model}:{one.id}" for one in servos],
         "own": {str(one.id): asdict(one.true) for one in servos if one.true is not None},
-        "arm": arm or {},
+        "arm": asdict(first.arm) if first.arm else {},
         "baud": first.baud,
         "faults": list(first.faults),
         "seed": first.fault_seed,

@@ -131,8 +131,7 @@ class Supervisor:
         plan, emulator, servos = self._plan, None, self._servos
         if plan.config.servo.kind == "emulated":
             hand, shared = self._hand(), self._telemetry.descriptor if plan.elastic else None
-            arm = plan.config.arm.model_dump()
-            arguments = emulator_arguments(servos, plan.witness, arm=arm, hand=hand, elastic=shared)
+            arguments = emulator_arguments(servos, plan.witness, hand=hand, elastic=shared)
             inherited = [each for each in (hand, shared) if each is not None]
             bus = emulated_bus(
                 arguments, self._others, lambda: bool(self._words[Word.STOP]), inherited

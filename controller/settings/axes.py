@@ -12,14 +12,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from pydantic import Field
 
+from haptic_wall.controller.settings.axis_names import NAME
 from haptic_wall.controller.settings.model import NUMBERS, Model, Section, Wall, setting
 from haptic_wall.controller.settings.servo import Baud, Port, Servo, truth_section
 from haptic_wall.hw.settings import Way
 from haptic_wall.hw.truth import TrueArm
 
-MOST_AXES: Final = 16
-MOST_NAME: Final = 24
-"""Longest name of an axis [letters]"""
 SHARED: Final = (
     "backend",
     "port",
@@ -32,7 +30,7 @@ SHARED: Final = (
 """Fields of ``servo`` that belong to the bus, the same for every axis"""
 RENAMED: Final = ("port", "baud")
 """Fields of ``bus`` that are another name of those of ``servo``"""
-AxisName = Annotated[str, Field(pattern="^[a-z][a-z0-9_]*$", max_length=MOST_NAME)]
+AxisName = Annotated[str, Field(pattern=f"^{NAME}$")]
 
 
 class Bus(Section):
@@ -54,20 +52,11 @@ class Bus(Section):
 
 if TYPE_CHECKING:
 
-    class _Links(Section, TrueArm):
-        """The fields of ``TrueArm``."""
+    class Arm(Section, TrueArm):
+        """True parameters of an arm that simulated or emulated servos move."""
 
 else:
-    _Links = truth_section(TrueArm, Section, "arm.")
-
-
-class Arm(_Links):
-    """True parameters of an arm that simulated or emulated servos move."""
-
-    @property
-    def links(self) -> TrueArm | None:
-        """Return the links between the servos; None: there are none."""
-        return TrueArm(**self.model_dump()) if self.shape != "none" else None
+    Arm = truth_section(TrueArm, Section, "arm.")
 
 
 class Axis(Section):
@@ -135,12 +124,6 @@ def _own(section: str, axis: Mapping[str, Any], default: Mapping[str, Any]) -> d
         for name, value in axis.items()
         if name in kept or name not in default or value != default[name]
     }
-
-
-def split_path(path: str) -> tuple[str, str]:
-    """Return the axis of a setting, as ``axes.NAME.`` or empty, and its path in that axis alone."""
-    steps = path.split(".", 2)
-    return (f"axes.{steps[1]}.", steps[2]) if steps[0] == "axes" and len(steps) > 2 else ("", path)
 
 
 def own_paths(text: str, axis: str) -> str:

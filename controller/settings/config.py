@@ -29,7 +29,7 @@ from haptic_wall.hw.errors import BackendError, Problem
 from haptic_wall.hw.open import backend
 from haptic_wall.hw.servo import JUMP_SPEED
 from haptic_wall.hw.settings import ServoSettings
-from haptic_wall.hw.truth import ABOUT, TrueServo
+from haptic_wall.hw.truth import ABOUT, TrueArm, TrueServo
 
 if TYPE_CHECKING:
     from haptic_wall.controller.guard.guard import GuardSettings, Request
@@ -185,12 +185,16 @@ class Config(Sections):
             hand_direction=1 if toward == servo.sign else -1,
         )
 
-    def servo_settings(self) -> ServoSettings:
-        """Return the settings of the servo, for the bus of ``servos``.
+    def servos(self) -> list[ServoSettings]:
+        """Return the settings of each servo, with which ``haptic_wall.hw.open`` opens their bus.
 
         On the simulated clock an emulated bus lives in memory. On the monotonic clock it is a
         separate process; the process that started it knows its port.
         """
+        arm = TrueArm(**self.arm.model_dump())
+        return [one._settings(arm) for one in self.each.values()]
+
+    def _settings(self, arm: TrueArm) -> ServoSettings:
         servo = self.servo
         in_memory = servo.kind == "emulated" and self.loop.clock == "simulated"
         asked = servo.asked()
@@ -201,12 +205,8 @@ class Config(Sections):
             period_s=self.period_s,
             read=self.bus.read,
             true=None if servo.kind == "hardware" else self.true_servo(),
+            arm=arm,
         )
-
-    def servos(self) -> list[ServoSettings]:
-        """Return the settings of each servo, with which ``haptic_wall.hw.open`` opens their bus."""
-        arm = self.arm.links
-        return [replace(one.servo_settings(), arm=arm) for one in self.each.values()]
 
     def belief(self) -> Belief:
         """Return the belief about the servo: ``model.*``, else the simulated truth.

@@ -15,7 +15,8 @@ from pydantic import ValidationError
 from haptic_wall.controller.errors import ConfigError, UserError
 from haptic_wall.controller.laws.wall import NONE
 from haptic_wall.controller.settings import yaml_text as config_yaml
-from haptic_wall.controller.settings.axes import RENAMED, split_path
+from haptic_wall.controller.settings.axes import RENAMED
+from haptic_wall.controller.settings.axis_names import split_path
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.fields import fields
 from haptic_wall.controller.settings.model import NUMBERS

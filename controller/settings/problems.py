@@ -7,7 +7,8 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from haptic_wall.controller.settings.axes import MOST_AXES, OWN, RENAMED, split_path
+from haptic_wall.controller.settings.axes import OWN, RENAMED
+from haptic_wall.controller.settings.axis_names import MOST_AXES, split_path
 from haptic_wall.controller.settings.fields import fields, sections
 from haptic_wall.controller.settings.model import IN_WORDS, Part
 from haptic_wall.controller.settings.rules import BrokenRulesError

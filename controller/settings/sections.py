@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import Field
 
-from haptic_wall.controller.settings.axes import MOST_AXES, OWN, Arm, Axis, AxisName, Bus
+from haptic_wall.controller.settings.axes import OWN, Arm, Axis, AxisName, Bus
+from haptic_wall.controller.settings.axis_names import MOST_AXES
 from haptic_wall.controller.settings.model import (
     Delay,
     Guard,

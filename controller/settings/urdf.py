@@ -9,7 +9,7 @@ from typing import Final
 from xml.etree import ElementTree
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.settings.axes import MOST_AXES, MOST_NAME
+from haptic_wall.controller.settings.axis_names import MOST_AXES, MOST_NAME
 from haptic_wall.controller.system import files
 from haptic_wall.controller.system.printable import in_line
 from haptic_wall.hw.errors import Problem

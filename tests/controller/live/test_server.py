@@ -371,6 +371,7 @@ def test_a_page_looks_at_one_axis_and_sees_the_state_of_all(tmp_path: Path) -> N
         with served.connect(f"?token={TOKEN}") as client:
             hello = heard(client, "hello")
             assert (hello["axes"], hello["axis"]) == (["elbow", "wrist"], "elbow")
+            assert heard(client, "wall")["delay_steps"] is None  # no knob
             strip = heard(client, "strip")["axes"]
             assert [each["name"] for each in strip] == ["elbow", "wrist"]
             assert [each["position"] for each in strip] == pytest.approx([0.049, 1.049])
@@ -387,9 +388,9 @@ def test_a_page_looks_at_one_axis_and_sees_the_state_of_all(tmp_path: Path) -> N
             with listening(tmp_path / "run") as listener:
                 listener.settimeout(10.0)
                 served.server.run_socket = tmp_path / "run"
-                client.send(json.dumps({"set": {"wall.stiffness": 3, "delay.steps": 1}}))
+                client.send(json.dumps({"set": {"wall.stiffness": 3}}))
                 with listener.accept()[0] as run:
                     asked = json.loads(run.recv(9999))["set"]
-                    assert asked == ["axes.wrist.wall.stiffness=3", "delay.steps=1"]
+                    assert asked == ["axes.wrist.wall.stiffness=3"]
     finally:
         served.close()

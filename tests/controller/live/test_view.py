@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import json
+import socket
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -14,6 +16,7 @@ from haptic_wall.controller import live as room
 from haptic_wall.controller.live.client import Client
 from haptic_wall.controller.live.dead_man import SILENCE_NS, DeadMan
 from haptic_wall.controller.live.relay import OFFERED, sets_of
+from haptic_wall.controller.live.running_view import News
 from haptic_wall.controller.live.source import LoggedSource, RunningSource
 from haptic_wall.controller.live.view import View
 from haptic_wall.controller.runtime.telemetry import FLAG_OFF, ROW, Telemetry, Word
@@ -121,3 +124,21 @@ def test_each_law_can_be_chosen_from_each_and_its_numbers_turned() -> None:
 def choice(law: str) -> dict[str, Any]:
     """What the page asks for to choose a law."""
     return {"wall.law": law} | {f"wall.{name}": each for name, each in OFFERED[law].example.items()}
+
+
+def test_a_change_of_one_of_several_axes_shows_on_its_page() -> None:
+    each = load_config("simulated", ["axes.elbow.servo.id=1", "axes.wrist.servo.id=2"]).config.each
+    telemetry, (ours, theirs) = Telemetry.create(2), socket.socketpair(type=socket.SOCK_SEQPACKET)
+    views = {
+        name: View(config, "a", RunningSource(telemetry, 1_000_000, [*each], name), recorded=False)
+        for name, config in each.items()
+    }
+    news = News(ours, telemetry, views)
+    path = "axes.wrist.wall.stiffness"
+    change = {"outcome": "applied", "set": [f"{path}=3"], "changed": {path: 3.0}, "at_s": None}
+    with theirs:
+        theirs.send(json.dumps({"change": change}).encode())
+        news.take()
+    news.close()
+    shown = {name: view.config.wall.stiffness for name, view in views.items()}
+    assert shown == {"elbow": CONFIG.wall.stiffness, "wrist": 3.0}

@@ -64,7 +64,7 @@ def test_an_axis_is_what_a_file_of_its_own_makes_it(
         own = loaded(alone, "of one")
         assert name == f"axis_{place}"
         assert config.each[name] == own
-        assert config.servos()[place] == own.servo_settings()
+        assert config.servos()[place] == own.servos()[0]
     assert Config.model_validate_json(config.model_dump_json()) == config
     assert loaded(compact(config.model_dump(mode="json")), "of several axes, short") == config
 

@@ -19,7 +19,7 @@ def test_a_child_process_gets_the_same_configuration_as_json(name: str) -> None:
     config = loaded(name)
     copy = Config.model_validate_json(config.model_dump_json())
     assert copy == config
-    assert copy.servo_settings() == config.servo_settings()
+    assert copy.servos()[0] == config.servos()[0]
     assert copy.belief() == config.belief()
 
 
@@ -53,7 +53,7 @@ def test_a_simulated_servo_starts_outside_a_one_sided_wall(side: str, expected: 
 
 
 def test_an_emulated_bus_on_the_simulated_clock_is_in_memory() -> None:
-    settings = loaded("emulated-ideal", "loop.clock=simulated").servo_settings()
+    settings = loaded("emulated-ideal", "loop.clock=simulated").servos()[0]
     assert settings.port == ""
     assert settings.true is not None
     assert settings.true.inertia == 0.011951
@@ -61,7 +61,7 @@ def test_an_emulated_bus_on_the_simulated_clock_is_in_memory() -> None:
 
 def test_the_driver_does_not_know_the_emulated_torque_constant() -> None:
     config = loaded("emulated-ideal", "servo.torque_constant=2.2", "model.torque_gain=1.2")
-    settings = config.servo_settings()
+    settings = config.servos()[0]
     assert settings.torque_constant == 0.0
     assert config.true_servo().torque_constant == 2.2
 
@@ -71,7 +71,7 @@ def test_the_driver_does_not_know_the_emulated_torque_constant() -> None:
     [("above", -1), ("below", 1), ("both", -1)],
 )
 def test_a_real_servo_is_probed_away_from_the_wall(side: str, away: int) -> None:
-    settings = loaded("xm430-w350", f"wall.side={side}", "wall.position=1").servo_settings()
+    settings = loaded("xm430-w350", f"wall.side={side}", "wall.position=1").servos()[0]
     assert settings.probe_direction == away
 
 
