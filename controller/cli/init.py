@@ -103,8 +103,10 @@ def _axes(ids: list[int] | None, urdf: Path | None, margin: float) -> Axes:
     if len(ids) != len(ranges):
         wanted = f"{len(ranges)}, one for each of {', '.join(ranges)}"
         raise UserError(f"found {len(ids)} ids", field="--axes", wanted=wanted)
+    # from the joint's own zero, wherever the preset's wall is
+    stops = {"law": "stops", "position": 0.0}
     return {
-        name: {"servo": {"id": id_}, "wall": {"law": "stops", "low": low, "high": high}}
+        name: {"servo": {"id": id_}, "wall": stops | {"low": low, "high": high}}
         for id_, (name, (low, high)) in zip(ids, ranges.items(), strict=True)
     }
 

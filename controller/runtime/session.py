@@ -229,7 +229,7 @@ class _Session:
             if [each.torque_limit for each in bus.facts] != limits:  # their own Current Limits
                 self._decide()
             passed = f", {len(self._checks)} start-up checks passed" if self._checks else ""
-            names = ", ".join(facts.name for facts in bus.facts)
+            names = ", ".join(self._configs) or bus.facts[0].name
             self._around.tell(f"{names}: torque is on{passed}")
         self._pipelined = is_pipelined(asked, bus.traffic, config.period_ns * 1e-9)
         if self._pipelined and asked == "auto" and bus.traffic is not None:

@@ -78,6 +78,7 @@ def test_the_stops_of_a_file_are_the_limits_of_a_robot(cli: Cli, tmp_path: Path)
     axes = load_config(str(file)).config.each
     ends = {name: (one.servo.id, one.wall.low, one.wall.high) for name, one in axes.items()}
     assert ends == {"shoulder_pan": (1, -1.7, 1.7), "joint_2nd": (2, 0.2, 1.4)}
+    assert {one.wall.position for one in axes.values()} == {0.0}
     assert "wanted 2, one for each of shoulder_pan, joint_2nd" in cli.refused(*ask, "--axes", 7)
     assert "half the range of the joint 2nd" in cli.refused(*ask, "--margin", 0.8)
 
