@@ -15,6 +15,7 @@ user's error is told as ``FIELD: WHAT, wanted WANTED; ADVICE``, one of hardware 
     │   └── StrangeServoError           nor written to: its model is unknown
     ├── ServoHealthError                it answers, but must not be driven any longer
     └── ServoLostError (also OSError)   it answered before and does not any more
+        ├── PortLostError               nor does any other: the port is gone
         └── TorqueLostError             it answers, but its torque is gone
 """
 
@@ -165,6 +166,10 @@ class StrangeServoError(UnfitServoError):
 
 class ServoLostError(ServoError, OSError):
     """The servo answered before and does not any more."""
+
+
+class PortLostError(ServoLostError):
+    """The port is gone, or sends no more: no single servo is at fault."""
 
 
 class TorqueLostError(ServoLostError):

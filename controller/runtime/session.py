@@ -316,10 +316,13 @@ class _Session:
         found = next(filter(None, (axis.safety.found for axis in self._axes)), "")
         if number:
             found = self._axes[number - 1].safety.found
+        message = self._message or found or trouble
+        if trouble and trouble != message and len(self._axes) > 1:  # of another one perhaps
+            message += f"; {trouble}"
         result = Result(
             stop_reason=self._reason,
             stop_axis=list(self._configs)[number - 1] if number else None,
-            message=self._message or found or trouble,
+            message=message,
             ticks=self._loop.cycle.ticks,
             missed=self._loop.missed,
             elapsed_s=self._loop.elapsed_s,

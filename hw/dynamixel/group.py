@@ -19,7 +19,13 @@ from haptic_wall.hw.dynamixel.exchange import GOAL_CURRENT, Exchange
 from haptic_wall.hw.dynamixel.health import HealthPolls
 from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.wire import Read, asking_s
-from haptic_wall.hw.errors import Problem, ServoError, ServoLostError, UnfitServoError
+from haptic_wall.hw.errors import (
+    PortLostError,
+    Problem,
+    ServoError,
+    ServoLostError,
+    UnfitServoError,
+)
 from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import BusCounts, Check, Facts, Outcome, Reading, Traffic
 from haptic_wall.hw.settings import DriverSettings
@@ -35,6 +41,8 @@ def _about(one: Driven) -> Iterator[None]:
     """Let an error carry the id of the servo it is about."""
     try:
         yield
+    except PortLostError:
+        raise  # not its fault
     except ServoError as error:
         error.id = one.station.id
         raise
@@ -87,7 +95,11 @@ class DynamixelGroup:
     @property
     def trouble(self) -> str:
         """Return what was wrong with the servos; see ``HasTrouble``."""
-        return "; ".join(one.trouble for one in self.servos if one.trouble)
+        told = [one.trouble for one in self.servos if one.trouble]
+        if len(self.servos) > 1 and not self.running:
+            left = [one.facts.name for one in self.left_on if one.known]
+            told += [f"torque off was not read back from {', '.join(left)}"] if left else []
+        return "; ".join(told)
 
     def health(self) -> list[tuple[float, float]]:
         """Return each servo's last supply [V] and temperature [°C]; see ``HasHealth``."""

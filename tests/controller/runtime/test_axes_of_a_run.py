@@ -123,6 +123,8 @@ def test_an_axis_that_is_lost_or_ill_takes_the_torque_from_all(fault: str, reaso
     assert (run.result.stop_reason, run.result.stop_axis) == (reason, "two")
     assert run.ticks["torque"][-1] == 0.0 and run.ticks["torque"].any(), "of the other axis"
     assert run.result.torque_off is ("unplug" not in fault)
+    left = "torque off was not read back from XM430-W350 id 2 on memory"
+    assert (left in run.result.message) is not run.result.torque_off
     ends = [event.state.torque for event in run.truth if event.event == "state"][-2:]
     assert ends == [0.0, 0.0]
 
