@@ -13,6 +13,7 @@ user's error is told as ``FIELD: WHAT, wanted WANTED; ADVICE``, one of hardware 
     ├── ServoMissingError (LookupError) nothing answers at this id and baud
     ├── UnfitServoError (ValueError)    it answers, but must not be driven as it is
     │   └── StrangeServoError           nor written to: its model is unknown
+    ├── GivenUpError                    its start was given up, as asked
     ├── ServoHealthError                it answers, but must not be driven any longer
     └── ServoLostError (also OSError)   it answered before and does not any more
         ├── PortLostError               nor does any other: the port is gone
@@ -174,6 +175,10 @@ class PortLostError(ServoLostError):
 
 class TorqueLostError(ServoLostError):
     """The servo answers, but its torque is gone: watchdog, restart, or another program."""
+
+
+class GivenUpError(ServoError):
+    """The start was given up, because the caller asked for it."""
 
 
 class ServoHealthError(ServoError):

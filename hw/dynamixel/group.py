@@ -8,7 +8,7 @@ and carries its id.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Final
 
@@ -20,6 +20,7 @@ from haptic_wall.hw.dynamixel.health import HealthPolls
 from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.wire import Read, asking_s
 from haptic_wall.hw.errors import (
+    GivenUpError,
     PortLostError,
     Problem,
     ServoError,
@@ -86,6 +87,8 @@ class DynamixelGroup:
         self.running = False
         self.left_on: list[Driven] = self.servos
         """Servos whose torque off was not read back since the last start"""
+        self.given_up: Callable[[], bool] = lambda: False
+        """See ``GivesUp``"""
 
     @property
     def facts(self) -> list[Facts]:
@@ -114,6 +117,7 @@ class DynamixelGroup:
 
         Raises:
             StrangeServoError: One is of no known model; nothing was written to it.
+            GivenUpError: The start was given up; see ``GivesUp``.
             ServoError: A servo could not be started; the torque of all servos is off, or the
                 message says of which it may not be.
         """
@@ -124,6 +128,7 @@ class DynamixelGroup:
             one.forget()
         try:
             for one in servos:
+                self._go_on()
                 exchange.select([one.station])
                 with _about(one):
                     ready.append(one.start())
@@ -283,6 +288,10 @@ class DynamixelGroup:
             advice="check the cable, and that no two have the same id"
             + (f", or set bus.read=auto instead of {wanted}." if wanted == "fast" else "."),
         )
+
+    def _go_on(self) -> None:
+        if self.given_up():
+            raise GivenUpError("The start was given up")
 
     def _off(self) -> None:
         """Send zero goals if this driver has the torque on; switch it off and read it back.
