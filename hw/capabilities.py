@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
 from haptic_wall.hw.hand import SharedHand
@@ -31,3 +32,11 @@ class HasTrouble(Protocol):
 
     trouble: str
     """The fault and its remedy, known after ``stop``; empty: none"""
+
+
+@runtime_checkable
+class GivesUp(Protocol):
+    """Servos whose start can be given up between two of them."""
+
+    given_up: Callable[[], bool]
+    """Asked before each servo's start; True: ``start`` raises a ``GivenUpError`` instead"""

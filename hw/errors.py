@@ -13,8 +13,10 @@ user's error is told as ``FIELD: WHAT, wanted WANTED; ADVICE``, one of hardware 
     ├── ServoMissingError (LookupError) nothing answers at this id and baud
     ├── UnfitServoError (ValueError)    it answers, but must not be driven as it is
     │   └── StrangeServoError           nor written to: its model is unknown
+    ├── GivenUpError                    its start was given up, as asked
     ├── ServoHealthError                it answers, but must not be driven any longer
     └── ServoLostError (also OSError)   it answered before and does not any more
+        ├── PortLostError               nor does any other: the port is gone
         └── TorqueLostError             it answers, but its torque is gone
 """
 
@@ -167,8 +169,16 @@ class ServoLostError(ServoError, OSError):
     """The servo answered before and does not any more."""
 
 
+class PortLostError(ServoLostError):
+    """The port is gone, or sends no more: no single servo is at fault."""
+
+
 class TorqueLostError(ServoLostError):
     """The servo answers, but its torque is gone: watchdog, restart, or another program."""
+
+
+class GivenUpError(ServoError):
+    """The start was given up, because the caller asked for it."""
 
 
 class ServoHealthError(ServoError):

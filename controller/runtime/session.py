@@ -6,6 +6,7 @@ import math
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -40,10 +41,11 @@ from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.runtime.wall_wait import WallWait
 from haptic_wall.controller.settings.axes import own_paths
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.hw.capabilities import HasHealth, HasTrouble
+from haptic_wall.hw.capabilities import GivesUp, HasHealth, HasTrouble
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.elastic import ElasticClock
 from haptic_wall.hw.errors import (
+    GivenUpError,
     ServoError,
     ServoHealthError,
     ServoLostError,
@@ -179,6 +181,8 @@ class _Session:
         self._checks: list[Check] = []
         self._inbox = Inbox(telemetry)
         self.bus = surroundings.open_bus(config.servos(), clock, surroundings.port)
+        if isinstance(self.bus, GivesUp):
+            self.bus.given_up = lambda: bool(telemetry.words[Word.STOP])
 
     def prepare(self) -> None:
         """Do all long computations: a started servo needs a frame within its watchdog's time."""
@@ -221,16 +225,8 @@ class _Session:
             self._started = True
             if isinstance(self._clock, ElasticClock):
                 self._clock.engage()
-            try:
-                self._checks = self._named(bus.start())
-            except ServoError as error:
-                self._name_axis(error)
-                raise
-            if [each.torque_limit for each in bus.facts] != limits:  # their own Current Limits
-                self._decide()
-            passed = f", {len(self._checks)} start-up checks passed" if self._checks else ""
-            names = ", ".join(self._configs) or bus.facts[0].name
-            self._around.tell(f"{names}: torque is on{passed}")
+            with suppress(GivenUpError):
+                self._start_bus(limits)
         self._pipelined = is_pipelined(asked, bus.traffic, config.period_ns * 1e-9)
         if self._pipelined and asked == "auto" and bus.traffic is not None:
             held_ms = bus.traffic.longest_s * 1e3
@@ -258,6 +254,24 @@ class _Session:
         )
         telemetry.words[Word.HEARTBEAT_NS] = self._clock.now_ns()
         telemetry.words[Word.STATE] = LoopState.RUNNING
+
+    def _start_bus(self, limits: list[float]) -> None:
+        """Switch the torques on; decide again if a torque limit is none of ``limits`` [N·m].
+
+        Raises:
+            GivenUpError: The session is to stop; all torques are off.
+        """
+        bus = self.bus
+        try:
+            self._checks = self._named(bus.start())
+        except ServoError as error:
+            self._name_axis(error)
+            raise
+        if [each.torque_limit for each in bus.facts] != limits:  # their own Current Limits
+            self._decide()
+        passed = f", {len(self._checks)} start-up checks passed" if self._checks else ""
+        names = ", ".join(self._configs) or bus.facts[0].name
+        self._around.tell(f"{names}: torque is on{passed}")
 
     def _named(self, checks: list[list[Check]]) -> list[Check]:
         """Return the checks of all servos; the names of several have their axis before them."""
@@ -316,10 +330,13 @@ class _Session:
         found = next(filter(None, (axis.safety.found for axis in self._axes)), "")
         if number:
             found = self._axes[number - 1].safety.found
+        message = self._message or found or trouble
+        if trouble and trouble != message and len(self._axes) > 1:  # of another one perhaps
+            message += f"; {trouble}"
         result = Result(
             stop_reason=self._reason,
             stop_axis=list(self._configs)[number - 1] if number else None,
-            message=self._message or found or trouble,
+            message=message,
             ticks=self._loop.cycle.ticks,
             missed=self._loop.missed,
             elapsed_s=self._loop.elapsed_s,

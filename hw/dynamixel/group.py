@@ -8,7 +8,7 @@ and carries its id.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Final
 
@@ -19,7 +19,14 @@ from haptic_wall.hw.dynamixel.exchange import GOAL_CURRENT, Exchange
 from haptic_wall.hw.dynamixel.health import HealthPolls
 from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.wire import Read, asking_s
-from haptic_wall.hw.errors import Problem, ServoError, ServoLostError, UnfitServoError
+from haptic_wall.hw.errors import (
+    GivenUpError,
+    PortLostError,
+    Problem,
+    ServoError,
+    ServoLostError,
+    UnfitServoError,
+)
 from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import BusCounts, Check, Facts, Outcome, Reading, Traffic
 from haptic_wall.hw.settings import DriverSettings
@@ -35,6 +42,8 @@ def _about(one: Driven) -> Iterator[None]:
     """Let an error carry the id of the servo it is about."""
     try:
         yield
+    except PortLostError:
+        raise  # not its fault
     except ServoError as error:
         error.id = one.station.id
         raise
@@ -78,6 +87,8 @@ class DynamixelGroup:
         self.running = False
         self.left_on: list[Driven] = self.servos
         """Servos whose torque off was not read back since the last start"""
+        self.given_up: Callable[[], bool] = lambda: False
+        """See ``GivesUp``"""
 
     @property
     def facts(self) -> list[Facts]:
@@ -87,7 +98,11 @@ class DynamixelGroup:
     @property
     def trouble(self) -> str:
         """Return what was wrong with the servos; see ``HasTrouble``."""
-        return "; ".join(one.trouble for one in self.servos if one.trouble)
+        told = [one.trouble for one in self.servos if one.trouble]
+        if len(self.servos) > 1 and not self.running:
+            left = [one.facts.name for one in self.left_on if one.known]
+            told += [f"torque off was not read back from {', '.join(left)}"] if left else []
+        return "; ".join(told)
 
     def health(self) -> list[tuple[float, float]]:
         """Return each servo's last supply [V] and temperature [°C]; see ``HasHealth``."""
@@ -102,6 +117,7 @@ class DynamixelGroup:
 
         Raises:
             StrangeServoError: One is of no known model; nothing was written to it.
+            GivenUpError: The start was given up; see ``GivesUp``.
             ServoError: A servo could not be started; the torque of all servos is off, or the
                 message says of which it may not be.
         """
@@ -112,6 +128,7 @@ class DynamixelGroup:
             one.forget()
         try:
             for one in servos:
+                self._go_on()
                 exchange.select([one.station])
                 with _about(one):
                     ready.append(one.start())
@@ -273,6 +290,10 @@ class DynamixelGroup:
             advice="check the cable, and that no two have the same id"
             + (f", or set bus.read=auto instead of {wanted}." if wanted == "fast" else "."),
         )
+
+    def _go_on(self) -> None:
+        if self.given_up():
+            raise GivenUpError("The start was given up")
 
     def _off(self) -> None:
         """Send zero goals if this driver has the torque on; switch it off and read it back.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.emulated.bus import EmulatedBus
-from haptic_wall.hw.errors import ServoLostError
+from haptic_wall.hw.errors import PortLostError
 
 
 class MemoryLine:
@@ -53,7 +53,7 @@ class MemoryLine:
 
     def _check(self) -> None:
         if self.bus.times_unplugged != self._times_unplugged or not self.bus.connected:
-            raise ServoLostError(
+            raise PortLostError(
                 "The serial port is gone (the emulated adapter was unplugged)",
                 advice="plug it in, then open it again.",
             )

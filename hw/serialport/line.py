@@ -10,7 +10,7 @@ from typing import Final, Protocol
 
 from haptic_wall.hw.clock import Clock, ready
 from haptic_wall.hw.elastic import ElasticClock
-from haptic_wall.hw.errors import ServoLostError, wiring
+from haptic_wall.hw.errors import PortLostError, wiring
 
 _SPIN_NS: Final = 60_000
 """Final part of a wait that is spun: a sleep this short returns late by its own length."""
@@ -83,7 +83,7 @@ class FdLine:
         """Send all of ``data``, in one piece unless the output buffer is full.
 
         Raises:
-            ServoLostError: The port is gone, or has stopped sending.
+            PortLostError: The port is gone, or has stopped sending.
         """
         if data and self._elastic is not None:
             self._elastic.sent(len(data))
@@ -100,7 +100,7 @@ class FdLine:
         """Return the received bytes, without waiting.
 
         Raises:
-            ServoLostError: The port is gone.
+            PortLostError: The port is gone.
         """
         most = _REPLY
         if self._arrived:
@@ -129,7 +129,7 @@ class FdLine:
         oversleeps the deadline nor keeps a core busy.
 
         Raises:
-            ServoLostError: The line was closed.
+            PortLostError: The line was closed.
         """
         now_ns = self.clock.now_ns
         if self._elastic is not None:
@@ -158,7 +158,7 @@ class FdLine:
         end = time.monotonic() + _WRITE_PATIENCE_S
         while data:
             if not ready((), max(0.0, end - time.monotonic()), self._only):
-                raise ServoLostError(
+                raise PortLostError(
                     f"The serial port has sent nothing for {_WRITE_PATIENCE_S * 1e3:.0f} ms "
                     "with a frame waiting",
                     advice=f"check {self._wiring}.",
@@ -176,9 +176,9 @@ class FdLine:
         return any(event & gone for _, event in self._poll(0))
 
 
-def _lost(error: OSError | None, wired: str) -> ServoLostError:
+def _lost(error: OSError | None, wired: str) -> PortLostError:
     reason = error.strerror if error is not None else "it has hung up"
-    return ServoLostError(
+    return PortLostError(
         f"The serial port is gone ({reason})",
         advice=f"check {wired}, then start again.",
     )

@@ -20,11 +20,12 @@ from haptic_wall.controller.processes.run import _finished_log
 from haptic_wall.controller.processes.run_report import run_report
 from haptic_wall.controller.runtime.cycle import Cycle
 from haptic_wall.controller.runtime.session import Surroundings, run_session
-from haptic_wall.controller.runtime.telemetry import Telemetry
+from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.dynamixel.group import DynamixelGroup
+from haptic_wall.hw.dynamixel.startup import Ready
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
@@ -142,6 +143,8 @@ def test_an_axis_that_is_lost_or_ill_takes_the_torque_from_all(fault: str, reaso
     assert (run.result.stop_reason, run.result.stop_axis) == (reason, "two")
     assert run.ticks["torque"][-1] == 0.0 and run.ticks["torque"].any(), "of the other axis"
     assert run.result.torque_off is ("unplug" not in fault)
+    left = "torque off was not read back from XM430-W350 id 2 on memory"
+    assert (left in run.result.message) is not run.result.torque_off
     ends = [event.state.torque for event in run.truth if event.event == "state"][-2:]
     assert ends == [0.0, 0.0]
 
@@ -152,25 +155,51 @@ def test_the_axis_whose_driver_ends_the_run_is_named() -> None:
     assert "id 2 on memory has 79 °C" in run.result.message
 
 
+def opened(
+    servos: Sequence[ServoSettings], clock: Clock, *models: str
+) -> tuple[DynamixelGroup, list[EmulatedServo]]:
+    """Servos of these models on a bus in memory, whatever the settings say."""
+    truths = [
+        EmulatedServo(MODELS[model], one.id, 48, one.true, start_ns=0, baud=one.baud)
+        for model, one in zip(models, servos, strict=True)
+        if one.true is not None
+    ]
+    assert isinstance(clock, SimulatedClock)
+    line = MemoryLine(EmulatedBus(truths, baud=servos[0].baud, start_ns=0), clock)
+    return DynamixelGroup([one.driver() for one in servos], line), truths
+
+
 def test_a_servo_that_is_refused_is_named_with_its_axis() -> None:
     config = load_config("emulated-ideal", (*TWO, "loop.clock=simulated")).config
 
     def opener(servos: Sequence[ServoSettings], clock: Clock, _port: int | None) -> Bus:
-        models = (MODELS["XM430-W350"], MODELS["XM540-W270"])
-        bus = EmulatedBus(
-            [
-                EmulatedServo(model, one.id, 48, one.true, start_ns=0, baud=one.baud)
-                for model, one in zip(models, servos, strict=True)
-                if one.true is not None
-            ],
-            baud=servos[0].baud,
-            start_ns=0,
-        )
-        assert isinstance(clock, SimulatedClock)
-        return DynamixelGroup([one.driver() for one in servos], MemoryLine(bus, clock))
+        return opened(servos, clock, "XM430-W350", "XM540-W270")[0]
 
     around = Surroundings(open_bus=opener)
     with pytest.raises(UnfitServoError) as refused:
         run_session(config, SimulatedClock(), Telemetry.create(2), 0.1, surroundings=around)
     assert str(refused.value).startswith("two: The servo with id 2")
     assert "set axes.two.servo.model=XM540-W270" in str(refused.value)
+
+
+def test_no_further_servo_is_started_once_the_run_is_to_stop() -> None:
+    config = load_config("emulated-ideal", (*TWO, "loop.clock=simulated")).config
+    telemetry, made = Telemetry.create(2), list[EmulatedServo]()
+
+    def opener(servos: Sequence[ServoSettings], clock: Clock, _port: int | None) -> Bus:
+        group, truths = opened(servos, clock, "XM430-W350", "XM430-W350")
+        made.extend(truths)
+        start = group.servos[0].start
+
+        def interrupted() -> Ready:
+            telemetry.words[Word.STOP] = 1
+            return start()
+
+        group.servos[0].start = interrupted  # type: ignore[method-assign]
+        return group
+
+    around = Surroundings(open_bus=opener)
+    result = run_session(config, SimulatedClock(), telemetry, 0.1, surroundings=around)
+    assert (result.stop_reason, result.torque_off) == ("interrupted", True)
+    assert [one.memory["torque_enable"] for one in made] == [0, 0]
+    assert made[0].memory["bus_watchdog"] > 0 == made[1].memory["bus_watchdog"], "never set up"

@@ -360,6 +360,15 @@ def test_a_servo_in_trouble_is_named_and_then_the_torque_of_all_ends(
     assert bench.clock.now_ns() - begun <= 850_000_000
 
 
+def test_a_lost_port_is_the_fault_of_no_servo() -> None:
+    bench = started(48, 48, 48)
+    bench.bus.inject("unplug-adapter", bench.clock.now_ns())
+    bench.clock.wait_until(bench.clock.now_ns() + 100_000_000)  # each may have lost its watchdog
+    with pytest.raises(ServoLostError, match="port is gone") as caught:
+        bench.cycle([0.0] * 3)
+    assert caught.value.id is None
+
+
 def test_a_hardware_error_of_one_is_in_its_reading_and_explained_after_the_stop() -> None:
     bench = started(48, 48, 48)
     bench.cycle([0.3, 0.3, 0.3])
