@@ -34,7 +34,7 @@ class Source(Protocol):
         ...
 
     def health(self) -> tuple[float, float] | None:
-        """Return the servo's supply [V] and temperature [°C]; None: not known."""
+        """Return supply [V] and temperature [°C] of the hottest servo; None: not known."""
         ...
 
     def stopped(self) -> bool:

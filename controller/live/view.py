@@ -1,4 +1,4 @@
-"""Keeps the state of a run that all pages see, and tells them what changes."""
+"""Keeps the state of an axis of a run that all pages see, and tells them what changes."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ _SAME_DELAY: Final = 0.03
 
 
 class View:
-    """The state of a run that all clients see.
+    """The state of an axis of a run that all clients see.
 
     Args:
-        config: Configuration at the start of the run.
+        config: Configuration of the axis at the start of the run.
         name: Of the run, for people.
         source: Of its rows.
         recorded: Whether the run is a log.

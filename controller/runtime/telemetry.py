@@ -132,9 +132,9 @@ class Word(IntEnum):
     BEGAN_NS = 20
     """The first deadline [ns]; 0: the loop does not run yet (loop)."""
     SUPPLY_MV = 21
-    """Supply of the servo [mV]; 0: not known (loop)."""
+    """Supply of the servo, of several the hottest one [mV]; 0: not known (loop)."""
     TEMPERATURE_MC = 22
-    """Temperature of the servo [m°C], known with the supply (loop)."""
+    """Its temperature [m°C], known with the supply (loop)."""
     KNOWN = 23
     """Not 0: the servos have been told to the door (loop)."""
     STOP_AXIS = 24

@@ -20,4 +20,6 @@ def _open(servos: Sequence[ServoSettings], clock: Clock, _descriptor: int | None
     return SimulatedBus(trues, clock, servos[0].arm, mounts)
 
 
-BACKEND = Backend(open=_open, several=True, simulated=True, cut_torque=lambda *_: True)
+BACKEND = Backend(
+    open=_open, several=True, mounted=True, simulated=True, cut_torque=lambda *_: True
+)

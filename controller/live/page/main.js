@@ -59,7 +59,7 @@ const heard = {
   hello: greet,
   marks: ({ marks }) => events.add(marks),
   laws: ({ laws }) => keepLaws(state.laws, laws),
-  health: ({ volts, celsius }) => { state.health = `${volts} V · ${celsius} °C`; },
+  health: ({ volts, celsius }) => { state.health = `${state.hello.axes.length > 1 ? "hottest servo " : ""}${volts} V · ${celsius} °C`; },
   wall: (wall) => knobs.show(wall, state.hello),
   map: (limits) => map.show(limits),
   strip: ({ axes }) => strip.show(axes, state.ended),
