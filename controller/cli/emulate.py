@@ -82,6 +82,9 @@ class _TrueValue(AnyType):
               "ends a fault, `list` lists them.")  # fmt: skip
 @click.option("--seed", type=int, default=0, show_default=True,
               help="Seed of the servos' clocks and of the random faults.")  # fmt: skip
+@click.option("--arm", type=click.Choice(["none", "planar"]), default="none", show_default=True,
+              help="Links between the servos. planar: the first two move two links in a horizontal "
+              "plane, with a mass at the end of each.")  # fmt: skip
 @click.option("--set", "sets", multiple=True, metavar="servo.NAME=VALUE", type=_TrueValue(),
               help="True parameter of the servos (repeatable), of one of them as "
               "servo@ID.NAME=VALUE: " + ", ".join(NAMES) + "; or of the links: "
@@ -90,6 +93,7 @@ class _TrueValue(AnyType):
 def command(
     servos: tuple[str, ...],
     sets: tuple[tuple[str, str, Any], ...],
+    arm: str,
     link: Path | None,
     record: Path | None,
     **given: Any,  # noqa: ANN401 - the fields of a plan
@@ -106,7 +110,7 @@ def command(
     sections: dict[str, dict[str, Any]] = {"servo": {}, "arm": {}}
     for section, name, value in sets:
         sections.setdefault(section, {})[name] = value
-    truth, links = sections.pop("servo"), sections.pop("arm")
+    truth, links = sections.pop("servo"), {"shape": arm} | sections.pop("arm")
     own = {section.partition("@")[2]: values for section, values in sections.items()}
     plan = Plan(servos, truth, own, links, **given)
     for setting in realtime.apply("best-effort", PRIORITY, os.sched_getaffinity(0)):
