@@ -140,7 +140,7 @@ def _finished_log(plan: Plan, ended: Ended, words: memoryview[int]) -> LogState:
         "schedule": (result.get("bus") or {}).get("schedule"),
     }
     for name, part in report.get("axes", {}).items():
-        part["servo"] = result["axes"][name]["servo"]
+        part["servo"] = result.get("axes", {}).get(name, {}).get("servo")
     try:
         append_end(plan.log, report, ended.unlogged)
     except (OSError, LogFormatError) as error:

@@ -29,10 +29,12 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
     result = ended.result or {}
     statistics = ended.statistics
     elapsed = result.get("elapsed_s") or ended.ticks / config.loop.rate_hz
+    # A loop that died has told nothing of them.
+    parts: dict[str, dict[str, Any]] = result.get("axes") or {name: {} for name in config.axes}
     axes = {
         name: {key: part.get(key) for key in ("guard", "oscillation", "delay_s", "bus")}
-        | {"wall_came_on": part["wall_came_on"], "torque": statistics.torque(index)}
-        for index, (name, part) in enumerate(result.get("axes", {}).items())
+        | {"wall_came_on": bool(part.get("wall_came_on")), "torque": statistics.torque(index)}
+        for index, (name, part) in enumerate(parts.items())
     }
     return {
         "ticks": ended.ticks,

@@ -7,7 +7,7 @@ from typing import cast
 import pytest
 
 from haptic_wall.controller.processes.plan import Ended
-from haptic_wall.controller.processes.run_report import explanation, warnings_of
+from haptic_wall.controller.processes.run_report import explanation, run_report, warnings_of
 from haptic_wall.controller.runtime.safety import End, Trip
 from haptic_wall.controller.runtime.statistics import RunStatistics
 from haptic_wall.controller.settings.load import load_config
@@ -65,3 +65,14 @@ def test_missed_periods_have_their_reason_where_it_is_plain(
     )
     assert "".join(warnings_of(ended)).startswith(said)
     assert bool(warnings_of(ended)) == bool(said)
+
+
+def test_each_axis_has_its_own_torque_in_the_report_of_a_loop_that_died() -> None:
+    config = load_config("simulated", ["axes.one.servo.id=1", "axes.two.servo.id=2"]).config
+    statistics = RunStatistics(2)
+    statistics.max_torque[:] = 0.5, 0.2
+    report = run_report(config, Ended(Trip.LOOP_DIED, statistics, 10, 0), None, None)
+    assert {name: part["torque"]["max"] for name, part in report["axes"].items()} == {
+        "one": 0.5,
+        "two": 0.2,
+    }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,11 @@ from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.table import read_log
 from haptic_wall.controller.processes.inline import run_inline
-from haptic_wall.controller.processes.plan import Plan
+from haptic_wall.controller.processes.plan import LogState, Plan
 from haptic_wall.controller.processes.run import _finished_log
 from haptic_wall.controller.processes.run_report import run_report
 from haptic_wall.controller.runtime.cycle import Cycle
+from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.session import Surroundings, run_session
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.config import Config
@@ -79,6 +81,19 @@ def test_each_axis_runs_and_is_logged_as_if_it_were_alone(tmp_path: Path) -> Non
     assert whole["axes"]["trigger"]["torque"]["max"] == 0.0, "its law is none"
     with pytest.raises(UserError, match="one of shoulder, elbow, trigger"):
         read.axis("wrist")
+
+
+def test_the_log_of_a_loop_that_died_has_the_torque_of_each_axis(tmp_path: Path) -> None:
+    config, log = load_config("simulated", SETS).config, tmp_path / "a.hwlog"
+    telemetry = Telemetry.create(len(config.each))
+    plan = Plan(config, 0.5, log, {"name": "a", "config": config.model_dump(mode="json")}, None)
+    ended = replace(run_inline(plan, telemetry), stop_reason=Trip.LOOP_DIED, result=None)
+    assert _finished_log(plan, ended, telemetry.words) is LogState.WHOLE
+    telemetry.close()
+    read = LogReader.open(log)
+    assert read.end is not None and read.end["torque"]["max"] > 0.0
+    trigger = read.axis("trigger").end
+    assert trigger is not None and trigger["torque"]["max"] == 0.0, "its law is none"
 
 
 def test_a_log_of_several_axes_is_one_table_with_their_names(
