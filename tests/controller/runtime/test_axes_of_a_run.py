@@ -20,6 +20,7 @@ from haptic_wall.controller.processes.run import _finished_log
 from haptic_wall.controller.processes.run_report import run_report
 from haptic_wall.controller.runtime.cycle import Cycle
 from haptic_wall.controller.runtime.session import Surroundings, run_session
+from haptic_wall.controller.runtime.session_report import all_axes
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
@@ -174,3 +175,12 @@ def test_a_servo_that_is_refused_is_named_with_its_axis() -> None:
         run_session(config, SimulatedClock(), Telemetry.create(2), 0.1, surroundings=around)
     assert str(refused.value).startswith("two: The servo with id 2")
     assert "set axes.two.servo.model=XM540-W270" in str(refused.value)
+
+
+def test_of_several_quiet_axes_the_report_tells_the_probes() -> None:
+    quiet = {"state": "quiet", "amplitude_rad": None, "probed_s": 2.0}
+    parts = [
+        {"oscillation": quiet | {"probes": probes}, "wall_came_on": True, "bus": None}
+        for probes in (0, 3, 1)
+    ]
+    assert all_axes(parts)["oscillation"]["probes"] == 3
