@@ -13,7 +13,7 @@ from haptic_wall.controller.cli.options import (
     json_option,
     set_option,
 )
-from haptic_wall.controller.settings.axes import OWN
+from haptic_wall.controller.settings.axes import OWN, RENAMED
 from haptic_wall.controller.settings.axis_names import split_path
 from haptic_wall.controller.settings.fields import Field, fields
 from haptic_wall.controller.settings.load import Loaded, load_config
@@ -70,6 +70,8 @@ def _kind(loaded: Loaded) -> str:
 def _value(loaded: Loaded, path: str) -> Any:  # noqa: ANN401 - values are what they are
     axis, bare = split_path(path)
     section, key = bare.split(".")
+    if path in loaded.origins and section == "bus" and key in RENAMED:
+        section = "servo"  # where it has gone
     holder = loaded.config.axes[axis[5:-1]] if axis else loaded.config
     value = getattr(getattr(holder, section), key)
     if hasattr(value, "model_dump"):
@@ -99,7 +101,8 @@ def _row(loaded: Loaded, path: str) -> str:
     field, origin = _field(path), loaded.origins.get(path, "default")
     value = f"{_text(_value(loaded, path))} {field.unit}"
     mark = " " if _kind(loaded) in field.used_by else "-"
-    head = f"{mark} {path:<24}  {value:<{_VALUE_WIDTH}}  {origin}"
+    start = f"{mark} {path:<24}  "
+    head = f"{start}{value:<{_VALUE_WIDTH + 28 - len(start)}}  {origin}"
     about = wrapped(f"{field.meaning} ({field.wanted})", " " * 6, " " * 6)
     return "\n".join([head, *([] if path not in fields() else about)])
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import click
 import yaml
+from click.core import ParameterSource
 
 from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import put, reading, writing
@@ -85,6 +86,9 @@ def command(
             wanted="another name",
             advice=f"give for example `haptic-wall init my-{file}.yaml --from {file}`",
         )
+    source = click.get_current_context().get_parameter_source("margin")
+    if urdf is None and source is not ParameterSource.DEFAULT:
+        raise UserError("of no use", field="--margin", wanted="it with --urdf")
     text = commented(preset, _axes(ids, urdf, margin))
     with writing("FILE", file), whole(file) as part:
         part.write_text(text, encoding="utf-8")

@@ -39,18 +39,18 @@ def report_text(report: Mapping[str, Any], *, brief: bool = False) -> str:
         log = report.get("log")
         where = f"haptic-wall log {shlex.quote(str(log))}" if log else "run -v"
         if str(report.get("log_state")) in _WITHOUT_END:  # nothing else has them
-            told += [*_ticks(report), *_bus(report.get("bus"))]
+            told += [*_ticks(report), *_bus(report)]
             told += [("why", text) for text in reasons]
             told += [("change", _change(each)) for each in changes]
             told += [("note", text) for text in notes]
         else:
             told += [("why", text) for text in reasons[:1]]
-            told += [*_ticks(report), *_bus(report.get("bus"))]
+            told += [*_ticks(report), *_bus(report)]
             told += [("note", text) for text in notes[-1:]]
             told += [("more", f"{', '.join(more)}: `{where}`")] if more else []
     else:
         told += _of_guards(report, _limits)
-        told += [*_ticks(report), *_timing(report), *_bus(report.get("bus"))]
+        told += [*_ticks(report), *_timing(report), *_bus(report)]
         told += [*_delay(report), *_realtime(report.get("realtime"))]
         told += [("why", text) for text in reasons]
         told += [("change", _change(each)) for each in changes]
@@ -128,8 +128,8 @@ def _motion(report: Mapping[str, Any]) -> Lines:
                 parts[0] += f", {number(seen[key])} {unit}"
         if seen.get("first_alarm_s") is not None:
             parts.append(f"alarm after {number(seen['first_alarm_s'])} s")
-        if probes := seen.get("probes"):
-            times = "1 probe" if probes == 1 else f"{probes} probes"
+        if (probes := seen.get("probes")) or seen.get("probed_s"):  # axes share a probe
+            times = f"{probes} probe{'s' * (probes > 1)}" if probes else "no probe of its own"
             parts.append(f"{times}, wall softer for {number(seen.get('probed_s'), 2)} s")
         share = (seen.get("reduced_to") or {}).get("stiffness", 1.0)
         if share < 1.0:
@@ -208,13 +208,14 @@ def _timing(report: Mapping[str, Any]) -> Lines:
             yield meaning, f"{', '.join(named)} µs"
 
 
-def _bus(bus: Mapping[str, Any] | None) -> Lines:
-    if bus:
+def _bus(report: Mapping[str, Any]) -> Lines:
+    if bus := report.get("bus"):
         kinds = ["lost", "late", "corrupt", *(["refused"] if bus.get("refused") else [])]
         counts = ", ".join(f"{bus[kind]} {kind}" for kind in kinds)
         age = bus["sample_age_us"].get("p99")
         known = "" if age is None else f"; sample age p99 {age:.0f} µs"
-        yield "bus", f"{bus['cycles']} cycles, {bus['schedule']}: {counts}{known}"
+        what = f"readings of {len(report['axes'])} servos" if report.get("axes") else "cycles"
+        yield "bus", f"{bus['cycles']} {what}, {bus['schedule']}: {counts}{known}"
 
 
 def _delay(report: Mapping[str, Any]) -> Lines:

@@ -121,9 +121,9 @@ def all_axes(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
-def _severity(seen: Mapping[str, Any]) -> tuple[int, float]:
+def _severity(seen: Mapping[str, Any]) -> tuple[int, float, int]:
     """Return the rank of what a watch has seen."""
-    return State[seen["state"].upper()], seen["amplitude_rad"] or 0.0
+    return State[seen["state"].upper()], seen["amplitude_rad"] or 0.0, seen["probes"]
 
 
 def missed_warnings(config: Config, worst: float) -> list[str]:

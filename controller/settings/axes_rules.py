@@ -10,7 +10,6 @@ from typing import Final
 
 from pydantic import ValidationError
 
-from haptic_wall.controller.laws.wall import NONE
 from haptic_wall.controller.settings.axes import SHARED
 from haptic_wall.controller.settings.sections import Sections
 from haptic_wall.controller.settings.shares import COLLECT_SHARE
@@ -98,13 +97,15 @@ def _bare(config: Sections) -> Iterator[Problem]:
 def _of_another(config: Sections) -> Iterator[Problem]:
     """Another gear has another inertia: with that of a heavier servo a wall would be unstable."""
     seen: dict[float, tuple[str, str | None]] = {}
+    if config.model.inertia is not None and config.servo.model is not None:
+        seen[config.model.inertia.low] = ("servo.model", config.servo.model)
     for name, axis in config.axes.items():
         believed, model = axis.model.inertia, axis.servo.model
-        if believed is not None and axis.wall.law != NONE:
-            other, of = seen.setdefault(believed.low, (name, model))
+        if believed is not None:  # of any law: a running wall takes another law
+            other, of = seen.setdefault(believed.low, (f"axes.{name}", model))
             if of != model:
                 yield Problem(
-                    f"found that of axes.{other}, a bare {of}",
+                    f"found that of {other}, a bare {of}",
                     wanted=f"that of a bare {model}",
                     advice=f"set what axes.{name} has of its own of model.*",
                     field=f"axes.{name}.model.inertia",

@@ -49,6 +49,15 @@ def test_config_shows_bounds_of_the_belief_and_marks_what_is_not_used() -> None:
     assert {"servo.inertia", "servo.hand"} < set(unused)
 
 
+def test_config_shows_what_the_bus_section_gives() -> None:
+    sets = ("--set=bus.port=/dev/ttyUSB8", "--set=bus.baud=1000000")
+    listed = json.loads(answer(config, "xm430-w350", "--json", *sets))["fields"]
+    both = {
+        path: (listed[path]["value"], listed[path]["from"]) for path in ("bus.port", "bus.baud")
+    }
+    assert both == {"bus.port": ("/dev/ttyUSB8", "--set"), "bus.baud": (1000000, "--set")}
+
+
 def test_config_shows_what_an_axis_has_of_its_own() -> None:
     sets = ["axes.a.wall.law=none", "axes.b.servo.inertia=0.02", "axes.b.wall.stiffness=8"]
     listed = json.loads(answer(config, "simulated", "--json", *(f"--set={each}" for each in sets)))

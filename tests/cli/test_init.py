@@ -8,7 +8,7 @@ import pytest
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.cli.init import commented
 from haptic_wall.controller.settings.fields import fields
-from haptic_wall.controller.settings.load import load_config, preset_names
+from haptic_wall.controller.settings.load import load_config, preset_names, preset_text
 from tests.cli.caller import Cli
 
 
@@ -61,6 +61,13 @@ def test_a_file_has_an_axis_for_each_id(cli: Cli, tmp_path: Path) -> None:
     assert "found 1 twice" in cli.refused("init", file, "--axes", "1,1", "--force")
 
 
+def test_the_pages_that_a_preset_names_are_there() -> None:
+    root = Path(__file__).parents[2]
+    texts = [preset_text(each) for each in preset_names()]
+    named = {page for text in texts for page in re.findall(r"docs/\S+?\.md", text)}
+    assert named and all((root / page).is_file() for page in named)
+
+
 ROBOT = """<robot name="arm">
 <joint name="Shoulder Pan" type="revolute"><limit lower="-1.9" upper="1.9" effort="1"/></joint>
 <joint name="2nd" type="revolute"><limit upper="1.6"/></joint>
@@ -81,6 +88,7 @@ def test_the_stops_of_a_file_are_the_limits_of_a_robot(cli: Cli, tmp_path: Path)
     assert {one.wall.position for one in axes.values()} == {0.0}
     assert "wanted 2, one for each of shoulder_pan, joint_2nd" in cli.refused(*ask, "--axes", 7)
     assert "half the range of the joint 2nd" in cli.refused(*ask, "--margin", 0.8)
+    assert "--margin: of no use" in cli.refused("init", tmp_path / "new.yaml", "--margin", 0.1)
 
 
 def test_joints_with_one_name_in_an_axis_letters_stay_apart(cli: Cli, tmp_path: Path) -> None:

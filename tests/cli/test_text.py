@@ -80,6 +80,19 @@ def test_the_report_of_several_axes_has_a_line_for_each() -> None:
     assert told.count("stiffness 1e+06 asked") == 1, "the reason is the same"
 
 
+def test_a_reading_of_each_servo_is_not_a_cycle_of_the_bus() -> None:
+    part = {key: REPORT[key] for key in ("guard", "oscillation", "torque")}
+    told = joined(REPORT | {"axes": {"arm": part, "elbow": part}})
+    assert "bus 4998 readings of 2 servos, immediate: 1 lost" in told
+
+
+def test_the_probe_of_another_axis_is_told_of_an_axis_that_it_made_softer() -> None:
+    part = {key: REPORT[key] for key in ("guard", "oscillation", "torque")}
+    seen = {"state": "quiet", "probes": 0, "probed_s": 11.104}
+    told = joined(REPORT | {"axes": {"arm": part | {"oscillation": seen}, "elbow": part}})
+    assert "quiet; no probe of its own, wall softer for 11 s;" in told
+
+
 def test_the_report_tells_what_happened_in_some_25_lines() -> None:
     text = joined(REPORT)
     for fact in (

@@ -22,6 +22,7 @@ from haptic_wall.controller.processes.run_report import run_report
 from haptic_wall.controller.runtime.cycle import Cycle
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.session import Surroundings, run_session
+from haptic_wall.controller.runtime.session_report import all_axes
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
@@ -218,3 +219,12 @@ def test_no_further_servo_is_started_once_the_run_is_to_stop() -> None:
     assert (result.stop_reason, result.torque_off) == ("interrupted", True)
     assert [one.memory["torque_enable"] for one in made] == [0, 0]
     assert made[0].memory["bus_watchdog"] > 0 == made[1].memory["bus_watchdog"], "never set up"
+
+
+def test_of_several_quiet_axes_the_report_tells_the_probes() -> None:
+    quiet = {"state": "quiet", "amplitude_rad": None, "probed_s": 2.0}
+    parts = [
+        {"oscillation": quiet | {"probes": probes}, "wall_came_on": True, "bus": None}
+        for probes in (0, 3, 1)
+    ]
+    assert all_axes(parts)["oscillation"]["probes"] == 3

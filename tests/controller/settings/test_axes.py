@@ -135,14 +135,28 @@ def test_what_is_wrong_with_an_axis_is_said_with_its_path(change: str, said: str
     assert said in problem
 
 
-def test_another_model_does_not_pass_with_the_inertia_of_the_first() -> None:
+@pytest.mark.parametrize("silent", ["shoulder", "elbow", "neither"])
+def test_another_model_does_not_pass_with_the_inertia_of_the_first(silent: str) -> None:
+    """Whichever axis has no law: it may get one while it runs."""
     other = ["model.inertia=0.01", "axes.elbow.servo.model=XM430-W210"]
-    with pytest.raises(
-        ConfigError, match=r"model\.inertia .*: found that of axes\.shoulder, a bare"
-    ):
+    other += [] if silent == "neither" else [f"axes.{silent}.wall.law=none"]
+    with pytest.raises(ConfigError, match=r"model\.inertia .*: found that of servo\.model, a bare"):
         load_config("emulated-ideal", [*TWO, *other])
     load_config("emulated-ideal", [*TWO, *other, "axes.elbow.model.inertia=0.004"])
-    load_config("emulated-ideal", [*TWO, *other, "axes.elbow.wall.law=none"])
+
+
+def test_all_axes_do_not_pass_with_the_inertia_of_another_model() -> None:
+    other = [f"axes.{name}.servo.model=XM430-W210" for name in ("shoulder", "elbow")]
+    with pytest.raises(ConfigError) as refused:
+        load_config("emulated-ideal", [*TWO, "model.inertia=0.01", *other])
+    assert len(refused.value.problems) == 2
+
+
+def test_axes_without_a_common_model_do_not_share_an_inertia() -> None:
+    other = ["servo.model=null", "axes.shoulder.servo.model=XM430-W350"]
+    other += ["model.inertia=0.01", "axes.elbow.servo.model=XM430-W210"]
+    with pytest.raises(ConfigError, match=r"found that of axes\.shoulder, a bare XM430-W350"):
+        load_config("emulated-ideal", [*TWO, *other])
 
 
 def test_a_fault_may_name_any_servo_of_the_bus() -> None:
