@@ -97,7 +97,7 @@ class Bins:
     def _decided_ages(self, index: int) -> list[int]:
         """Return the ages that get a decision of their own [ns]; the last is one of them."""
         situation, (_, inserted) = self._at(index)
-        if index == 0 and not is_heavy(situation):
+        if index == 0 and not is_heavy(situation, self.request.velocity_samples):
             return list(self.ages_ns)
         before = 0.5 * situation.period + inserted + situation.belief.delay.high
         some: list[int] = []

@@ -194,7 +194,7 @@ class Evaluation:
     @cached_property
     def box(self) -> Box:
         """Return the members to evaluate around each corner."""
-        return Box.of(self.situation)
+        return Box.of(self.situation, self.request.velocity_samples)
 
     @property
     def exact(self) -> FloatArray:

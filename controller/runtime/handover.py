@@ -33,7 +33,8 @@ class KnownServo:
     simulated: bool
     """Whether the loop runs on the simulated clock"""
     lag: Bounded | None = None
-    """The longest device delay that is believed of any servo on its bus [s]; None: it is alone"""
+    """The longest device delay that is believed of any servo on its bus, bounded below by the
+    shortest one [s]; None: it is alone"""
 
 
 @dataclass(slots=True)

@@ -207,10 +207,14 @@ class _Session:
             self._decided.append(known[asked])
 
     def _know(self) -> None:
-        """Take the facts of the servos, and the longest of their delays."""
+        """Take the facts of the servos, and the longest of their delays.
+
+        From the shortest of all on: on a flexible transmission that may be the less safe one.
+        """
         traffic, simulated = self.bus.traffic, self._simulated
-        delays = (config.belief().delay for config in self._configs.values())
+        delays = [config.belief().delay for config in self._configs.values()]
         lag = max(delays, key=lambda delay: delay.high)
+        lag = replace(lag, low=min(delay.low for delay in delays))
         self._servos = [KnownServo(each, traffic, simulated, lag) for each in self.bus.facts]
 
     def _each(self) -> Iterator[tuple[Config, KnownServo]]:

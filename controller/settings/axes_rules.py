@@ -18,6 +18,11 @@ from haptic_wall.hw.open import backend
 
 BARE_INERTIA: Final = {"XM430-W350": 0.017927, "XL330-M288": 0.0027213}
 """Highest inertia of a bare servo, by model [kg·m²]: that of its preset"""
+_GEARED: Final = {
+    "XM430-W210": BARE_INERTIA["XM430-W350"] * (212.6 / 353.5) ** 2,
+    "XL330-M077": BARE_INERTIA["XL330-M288"] * (77.5 / 288.4) ** 2,
+}
+"""That of the same motor behind another gear: ratios of the e-Manual"""
 _ROUNDED: Final = 1 + 1e-9
 
 
@@ -80,15 +85,16 @@ def _bare(config: Sections) -> Iterator[Problem]:
     """The guard needs the servo's own inertia: that of links changes with the pose."""
     for name, axis in config.axes.items():
         believed, load = axis.model.inertia, axis.model.load_inertia
-        bare = BARE_INERTIA.get(axis.servo.model or "")
-        if believed is None or bare is None:
+        bare = (BARE_INERTIA | _GEARED).get(axis.servo.model or "")
+        if believed is None or bare is None or axis.wall.law == NONE:
             continue
         low = believed.low - (0.0 if load is None else load.high)
         if low > bare * _ROUNDED:
             yield Problem(
                 f"found {low:g} kg·m² as its low bound",
-                wanted=f"at most {bare:g}, that of a bare {axis.servo.model}: an inertia identified"
-                " on an assembled arm holds in one pose only, and in others the wall is unstable",
+                wanted=f"at most {bare:.5g}, that of a bare {axis.servo.model}: an inertia "
+                "identified on an assembled arm holds in one pose only, and in others the wall is "
+                "unstable",
                 advice="identify the servo without its links, or take the preset's bounds",
                 field=f"axes.{name}.model.inertia",
             )

@@ -15,6 +15,8 @@ from haptic_wall.controller.theory import (
     one_sided_limit,
     passive_limit,
 )
+from haptic_wall.controller.theory.boundary import chain_boundary
+from haptic_wall.controller.theory.chain import one_mass
 from tests.support.contacts import restitution
 
 T = 1e-3
@@ -57,7 +59,7 @@ def test_a_servo_with_more_damping_than_the_least_believed_comes_back_no_faster(
 def test_the_members_begin_with_the_corner_and_reach_the_ends_of_the_belief() -> None:
     """None is beyond them: what is not believed would cost stiffness."""
     where = situation((0.2, 0.8), inertia=(M, 1.3 * M), gain=(0.8, 1.25))
-    box = Box.of(where)
+    box = Box.of(where, 1)
     ends = np.array([[1.0, 1.3], [0.0, 0.6 * M / T], [0.8 / 1.25, 1.0]])
     members = np.array([box.inertia, box.damping, box.gain])
     assert members[:, 0] == pytest.approx([1.0, 0.0, 1.0])
@@ -73,6 +75,17 @@ def test_what_no_stiffness_makes_safe_for_some_servo_in_the_box_is_given_none() 
     assert one_sided_limit(M, 0.936 * M / T, damping, T, 0.054 * T) == 0
     (decision,) = decide(Request(1e9, damping, "above"), GuardSettings(), where, [0.0])
     assert decision.stiffness == 0
+
+
+@pytest.mark.parametrize("heavier", [1.3, 1.5, 1.6, 2.0])
+def test_a_heavier_servo_is_stable_with_a_velocity_over_many_samples(heavier: float) -> None:
+    """Decided for the lightest servo alone, this wall has 1.55 times the limit of another."""
+    where, samples = situation((0.0877, 0.0877), inertia=(M, 2.0 * M)), 16
+    request, settings = Request(1e9, 1e9, "both", samples), GuardSettings(damping_cap=0.3)
+    (decision,) = decide(request, settings, where, [0.0])
+    chain = one_mass(heavier * M, 0.0877 * M / T)
+    limit = float(chain_boundary(*chain, decision.damping, T, 0.0, samples).stiffness)
+    assert decision.stiffness < limit
 
 
 # found by search: b T/m at the corner, B of the ceiling, delay; inertia and gain of the member

@@ -128,6 +128,27 @@ def test_all_axes_count_the_longest_device_delay(tmp_path: Path) -> None:
     assert report["delay_s"]["total"] == pytest.approx(0.003)
 
 
+def test_an_axis_is_decided_for_its_own_delay_too_if_that_of_another_is_longer(
+    tmp_path: Path,
+) -> None:
+    sets = (
+        *("loop.clock=simulated", "servo.hand=none", "servo.counts_per_rev=0", "wall.side=both"),
+        *("wall.stiffness=1e6", "wall.damping=1e3", "servo.coulomb=0", "servo.kick=0.01"),
+    )
+    link = {
+        **{"inertia": 0.005745, "load_inertia": 0.004255, "damping": 0.0179, "delay": 0.000295},
+        **{"transmission_stiffness": 3799.0, "transmission_damping": 0.0918},
+    }
+    one = [f"axes.one.servo.{name}={value}" for name, value in link.items()]
+    pair = (*sets, *one, "axes.other.servo.delay=0.001441", "axes.other.wall.law=none")
+    report = logged(load_config("simulated", pair).config, tmp_path / "a.hwlog")
+    both = "model.delay={value: 0.001441, low: 0.000295, high: 0.001441}"
+    alone = (*sets, *(f"servo.{name}={value}" for name, value in link.items()), both)
+    expected = logged(load_config("simulated", alone).config, tmp_path / "b.hwlog")
+    assert report["axes"]["one"]["guard"]["commanded"] == expected["guard"]["commanded"]
+    assert report["axes"]["one"]["torque"]["saturated_ticks"] == 0
+
+
 def test_an_error_of_the_driver_names_its_axis(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -159,6 +159,19 @@ def test_axes_without_a_common_model_do_not_share_an_inertia() -> None:
         load_config("emulated-ideal", [*TWO, *other])
 
 
+@pytest.mark.parametrize(
+    ("preset", "model", "bare", "links"),
+    [("xl330-m288", "XL330-M077", 0.00019, 0.0002), ("xm430-w350", "XM430-W210", 0.0064, 0.0066)],
+)
+def test_an_arm_is_no_bare_servo_behind_another_gear(
+    preset: str, model: str, bare: float, links: float
+) -> None:
+    sets = ["axes.one.servo.id=1", "axes.two.servo.id=2", f"servo.model={model}"]
+    load_config(preset, [*sets, f"model.inertia={bare}"])
+    with pytest.raises(ConfigError, match=f"that of a bare {model}"):
+        load_config(preset, [*sets, f"model.inertia={links}"])
+
+
 def test_a_fault_may_name_any_servo_of_the_bus() -> None:
     config = load_config("emulated-ideal", [*TWO, "servo.faults=unplug:id=2"]).config
     assert [each.faults for each in config.servos()] == [("unplug:id=2",)] * 2
