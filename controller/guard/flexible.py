@@ -461,6 +461,12 @@ def _servos(
     every = np.meshgrid(ratios, math.tau * rates, np.arange(wholes.size), indexing="ij")
     ratio, rate, body = (each.ravel() for each in every)
     whole, load = wholes[body], loads[body]
+    stiffness = belief.transmission_stiffness
+    if belief.bare and stiffness.high > 0.0:
+        # each body from its own slowest vibration on, over as many cycles of the phase
+        slowest = np.sqrt(stiffness.low * whole / (load * (whole - load)))
+        rate += slowest * knot.low / belief.flexible_hz.low - math.tau * knot.low
+        rate = np.minimum(rate, slowest * math.sqrt(stiffness.high / stiffness.low))
     friction = np.unique([belief.damping.low, belief.damping.high])
     motor = whole - load
     moving = motor * load / whole
