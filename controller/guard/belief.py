@@ -59,7 +59,7 @@ class Belief:
     """Transmission stiffness of gear train and horn, where ``flexible_hz`` was derived from it
     [N·m/rad]; 0: it was not"""
     bare: bool = False
-    """``inertia`` is that of the motor alone, and ``load_inertia`` is added to it: an arm's joint"""
+    """``inertia`` is that of the motor alone, and ``load_inertia`` is added: an arm's joint"""
 
     @property
     def is_flexible(self) -> bool:

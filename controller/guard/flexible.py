@@ -44,8 +44,9 @@ of a motor that settles within a period dips beside each whole period; their dis
 _CYCLES = 1.15
 """Cycles of that phase that the frequencies of one delay span at most. Within a cycle each phase
 occurs, and the slowest vibration of a phase bounds the damping and the stiffness most"""
-_LOADS = 3.0
-"""Largest ratio of 1/motor + 1/load within a slice of a belief about a motor alone"""
+_SLICES, _LOADS = 3.0, 1.45
+"""Largest ratio of 1/motor + 1/load within a slice of a belief about a motor alone, and between two
+of its loads: the ceiling may be least between the ends"""
 _SLOWER = 0.93
 """Fraction of a frequency down to which a coarse grid of delays counts it"""
 _NOTCH = 0.25
@@ -241,17 +242,22 @@ def slices(belief: Belief) -> list[Belief]:
     stiffness = belief.transmission_stiffness
     if not belief.bare or not stiffness.high > 0.0:
         return [belief]
-    m, most = 1.0 / belief.inertia.low, belief.load_inertia.high
-    least = lightest_load(belief.inertia, belief.load_inertia, bare=True)
-    ratio = (m + 1.0 / least) / (m + 1.0 / most)
-    count = 1 + math.floor(math.log(ratio) / math.log(_LOADS))
-    ends = 1.0 / (np.geomspace(m + 1.0 / most, m + 1.0 / least, count + 1) - m)
     found = []
-    for heavy, light in pairwise([most, *ends[1:-1].tolist(), least]):
+    for heavy, light in pairwise(_loads(belief, _SLICES)):
         load = Bounded(heavy, light, heavy)
         hz = vibration(belief.inertia, load, stiffness, bare=True)
         found.append(replace(belief, load_inertia=load, flexible_hz=hz))
     return found
+
+
+def _loads(belief: Belief, most: float) -> list[float]:
+    """Return loads beside a motor from greatest to least; ``most``: ratio of 1/motor + 1/load."""
+    motor, greatest = 1.0 / belief.inertia.low, belief.load_inertia.high
+    least = lightest_load(belief.inertia, belief.load_inertia, belief.bare)
+    ends = motor + 1.0 / greatest, motor + 1.0 / least
+    count = 1 + math.floor(math.log(ends[1] / ends[0]) / math.log(most))
+    between: list[float] = (1.0 / (np.geomspace(*ends, count + 1)[1:-1] - motor)).tolist()
+    return [greatest, *between, least]
 
 
 def returned_share(belief: Belief, stiffness: FloatArray) -> FloatArray:
@@ -489,7 +495,8 @@ def _bodies(belief: Belief) -> tuple[FloatArray, FloatArray]:
     """
     inertia, most = belief.inertia, belief.load_inertia.high
     found = []
-    for load in {lightest_load(inertia, belief.load_inertia, belief.bare), most}:
+    ends = {lightest_load(inertia, belief.load_inertia, belief.bare), most}
+    for load in _loads(belief, _LOADS) if belief.bare else ends:
         light, heavy = inertia.low, inertia.high
         if not belief.bare:
             light, heavy = _motor(light, load), _motor(heavy, load)

@@ -392,7 +392,7 @@ class Model(Section):
     )
     bare: bool = setting(
         False,
-        "true: model.inertia is that of the motor alone, and model.load_inertia is added to it; "
+        "Whether model.inertia is that of the bare servo, and model.load_inertia is added to it; "
         "several axes: always true",
     )
     transmission_stiffness: Estimate[Stiffness] | None = setting(
