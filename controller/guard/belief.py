@@ -36,7 +36,7 @@ class Belief:
     """The servo parameters as the controller believes them to be."""
 
     inertia: Bounded
-    """Inertia of everything that the servo turns [kg·m²]"""
+    """Inertia of everything that the servo turns, or of the motor alone if ``bare`` [kg·m²]"""
     damping: Bounded
     """Viscous friction [N·m·s/rad]"""
     coulomb: Bounded
@@ -48,7 +48,7 @@ class Belief:
     backlash: Bounded = Bounded(0.0, 0.0, 0.0)
     """Between shaft and encoder, full width [rad]; the guard counts the most of it, 0: none"""
     load_inertia: Bounded = Bounded(0.0, 0.0, 0.0)
-    """The part of ``inertia`` that is behind a flexible transmission [kg·m²]; 0: rigid"""
+    """The part of ``inertia``, or beside it, behind a flexible transmission [kg·m²]; 0: rigid"""
     flexible_hz: Bounded = Bounded(0.0, 0.0, 0.0)
     """Frequency of its vibration with both ends free [Hz]; 0: rigid"""
     flexible_damping_ratio: Bounded = Bounded(0.0, 0.0, 0.0)
@@ -58,6 +58,8 @@ class Belief:
     transmission_stiffness: Bounded = Bounded(0.0, 0.0, 0.0)
     """Transmission stiffness of gear train and horn, where ``flexible_hz`` was derived from it
     [N·m/rad]; 0: it was not"""
+    bare: bool = False
+    """``inertia`` is that of the motor alone, and ``load_inertia`` is added: an arm's joint"""
 
     @property
     def is_flexible(self) -> bool:
@@ -80,22 +82,34 @@ class Belief:
         return all(each.low == each.high for each in counted)
 
 
-def vibration(inertia: Bounded, load_inertia: Bounded, stiffness: Bounded) -> Bounded:
+def lightest_load(inertia: Bounded, load_inertia: Bounded, bare: bool) -> float:
+    """Return the least load that is counted [kg·m²]; arguments as for ``vibration``."""
+    most = min(load_inertia.high, inertia.low) if bare else load_inertia.high
+    return max(load_inertia.low, LIGHTEST * most)
+
+
+def vibration(
+    inertia: Bounded, load_inertia: Bounded, stiffness: Bounded, bare: bool = False
+) -> Bounded:
     """Return the frequency of the vibration of a load on a transmission, both ends free [Hz].
 
     Args:
         inertia: Inertia of everything that the servo turns [kg·m²].
         load_inertia: The part of it that is behind the transmission [kg·m²].
         stiffness: Stiffness of the transmission [N·m/rad].
+        bare: ``inertia`` is that of the motor alone, without the load.
     """
 
     def hz(whole: float, load: float, k: float) -> float:
-        load = min(load, HEAVIEST * whole)
+        if bare:
+            whole += load
+        else:
+            load = min(load, HEAVIEST * whole)
         return math.sqrt(k * whole / (load * (whole - load))) / math.tau
 
     wholes = (inertia.low, inertia.high)
-    lightest = max(load_inertia.low, LIGHTEST * load_inertia.high)
-    # slowest where motor and load are alike
+    lightest = lightest_load(inertia, load_inertia, bare)
+    # slowest where motor and load are alike, or, beside a motor alone, with the greatest load
     loads = [
         min(max(load, lightest), load_inertia.high)
         for load in (lightest, load_inertia.high, 0.5 * inertia.low, 0.5 * inertia.high)

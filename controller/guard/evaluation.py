@@ -20,6 +20,7 @@ from haptic_wall.controller.guard.flexible import (
     fast_ceiling,
     fast_limit,
     formulas_from,
+    slices,
 )
 from haptic_wall.controller.guard.plants import LIGHT, Box, Plants
 from haptic_wall.controller.guard.types import OF_ENCODER, GuardSettings, Request, Situation
@@ -96,25 +97,29 @@ class Evaluation:
         if not belief.is_flexible:
             return rigid
         found = rigid
-        if belief.flexible_hz.low < self.fast_from:
-            found = np.minimum(found, self.link.ceiling(p.period, p.delay))
+        for link in self.links:
+            found = np.minimum(found, link.ceiling(p.period, p.delay))
         if belief.flexible_hz.high >= self.fast_from:
             found = np.minimum(found, fast_ceiling(belief, self.fast_hz, rigid, self._periods[0]))
         return found
 
     @property
-    def link(self) -> LinkLimits:
-        """Return the limits of the believed load on its transmission."""
+    def links(self) -> list[LinkLimits]:
+        """Return the limits of the believed load on its transmission, where no formula counts."""
         situation, request = self.situation, self.request
-        return LinkLimits(
-            situation.belief,
-            request.velocity_samples,
-            request.velocity_filter,
-            situation.inserted,
-            situation.served,
-            self.fast_from,
-            self.work,
-        )
+        return [
+            LinkLimits(
+                belief,
+                request.velocity_samples,
+                request.velocity_filter,
+                situation.inserted,
+                situation.served,
+                self.fast_from,
+                self.work,
+            )
+            for belief in slices(situation.belief)
+            if belief.flexible_hz.low < self.fast_from
+        ]
 
     @property
     def _periods(self) -> tuple[float, float]:

@@ -14,11 +14,18 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from haptic_wall.controller.guard.belief import HEAVIEST, LIGHTEST, Belief, Bounded
+from haptic_wall.controller.guard.belief import (
+    HEAVIEST,
+    Belief,
+    Bounded,
+    lightest_load,
+    vibration,
+)
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.flexible_scan import FlexibleScan, Servos
@@ -37,6 +44,9 @@ of a motor that settles within a period dips beside each whole period; their dis
 _CYCLES = 1.15
 """Cycles of that phase that the frequencies of one delay span at most. Within a cycle each phase
 occurs, and the slowest vibration of a phase bounds the damping and the stiffness most"""
+_SLICES, _LOADS = 3.0, 1.45
+"""Largest ratio of 1/motor + 1/load within a slice of a belief about a motor alone, and between two
+of its loads: the ceiling may be least between the ends"""
 _SLOWER = 0.93
 """Fraction of a frequency down to which a coarse grid of delays counts it"""
 _NOTCH = 0.25
@@ -223,6 +233,33 @@ class LinkLimits:
         return FlexibleScan.of(groups, at, self._samples, self._belief.encoder, self._filter)
 
 
+def slices(belief: Belief) -> list[Belief]:
+    """Return a belief about a motor alone in slices of its load, each with its own frequencies.
+
+    A lighter load vibrates faster on the same transmission. The box of all loads and all
+    frequencies would contain light loads on a far softer one, which allow hardly any wall.
+    """
+    stiffness = belief.transmission_stiffness
+    if not belief.bare or not stiffness.high > 0.0:
+        return [belief]
+    found = []
+    for heavy, light in pairwise(_loads(belief, _SLICES)):
+        load = Bounded(heavy, light, heavy)
+        hz = vibration(belief.inertia, load, stiffness, bare=True)
+        found.append(replace(belief, load_inertia=load, flexible_hz=hz))
+    return found
+
+
+def _loads(belief: Belief, most: float) -> list[float]:
+    """Return loads beside a motor from greatest to least; ``most``: ratio of 1/motor + 1/load."""
+    motor, greatest = 1.0 / belief.inertia.low, belief.load_inertia.high
+    least = lightest_load(belief.inertia, belief.load_inertia, belief.bare)
+    ends = motor + 1.0 / greatest, motor + 1.0 / least
+    count = 1 + math.floor(math.log(ends[1] / ends[0]) / math.log(most))
+    between: list[float] = (1.0 / (np.geomspace(*ends, count + 1)[1:-1] - motor)).tolist()
+    return [greatest, *between, least]
+
+
 def returned_share(belief: Belief, stiffness: FloatArray) -> FloatArray:
     """Return the share of the two-sided limit up to which a contact leaves little vibration.
 
@@ -319,15 +356,14 @@ def fast_limit(
 def _moved(belief: Belief) -> float:
     """Return the inertia that a torque moves, as the encoder sees the vibration [kg·m²]."""
     inertia, load = belief.inertia.low, belief.load_inertia.high
-    if belief.encoder == "output":
+    if belief.encoder == "output" or belief.bare:
         return inertia
     return inertia * min(1.0, _motor(inertia, load) / load)
 
 
 def _follows(belief: Belief, rate: float) -> bool:
     """Whether the lightest motor follows a vibration [rad/s], and friction does not hold it."""
-    motor = _motor(belief.inertia.low, belief.load_inertia.high)
-    return belief.damping.high <= _FRICTION * rate * motor
+    return belief.damping.high <= _FRICTION * rate * _lightest_motor(belief)
 
 
 def _all_intervals(
@@ -354,8 +390,13 @@ def _all_intervals(
 
 def _is_quick(belief: Belief, period: float) -> bool:
     """Whether friction stops the lightest motor within about a period."""
-    lightest = _motor(belief.inertia.low, belief.load_inertia.high)
-    return belief.damping.high * period > _QUICK * lightest
+    return belief.damping.high * period > _QUICK * _lightest_motor(belief)
+
+
+def _lightest_motor(belief: Belief) -> float:
+    if belief.bare:
+        return belief.inertia.low
+    return _motor(belief.inertia.low, belief.load_inertia.high)
 
 
 def _motor(whole: float, load: float) -> float:
@@ -426,6 +467,12 @@ def _servos(
     every = np.meshgrid(ratios, math.tau * rates, np.arange(wholes.size), indexing="ij")
     ratio, rate, body = (each.ravel() for each in every)
     whole, load = wholes[body], loads[body]
+    stiffness = belief.transmission_stiffness
+    if belief.bare and stiffness.high > 0.0:
+        # each body from its own slowest vibration on, over as many cycles of the phase
+        slowest = np.sqrt(stiffness.low * whole / (load * (whole - load)))
+        rate += slowest * knot.low / belief.flexible_hz.low - math.tau * knot.low
+        rate = np.minimum(rate, slowest * math.sqrt(stiffness.high / stiffness.low))
     friction = np.unique([belief.damping.low, belief.damping.high])
     motor = whole - load
     moving = motor * load / whole
@@ -448,11 +495,16 @@ def _bodies(belief: Belief) -> tuple[FloatArray, FloatArray]:
     """
     inertia, most = belief.inertia, belief.load_inertia.high
     found = []
-    for load in {max(belief.load_inertia.low, LIGHTEST * most), most}:
-        light, heavy = _motor(inertia.low, load), _motor(inertia.high, load)
+    ends = {lightest_load(inertia, belief.load_inertia, belief.bare), most}
+    for load in _loads(belief, _LOADS) if belief.bare else ends:
+        light, heavy = inertia.low, inertia.high
+        if not belief.bare:
+            light, heavy = _motor(light, load), _motor(heavy, load)
         steps = math.ceil(math.log(heavy / light) / math.log(_MOTORS))
         motor = np.geomspace(light, heavy, steps + 1)
-        whole = np.minimum(motor + load, motor / (1.0 - HEAVIEST))
+        whole = motor + load
+        if not belief.bare:
+            whole = np.minimum(whole, motor / (1.0 - HEAVIEST))
         found.append((whole, whole - motor))
     whole, load = np.concatenate(found, axis=1)
     return whole, load

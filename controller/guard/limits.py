@@ -218,8 +218,8 @@ class Flexible:
         p, request, situation = at.corners, at.request, at.situation
         belief = situation.belief
         found = np.full_like(at.damping, UNBOUND)
-        if belief.flexible_hz.low < at.fast_from:
-            found = at.link.stiffness(p.period, p.delay, at.damping)
+        for link in at.links:
+            found = np.minimum(found, link.stiffness(p.period, p.delay, at.damping))
         if belief.flexible_hz.high >= at.fast_from:
             found = np.minimum(found, at.fast_stiffness)
             if belief.is_light and belief.flexible_hz.low >= at.fast_from:

@@ -84,14 +84,13 @@ def _cycle(config: Sections, cycle: float) -> Iterator[Problem]:
 def _bare(config: Sections) -> Iterator[Problem]:
     """The guard needs the servo's own inertia: that of links changes with the pose."""
     for name, axis in config.axes.items():
-        believed, load = axis.model.inertia, axis.model.load_inertia
+        believed = axis.model.inertia
         bare = (BARE_INERTIA | _GEARED).get(axis.servo.model or "")
-        if believed is None or bare is None or axis.wall.law == NONE:
+        if believed is None or bare is None:
             continue
-        low = believed.low - (0.0 if load is None else load.high)
-        if low > bare * _ROUNDED:
+        if believed.low > bare * _ROUNDED:
             yield Problem(
-                f"found {low:g} kg·m² as its low bound",
+                f"found {believed.low:g} kg·m² as its low bound",
                 wanted=f"at most {bare:.5g}, that of a bare {axis.servo.model}: an inertia "
                 "identified on an assembled arm holds in one pose only, and in others the wall is "
                 "unstable",

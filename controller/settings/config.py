@@ -212,21 +212,23 @@ class Config(Sections):
         """Return the belief about the servo: ``model.*``, else the simulated truth.
 
         Of two viscous frictions, one each way, both are believed. A belief knows no current
-        loop: its lag and its period count as delay. The inertia is that of motor and load.
+        loop: its lag and its period count as delay. The inertia is that of motor and load, or
+        with ``model.bare`` that of the motor.
         """
         servo, model = self.servo, self.model
         damping = _bounded(model.damping, servo.damping)
         if model.damping is None and servo.damping_back is not None:
             ends = sorted((servo.damping, servo.damping_back))
             damping = Bounded(servo.damping, *ends)
-        inertia = _bounded(model.inertia, (servo.inertia or 0.0) + servo.load_inertia)
+        load = 0.0 if model.bare else servo.load_inertia
+        inertia = _bounded(model.inertia, (servo.inertia or 0.0) + load)
         load_inertia = _bounded(model.load_inertia, servo.load_inertia)
         flexible_hz = _bounded(model.flexible_hz, servo.flexible_hz)
         stiffness = Bounded.exactly(0.0)
         if model.flexible_hz is None and model.transmission_stiffness is not None:
             stiffness = _bounded(model.transmission_stiffness, 0.0)
             if load_inertia.high > 0.0:
-                flexible_hz = vibration(inertia, load_inertia, stiffness)
+                flexible_hz = vibration(inertia, load_inertia, stiffness, model.bare)
         return Belief(
             inertia=inertia,
             damping=damping,
@@ -241,6 +243,7 @@ class Config(Sections):
             ),
             encoder=servo.encoder,
             transmission_stiffness=stiffness,
+            bare=model.bare,
         )
 
     def request(self, step: float | None = None) -> Request:

@@ -390,6 +390,11 @@ class Model(Section):
         "none, a rigid servo without a link is assumed",
         "kg·m²",
     )
+    bare: bool = setting(
+        False,
+        "Whether model.inertia is that of the bare servo, and model.load_inertia is added to it; "
+        "several axes: always true",
+    )
     transmission_stiffness: Estimate[Stiffness] | None = setting(
         None,
         "Believed stiffness of gear train and horn; an unset model.flexible_hz follows from it and "

@@ -352,9 +352,10 @@ def _load(config: Sections) -> Iterator[Problem]:
         )
     truth = (servo.inertia or 0.0) + servo.load_inertia
     whole = truth if model.inertia is None else model.inertia.value
-    if model.load_inertia is not None and 0.0 < whole <= model.load_inertia.value:
+    part = None if model.bare else model.load_inertia
+    if part is not None and 0.0 < whole <= part.value:
         yield Problem(
-            f"found {model.load_inertia.value:g} kg·m²",
+            f"found {part.value:g} kg·m²",
             wanted=f"less than model.inertia, {whole:g}, the inertia of everything that the servo"
             " turns, as identify measures it: the load is a part of it",
             field="model.load_inertia",

@@ -46,8 +46,13 @@ class Sections(Section):
         if not self.axes:
             return {"": self}
         alone: dict[str, Any] = {"axes": {}, "arm": Arm()}
+        bare = {"bare": True} if len(self.axes) > 1 else {}
         return {
-            name: self.model_copy(update=alone | {part: getattr(axis, part) for part in OWN})
+            name: self.model_copy(
+                update=alone
+                | {part: getattr(axis, part) for part in OWN}
+                | {"model": axis.model.model_copy(update=bare)}
+            )
             for name, axis in self.axes.items()
         }
 

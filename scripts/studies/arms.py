@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
 
@@ -17,11 +18,9 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.optimize import differential_evolution
 
-from haptic_wall.controller.guard.belief import Belief, Bounded
+from haptic_wall.controller.guard.belief import Belief, Bounded, vibration
 from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation, decide
 from haptic_wall.controller.laws.wall import Side
-from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
-from haptic_wall.controller.theory.chain import two_masses
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.servos import SERVOS
 from scripts.study import Found, Given, Option, Part, Study, table
@@ -49,8 +48,6 @@ _SHARES = (0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
 _LIMITS = {"MX-64": 4.1, "MX-106": 8.4, "XL330-M288": 0.52, "XL-320": 0.39}
 """Torque limits of the servos [N·m]"""
 _NAMES = tuple(_LIMITS)
-_LOADS = np.geomspace(0.01, 100.0, 61)
-"""Load over motor, for each of which a flexible axis is decided [1]"""
 
 
 class Outcome(NamedTuple):
@@ -110,18 +107,45 @@ def commanded(name: str, rubs: float, share: float, side: Side, count: float = 0
     return np.array([[one.stiffness, one.damping] for one in found])
 
 
-@cache
-def commanded_flexible(name: str, rate: float, ratio: float, delay: float) -> tuple[float, float]:
-    """Return K and B of an axis whose load may be 0.01 to 100 times the motor: the least over all.
+def flexible_belief(name: str, random: np.random.Generator) -> Belief:
+    """Return a belief about a bare servo, up to as wide as a preset's, with a load of any size."""
 
-    The transmission lets the motor alone vibrate at ``rate`` [rad/s], damped by ``ratio`` [1].
-    """
-    servo = SERVOS[name]
-    m, b = servo.inertia, servo.damping
-    chain = two_masses(m, b, m * _LOADS, m * rate * rate, 2.0 * ratio * rate * m)
-    most = 0.5 * float(np.min(chain_ceiling(*chain, PERIOD, delay * PERIOD)))
-    limits = chain_boundary(*chain, most, PERIOD, delay * PERIOD).stiffness
-    return 0.8 * float(np.min(limits)), most
+    def about(value: float, most: float) -> Bounded:
+        factor = most ** random.choice([0.0, random.random(), 1.0])
+        return Bounded(value, value / factor, value * factor)
+
+    servo, lag = SERVOS[name], PERIOD * random.uniform(0.0, 2.0)
+    inertia = about(servo.inertia, 1.5)
+    load = Bounded(servo.inertia, 0.01 * servo.inertia, 100.0 * servo.inertia)
+    stiffness = about(servo.inertia * math.exp(random.uniform(8.0, 11.5)), 4.0)
+    return Belief(
+        inertia,
+        about(servo.damping, 2.0),
+        Bounded.exactly(0.0),
+        Bounded(lag, lag * random.choice([0.0, 1.0]), lag),
+        about(1.0, 1.35),
+        load_inertia=load,
+        flexible_hz=vibration(inertia, load, stiffness, bare=True),
+        flexible_damping_ratio=about(math.exp(random.uniform(-4.6, -2.0)), 3.0),
+        transmission_stiffness=stiffness,
+        bare=True,
+    )
+
+
+@cache
+def commanded_flexible(setting: int) -> tuple[list[tuple[Belief, float, float]], float]:
+    """Return belief, K and B of four servos with flexible joints, and the longest delay [s]."""
+    random = np.random.default_rng(setting)
+    age, settings = PERIOD * random.uniform(0.0, 2.0), GuardSettings(damping_cap=0.5)
+    beliefs = [flexible_belief(str(name), random) for name in random.choice(_NAMES, 4)]
+    longest = max(one.delay.high for one in beliefs)
+    found = []
+    for each in beliefs:
+        belief = replace(each, delay=replace(each.delay, high=longest))
+        situation = Situation(belief, PERIOD, 4.1, 0.0)
+        wall = decide(Request(1e9, 1e9, "both"), settings, situation, [age], explained=False)[0]
+        found.append((belief, wall.stiffness, wall.damping))
+    return found, age + longest
 
 
 class Loop:
@@ -259,24 +283,29 @@ def arm_row(case: tuple[int, int]) -> Outcome:
 
 
 def flexible_row(case: tuple[int, int]) -> Outcome:
-    """Return what the walls of a random arm with flexible joints do."""
+    """Return what the walls of a random arm with flexible joints within the beliefs do."""
     random = np.random.default_rng(case)
-    n, setting = int(random.integers(2, 5)), np.random.default_rng(case[1] // 20)
-    longest, ratio = setting.uniform(0.0, 3.0), math.exp(setting.uniform(-4.6, -2.0))
-    rate = math.exp(setting.uniform(math.log(50.0), math.log(300.0)))  # of the motor alone [rad/s]
-    names = [str(name) for name in random.choice(_NAMES, n)]
-    motors = np.array([SERVOS[name].inertia for name in names])
+    walls, longest = commanded_flexible(case[1] // 20)
+    n, corner = int(random.integers(2, 5)), random.random() < 0.5
+    beliefs = [belief for belief, _, _ in walls[:n]]
+
+    def drawn(name: str) -> FloatArray:
+        shares = random.choice([0.0, 0.0, 1.0], n) if corner else random.random(n)
+        ends = np.array([(each.low, each.high) for each in (getattr(b, name) for b in beliefs)])
+        found: FloatArray = ends[:, 0] * (ends[:, 1] / ends[:, 0]) ** shares
+        return found
+
+    motors, k, friction = (drawn(x) for x in ("inertia", "transmission_stiffness", "damping"))
+    c, gain = 2.0 * drawn("flexible_damping_ratio") * np.sqrt(k * motors), drawn("torque_gain")
     added, _ = links(random, n)
     heaviest = math.exp(random.uniform(math.log(0.01), math.log(HEAVIEST)))
-    load = np.diag(0.01 * motors) + added * heaviest / np.max(np.diag(added) / motors)
-    k = motors * rate * rate
-    c = 2.0 * ratio * rate * motors
-    walls = [commanded_flexible(name, rate, ratio, longest) for name in names]
-    stiffness, damping = np.transpose(walls)
+    lightest = np.array([belief.load_inertia.low for belief in beliefs])
+    load = np.diag(lightest) + added * heaviest / np.max(np.diag(added) / motors)
     between = np.block([[np.eye(n), -np.eye(n)], [-np.eye(n), np.eye(n)]])
-    drag = between * np.tile(c, 2) + np.diag([SERVOS[x].damping for x in names] + [0.0] * n)
+    drag = between * np.tile(c, 2) + np.diag([*friction, *[0.0] * n])
     mass = np.block([[np.diag(motors), np.zeros((n, n))], [np.zeros((n, n)), load]])
-    loop = Loop(mass, drag, between * np.tile(k, 2), np.full(n, longest))
+    loop = Loop(mass, drag, between * np.tile(k, 2), np.full(n, longest / PERIOD))
+    stiffness, damping = (gain * [wall[i] for wall in walls[:n]] for i in (1, 2))
     return Outcome(n, loop.growth(stiffness, damping), 0.0, limit_of(loop, stiffness, damping))
 
 

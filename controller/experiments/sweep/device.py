@@ -30,6 +30,8 @@ def believed_loop(config: Config, inertia: float, damping: float, gain: float) -
     """
     belief, period = config.belief(), config.period_s
     load = None
+    if belief.bare:
+        inertia += belief.load_inertia.value
     if belief.is_flexible and not belief.is_fast(period):
         load = _load(belief, inertia, gain)
     rest = (config.wall.velocity_samples, config.velocity_filter(), load, belief.encoder)

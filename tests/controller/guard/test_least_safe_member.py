@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.optimize import differential_evolution
 
-from haptic_wall.controller.guard.belief import LIGHTEST, Belief, Bounded
+from haptic_wall.controller.guard.belief import LIGHTEST, Belief, Bounded, vibration
 from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation, decide
 from haptic_wall.controller.guard.types import WITHIN
 from haptic_wall.controller.theory import (
@@ -315,3 +315,32 @@ def test_a_servo_without_any_friction_is_not_called_stable(hz: float, lag: float
     wall = decide(request, GuardSettings(), situation, [0.0], explained=False)[0]
     (member,) = members(case, np.zeros((1, len(NAMES) + 1)))
     assert radius(case, member, wall.stiffness, wall.damping) < 1.0 + 1e-7
+
+
+def test_a_motor_with_a_load_of_any_size_gets_a_stiffness_that_is_stable() -> None:
+    inertia, stiffness = Bounded(0.012, 0.008, 0.018), Bounded(200.0, 50.0, 800.0)
+    load, friction = Bounded(0.012, 1.2e-4, 1.2), Bounded(0.012, 0.006, 0.024)
+    joint = belief(
+        inertia=inertia,
+        damping=friction,
+        delay=Bounded(1e-3, 0.0, 2e-3),
+        load_inertia=load,
+        flexible_hz=vibration(inertia, load, stiffness, bare=True),
+        flexible_damping_ratio=Bounded(0.03, 0.005, 0.1),
+        transmission_stiffness=stiffness,
+        bare=True,
+    )
+    request, situation = Request(1e9, 1e9, "both"), Situation(joint, 1e-3, 4.1, 0.0)
+    settings = GuardSettings(damping_cap=0.5)
+    wall = decide(request, settings, situation, [1e-3], explained=False)[0]
+    assert wall.stiffness > 1.0
+    random = np.random.default_rng(1)
+    box = np.array([(each.low, each.high) for each in (inertia, friction, load, stiffness)])
+    shares = np.where(random.random((4, 400)) < 0.5, 0.0, random.random((4, 400)))
+    motor, b, loads, k = box[:, :1] * (box[:, 1:] / box[:, :1]) ** shares
+    c = 2.0 * 0.005 * np.sqrt(k * motor * loads / (motor + loads))
+    servo = two_masses(motor, b, loads, k, c)
+    delay = random.uniform(1e-3, 3e-3, 400)
+    assert wall.damping_ceiling < chain_ceiling(*servo, 1e-3, delay).min()
+    limit = chain_boundary(*servo, wall.damping, 1e-3, delay).stiffness.min()
+    assert 0.5 * limit < wall.stiffness < limit

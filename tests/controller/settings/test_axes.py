@@ -1,5 +1,6 @@
 """Several axes in one configuration: each is what it would be in a file of its own."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +61,8 @@ def test_an_axis_is_what_a_file_of_its_own_makes_it(
     }
     config = loaded(whole, "of several axes")
     for place, (name, axis) in enumerate(zip(config.each, axes, strict=True)):
-        alone = placed(base | axis | {"servo.id": place}, {k: dict(v) for k, v in shared.items()})
+        servo = {"servo.id": place} | ({"model.bare": True} if len(axes) > 1 else {})
+        alone = placed(base | axis | servo, {k: dict(v) for k, v in shared.items()})
         own = loaded(alone, "of one")
         assert name == f"axis_{place}"
         assert config.each[name] == own
@@ -193,3 +195,12 @@ def test_the_bare_inertias_are_those_of_the_presets() -> None:
     presets = [load_config(name).config for name in preset_names()]
     known = {one.servo.model: one.belief().inertia.high for one in presets if one.model.inertia}
     assert {model: known[model] for model in BARE_INERTIA} == BARE_INERTIA
+
+
+def test_an_axis_believes_its_load_beside_the_motor() -> None:
+    flexible = ["model.load_inertia=0.1", "model.transmission_stiffness=200"]
+    arm = load_config("emulated-arm", flexible).config
+    belief = loaded(arm.each["elbow"].model_dump(), "of one").belief()
+    assert belief.load_inertia.high > belief.inertia.high
+    hertz = math.sqrt(200.0 * (1.0 / belief.inertia.value + 10.0)) / math.tau
+    assert belief.flexible_hz.value == pytest.approx(hertz)
