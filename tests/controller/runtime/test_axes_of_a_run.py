@@ -73,7 +73,8 @@ def test_each_axis_runs_and_is_logged_as_if_it_were_alone(tmp_path: Path) -> Non
         own, theirs = LogReader.open(tmp_path / f"{name}.hwlog"), read.axis(name)
         assert np.array_equal(own.rows().view(np.int64), theirs.rows().view(np.int64)), "to the bit"
         for key in ("servo", "wall", "model", "loop"):
-            assert own.metadata["config"][key] == theirs.metadata["config"][key]
+            mine, of_several = own.metadata["config"][key], theirs.metadata["config"][key]
+            assert {**mine, "bare": None} == {**of_several, "bare": None}
         assert own.end is not None and theirs.end is not None
         assert {key: theirs.end[key] for key in ("guard", "oscillation", "torque", "servo")} == {
             key: own.end[key] for key in ("guard", "oscillation", "torque", "servo")
@@ -144,6 +145,7 @@ def test_an_axis_is_decided_for_its_own_delay_too_if_that_of_another_is_longer(
     report = logged(load_config("simulated", pair).config, tmp_path / "a.hwlog")
     both = "model.delay={value: 0.001441, low: 0.000295, high: 0.001441}"
     alone = (*sets, *(f"servo.{name}={value}" for name, value in link.items()), both)
+    alone = (*alone, "model.bare=true")
     expected = logged(load_config("simulated", alone).config, tmp_path / "b.hwlog")
     assert report["axes"]["one"]["guard"]["commanded"] == expected["guard"]["commanded"]
     assert report["axes"]["one"]["torque"]["saturated_ticks"] == 0
