@@ -323,5 +323,6 @@ def test_of_several_axes_only_the_identified_one_changes(
     path.write_text(identified_config(whole.each["a"], found, "simulated:a", "a", whole))
     written = load_config(str(path)).config
     assert written.each["b"] == whole.each["b"]
-    assert written.each["a"].model_copy(update={"model": whole.model}) == whole.each["a"]
+    unchanged = {"model": whole.each["a"].model}
+    assert written.each["a"].model_copy(update=unchanged) == whole.each["a"]
     assert not_none(written.each["a"].model.inertia).low < found.inertia.value

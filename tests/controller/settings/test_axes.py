@@ -151,8 +151,7 @@ def test_all_axes_do_not_pass_with_the_inertia_of_another_model() -> None:
     other = [f"axes.{name}.servo.model=XM430-W210" for name in ("shoulder", "elbow")]
     with pytest.raises(ConfigError) as refused:
         load_config("emulated-ideal", [*TWO, "model.inertia=0.01", *other])
-    told = " ".join(refused.value.problems)
-    assert all(f"axes.{name}." in told or "model.inertia" in told for name in ("shoulder", "elbow"))
+    assert len(refused.value.problems) == 3  # each axis's, and the bound that they inherit
 
 
 def test_axes_without_a_common_model_do_not_share_an_inertia() -> None:
