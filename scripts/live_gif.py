@@ -32,7 +32,7 @@ STIFFER_AT: Final = 14
 STIFFNESS: Final = 120
 
 
-UNPLUGGED_S: Final = 12
+UNPLUGGED_S: Final = 14
 """Time from the bus's start until a servo of the arm loses its cable [s]"""
 WALL: Final = ["simulated", "--set", "servo.hand=none"]
 ARM: Final = [
