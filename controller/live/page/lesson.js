@@ -29,9 +29,14 @@ for (const frame of frames) {
 }
 let step = 0;
 
-function ask(name) {
-  for (const frame of frames) frame.contentWindow.postMessage({ set: WALLS[name] }, new URL(frame.src).origin);
+function ask(name, of = frames) {
+  for (const frame of of) frame.contentWindow.postMessage({ set: WALLS[name] }, new URL(frame.src).origin);
 }
+
+// The weight hangs in the wall at first: it comes on once the shaft is lifted off, as for any wish.
+addEventListener("message", ({ data, source }) => {
+  if (data === "ready") ask(STEPS[step][1][0], frames.filter((frame) => frame.contentWindow === source));
+});
 
 function show(which) {
   step = which;

@@ -60,7 +60,11 @@ const heard = {
   marks: ({ marks }) => events.add(marks),
   laws: ({ laws }) => keepLaws(state.laws, laws),
   health: ({ volts, celsius }) => { state.health = `${state.hello.axes.length > 1 ? "hottest servo " : ""}${volts} V · ${celsius} °C`; },
-  wall: (wall) => knobs.show(wall, state.hello),
+  wall: (wall) => {
+    const first = !knobs.told;
+    knobs.show(wall, state.hello);
+    if (first && parent !== window) parent.postMessage("ready", "*");
+  },
   map: (limits) => map.show(limits),
   strip: ({ axes }) => strip.show(axes, state.ended),
   answer: (told) => {
@@ -101,11 +105,13 @@ function lower() {
   const { timer, since } = lift ?? {};
   if (!timer) return;
   setTimeout(() => {
-    if (timer !== lift.timer) return; // another wish came
+    if (timer !== lift?.timer) return; // another wish came
+    const off = store.length && store.value("flags", store.length - 1) & state.hello.off;
+    if (off && Date.now() < since + LONGEST_MS) return lower(); // it comes on when the shaft is lifted off
     clearInterval(timer);
     link.send({ hand: null });
     lift = null;
-  }, Math.max(0, since + LEAST_MS - Date.now()));
+  }, Math.max(100, since + LEAST_MS - Date.now()));
 }
 
 function say(words, bad) {
