@@ -55,6 +55,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (tmp_path / "docs").mkdir()
     (tmp_path / "docs" / "examples").symlink_to(ROOT / "docs" / "examples")
     (tmp_path / "my-testbed.yaml").write_text((ROOT / "config" / "xm430-w350.yaml").read_text())
+    (tmp_path / "leader.yaml").write_text((ROOT / "config" / "xl330-m288.yaml").read_text())
     yield tmp_path
     gc.enable()  # a run switches it off
 

@@ -28,6 +28,7 @@ def test_what_is_shown_is_what_the_program_says() -> None:
     stale = [
         page.name
         for page in readme_output.pages()
-        if readme_output.renewed(page, False) != page.read_text()
+        # the settings have a test of their own, above
+        if page.name != "settings.md" and readme_output.renewed(page, False) != page.read_text()
     ]
     assert not stale, "run scripts/study readme_output"
