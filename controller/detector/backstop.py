@@ -223,7 +223,6 @@ class Backstop:
         now.elastic_limit = stiffness * self._settings.torque_limit
         if stiffness == 1.0:
             self._hold.drop()
-            self._hold.whole = True
             now.carried = now.carried_to = 0.0
 
     @property

@@ -24,7 +24,6 @@ class LoadHold:
             [rad].
         deep: Distance from the surface, either way, up to which the motion goes [rad]: deeper, the
             softer spring has the whole limit.
-        whole: The whole spring has acted until now, so that the load may be held at once.
         permitted: The law is one linear spring: nothing is held by another one.
         one_sided: The wall has an outside, where nothing is held.
     """
@@ -39,7 +38,6 @@ class LoadHold:
         self._motion = motion
         self._tuning = settings.tuning
         self.inside = False
-        self.whole = True
         self.torque = self.reach = self.deep = self._load = 0.0
         self._place = self._rested = self._low = self._high = 0.0
         self._since_rest = 0
@@ -53,7 +51,7 @@ class LoadHold:
         self.permitted = settings.elongation is None
 
     def begin(self, stiffness: float, rest: tuple[float, float] | None = None) -> None:
-        """Hold the load of the last cycle from now on; on a softer wall, what is held already.
+        """Hold the load of the last cycle from now on.
 
         The whole spring carries the load in the middle of the motion: where the middle of the last
         half-cycle is clearly nearer to the surface, the load is just leaving.
@@ -62,7 +60,7 @@ class LoadHold:
             stiffness: K of the whole spring [N·m/rad].
             rest: Place [rad] and torque of the wall [N·m] where the shaft rests; None: it moves.
         """
-        motion, load = self._motion, self.torque
+        motion = self._motion
         last = list(motion.last)[-2:]
         turned = [place for one in last for place in (one.start, one.end)] or [0.0]
         if rest is not None:
@@ -70,7 +68,7 @@ class LoadHold:
             self._low = self._high = rest[0]
             turned.append(rest[0])
             load = rest[1] if self.permitted else 0.0
-        elif self.whole:
+        else:
             self._since_rest = known = len(motion.last)
             load = motion.mean_torque(known) if known >= 2 and self.permitted else 0.0
             side = math.copysign(1.0, load)

@@ -76,10 +76,22 @@ class Belief:
         return self.load_inertia.high <= _LIGHT * self.inertia.low
 
     @property
+    def lightest_motor(self) -> float:
+        """Return the least inertia of the motor's side [kg·m²]."""
+        if self.bare:
+            return self.inertia.low
+        return motor_side(self.inertia.low, self.load_inertia.high)
+
+    @property
     def is_known(self) -> bool:
         """Whether every parameter that the guard uses has coinciding bounds."""
         counted = (self.inertia, self.damping, self.delay, self.torque_gain)
         return all(each.low == each.high for each in counted)
+
+
+def motor_side(whole: float, load: float) -> float:
+    """Return the inertia of the motor's side, of a whole with a load [kg·m²]."""
+    return whole - min(load, HEAVIEST * whole)
 
 
 def lightest_load(inertia: Bounded, load_inertia: Bounded, bare: bool) -> float:

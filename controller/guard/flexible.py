@@ -5,7 +5,7 @@ phase, so that neither is monotone: a grid covers the box. Delays lie on a grid 
 shortest on that is believed with a sample that has just been taken: a shorter delay may be the less
 safe one. Between two of the grid limits are in proportion to 1 / (T/2 + t_d). More friction may be
 the less safe, because a motor that hardly moves lets the load vibrate alone: both ends of friction
-are counted, and what lies between. Near half the rate and above, formulas bound both from below.
+are counted, and what lies between. ``fast_vibration`` has what needs no grid.
 ``scripts/study guard`` searches for truths inside the box that the guard's walls make vibrate.
 """
 
@@ -24,8 +24,10 @@ from haptic_wall.controller.guard.belief import (
     Belief,
     Bounded,
     lightest_load,
+    motor_side,
     vibration,
 )
+from haptic_wall.controller.guard.fast_vibration import UNBOUND
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.flexible_scan import FlexibleScan, Servos
@@ -60,20 +62,6 @@ _BESIDE = np.linspace(-2.0, 2.0, 17)
 """Frequencies beside that of a notch, in widths of it"""
 _CONTACT, _RETURNED = (0.1, 0.15, 0.3, 0.5), (0.96, 0.87, 0.6, 0.47)
 """Frequency of a contact over the vibration's, and the share of the limit that returns no more"""
-_UNBOUND = 1e12
-"""Stands for no limit at all [N·m/rad]"""
-_BY_FORMULA = 0.45
-"""Cycles per period from which formulas count a vibration. About half a cycle one that is hardly
-damped bounds the damping most on one side, and hardly on the other: no grid finds that"""
-_FAST_CEILING, _FAST_COST = 0.75, 0.1
-"""Fraction of a fast vibration's ceiling, or of the rigid one, that is used; fraction of the rigid
-limit that it costs at its ceiling at most"""
-_DAMPER, _SPRING, _FRICTION = 0.2, 0.12, 0.12
-"""Rates of a damper, a spring and the motor's friction up to which formulas hold, over that of the
-vibration"""
-_COSTS, _SPLITS = 0.9, 24
-"""Fraction of the rigid limit that a formula must leave to take the place of the grid; frequencies
-that are tried"""
 
 
 class Knot(NamedTuple):
@@ -155,10 +143,10 @@ class LinkLimits:
             In commanded units [N·m/rad].
         """
         found = [
-            min((self._limit(at, t_d, b) for at in self._intervals(t)), default=_UNBOUND)
+            min((self._limit(at, t_d, b) for at in self._intervals(t)), default=UNBOUND)
             for t, t_d, b in zip(period.tolist(), delay.tolist(), damping.tolist(), strict=True)
         ]
-        return np.minimum(WITHIN * np.array(found), _UNBOUND)
+        return np.minimum(WITHIN * np.array(found), UNBOUND)
 
     def _intervals(self, period: float) -> list[float]:
         asked = (self._belief, period, self._served, self._filter)
@@ -278,94 +266,6 @@ def returned_share(belief: Belief, stiffness: FloatArray) -> FloatArray:
     return found
 
 
-def formulas_from(
-    belief: Belief, stiffness: FloatArray, damping: FloatArray, periods: tuple[float, float]
-) -> float:
-    """Return the frequency from which formulas count the vibration [Hz].
-
-    They do near half a cycle per period and above, and where they hardly cost anything.
-
-    Args:
-        belief: Belief with a load behind a transmission.
-        stiffness: Exact limit of the rigid servo, of each plant [N·m/rad].
-        damping: Largest that is commanded to each [N·m·s/rad].
-        periods: Shortest and longest [s].
-    """
-    low, highest = belief.flexible_hz.low, _BY_FORMULA / periods[1]
-    if low >= highest or belief.encoder != "output":
-        return highest
-    rigid = np.full_like(damping, _UNBOUND)
-    for hz in np.geomspace(low, highest, _SPLITS).tolist():
-        allowed = fast_ceiling(belief, hz, rigid, periods[0])
-        if np.all(damping < _FAST_CEILING * allowed):
-            left = fast_limit(belief, hz, stiffness, damping / allowed, periods[0])
-            if np.all(left >= _COSTS * stiffness):
-                return float(hz)
-    return highest
-
-
-def fast_ceiling(belief: Belief, hz: float, rigid: FloatArray, period: float) -> FloatArray:
-    """Return a bound of the ceiling for a vibration that is far faster than the wall's motion.
-
-    A torque that is held for a period moves the vibration by at most ``2 s / (omega² J)`` of it,
-    with ``s = sin(omega T / 2)``, and the difference of two samples over the period is at most
-    ``2 s / T`` of the amplitude. So the damper adds at most ``4 s² B / (omega² J T)`` of the
-    amplitude in a period, at any delay; the vibration loses ``1 - exp(-zeta omega T)``.
-
-    Args:
-        belief: Belief with a load behind a transmission.
-        hz: Least frequency of the vibration [Hz].
-        rigid: Ceiling of each plant without the vibration, in commanded units [N·m·s/rad].
-        period: The shortest [s].
-    """
-    rate, inertia = math.tau * hz, _moved(belief)
-    if not _follows(belief, rate):
-        return np.zeros_like(rigid)
-    lost = -math.expm1(-belief.flexible_damping_ratio.low * rate * period)
-    swing = math.sin(min(0.5 * rate * period, 0.5 * math.pi)) ** 2
-    damped = min(lost * rate**2 * inertia * period / (4.0 * swing), _DAMPER * rate * inertia)
-    found: FloatArray = _FAST_CEILING * np.minimum(rigid, damped / belief.torque_gain.high)
-    return found
-
-
-def fast_limit(
-    belief: Belief, hz: float, exact: FloatArray, of_ceiling: FloatArray, period: float
-) -> FloatArray:
-    """Return the limit for such a load, from the rigid servo's exact limit [N·m/rad].
-
-    The wall's spring also feeds the vibration, by at most ``K / (omega² J)`` a period, of which its
-    damping takes up ``zeta omega T``. That binds only where the vibration is hardly damped.
-
-    Args:
-        belief: Belief with a load behind a transmission.
-        hz: Least frequency of the vibration [Hz].
-        exact: That limit of each plant [N·m/rad].
-        of_ceiling: Virtual damping over ``fast_ceiling``.
-        period: The shortest [s].
-    """
-    left = 1.0 - np.clip(of_ceiling, 0.0, 1.0)
-    rate, ratio = math.tau * hz, belief.flexible_damping_ratio.low
-    soft = rate**2 * _moved(belief) / belief.torque_gain.high
-    by_spring = np.minimum(_FAST_CEILING * left * ratio * rate * period, _SPRING**2) * soft
-    if not _follows(belief, rate):
-        return np.zeros_like(exact)
-    found: FloatArray = np.minimum(exact * (1.0 - _FAST_COST * (1.0 - left)), by_spring)
-    return found
-
-
-def _moved(belief: Belief) -> float:
-    """Return the inertia that a torque moves, as the encoder sees the vibration [kg·m²]."""
-    inertia, load = belief.inertia.low, belief.load_inertia.high
-    if belief.encoder == "output" or belief.bare:
-        return inertia
-    return inertia * min(1.0, _motor(inertia, load) / load)
-
-
-def _follows(belief: Belief, rate: float) -> bool:
-    """Whether the lightest motor follows a vibration [rad/s], and friction does not hold it."""
-    return belief.damping.high <= _FRICTION * rate * _lightest_motor(belief)
-
-
 def _all_intervals(
     belief: Belief,
     period: float,
@@ -390,18 +290,7 @@ def _all_intervals(
 
 def _is_quick(belief: Belief, period: float) -> bool:
     """Whether friction stops the lightest motor within about a period."""
-    return belief.damping.high * period > _QUICK * _lightest_motor(belief)
-
-
-def _lightest_motor(belief: Belief) -> float:
-    if belief.bare:
-        return belief.inertia.low
-    return _motor(belief.inertia.low, belief.load_inertia.high)
-
-
-def _motor(whole: float, load: float) -> float:
-    """Return the inertia of the motor's side [kg·m²]."""
-    return whole - min(load, HEAVIEST * whole)
+    return belief.damping.high * period > _QUICK * belief.lightest_motor
 
 
 def _delays(
@@ -499,7 +388,7 @@ def _bodies(belief: Belief) -> tuple[FloatArray, FloatArray]:
     for load in _loads(belief, _LOADS) if belief.bare else ends:
         light, heavy = inertia.low, inertia.high
         if not belief.bare:
-            light, heavy = _motor(light, load), _motor(heavy, load)
+            light, heavy = motor_side(light, load), motor_side(heavy, load)
         steps = math.ceil(math.log(heavy / light) / math.log(_MOTORS))
         motor = np.geomspace(light, heavy, steps + 1)
         whole = motor + load

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from haptic_wall.controller.errors import ConfigError
+from haptic_wall.controller.settings.fields import fields
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import MonotonicClock, SimulatedClock
 from haptic_wall.hw.errors import BackendError, PortError
@@ -51,7 +52,8 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.syspath_prepend(folder)
     backend.cache_clear()
     yield folder
-    backend.cache_clear()
+    for known in (backend, fields):  # the fields name the backends
+        known.cache_clear()
 
 
 @pytest.fixture

@@ -92,16 +92,16 @@ def test_noise_at_rest_commands_less_than_its_share(thorough: bool, wholly: bool
         request = Request(
             1e9 if i % 2 else 0.0, 1e9 if i % 3 else -1e9 if i % 9 else 0.0, "both", samples
         )
-        # a torque limit around that at which the encoder binds before the damping ceiling does
+        # a torque limit around that at which 0.8 of the encoder's bound binds before the ceiling
         free = one(request, replace(where, position_step=0.0)).damping
         count = max(abs(free), 1e-4) * where.position_step / (samples * T)
-        where = replace(where, torque_limit=10 * count * 10 ** random.uniform(-1.5, 0.7))
+        where = replace(where, torque_limit=10 / 0.8 * count * 10 ** random.uniform(-1.5, 0.7))
         cases.append((one(request, where), where))
     share = SETTINGS.quantisation_share * np.array([s.torque_limit for _, s in cases])
     noise = random.uniform(0, NOISE, len(cases))
     assert np.max(torque_rms(cases, noise, 5) / share) < 1.0
     asked = [d for d, _ in cases if d.request.damping]
-    assert 0.3 < np.mean([d.is_coarse for d in asked]) < 0.95
+    assert 0.3 < np.mean([d.is_coarse for d in asked]) < 0.9
 
 
 @pytest.mark.parametrize("side", sampled(["above", "below", "both"], 3))
