@@ -111,6 +111,10 @@ def run_bus(
     ids = [servo_of(each) for each in plan.servos]
     if missing := set(plan.own) - {str(each[1]) for each in ids}:
         raise SpecError(f"no servo has the id {min(missing)}", field="--set")
+    links = [name for name in plan.arm if name != "shape"]
+    if links and plan.arm.get("shape", "none") == "none":
+        what = f"found arm.{links[0]}, but nothing links the servos"
+        raise SpecError(what, field="--set", advice="add --arm planar")
     start_ns = time.monotonic_ns()
     ticks = random.Random(plan.seed)
     servos = [

@@ -39,7 +39,7 @@ def emulator_arguments(
     plan: dict[str, Any] = {
         "servos": [f"{one.model}:{one.id}" for one in servos],
         "own": {str(one.id): asdict(one.true) for one in servos if one.true is not None},
-        "arm": asdict(first.arm) if first.arm else {},
+        "arm": asdict(first.arm) if first.arm and first.arm.shape != "none" else {},
         "baud": first.baud,
         "faults": list(first.faults),
         "seed": first.fault_seed,

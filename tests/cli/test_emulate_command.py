@@ -33,6 +33,7 @@ from tests.cli.caller import Cli
         (["--set", "servo@7.inertia=1"], ["--set", "no servo has the id 7"]),
         (["--set", "arm.length_3=1"], ["arm.length_3", "did you mean arm.length_"]),
         (["--set", "arm.length_1=0"], ["arm.length_1", "above 0"]),
+        (["--set", "arm.mass_1=0.2"], ["--set", "found arm.mass_1", "add --arm planar"]),
         (["--arm", "planar"], ["arm.shape", "found 1 servo"]),
         (["--latency-timer", "1.5"], ["--latency-timer", "1.5", "up to 255"]),
         (["--latency-timer", "1", "--block", "0"], ["--block", "found 0", "from 1"]),

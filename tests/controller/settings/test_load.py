@@ -1,6 +1,7 @@
 """Reading a configuration: what people write is understood, and all that is wrong is said."""
 
 import itertools
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from haptic_wall.controller.settings.load import (
     load_config,
     preset_names,
     preset_summary,
+    preset_text,
 )
 from haptic_wall.controller.settings.yaml_text import parse
 
@@ -39,6 +41,12 @@ def only(source: str | Path, *sets: str) -> str:
 def test_every_preset_loads_and_says_what_it_is_for(name: str) -> None:
     assert load_config(name).config.loop.rate_hz == (500.0 if "arm" in name else 1000.0)
     assert 20 < len(preset_summary(name)) < 100
+
+
+def test_the_comments_of_the_presets_name_settings_that_exist() -> None:
+    comments = " ".join(re.findall("#.*", "".join(map(preset_text, preset_names()))))
+    named = set(re.findall(r"\b[a-z]+(?:_[a-z]+)+\b", comments))
+    assert named <= {path.rpartition(".")[2] for path in fields()}
 
 
 @pytest.mark.parametrize("name", preset_names())
