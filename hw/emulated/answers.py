@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 from haptic_wall.hw.dynamixel.codec import (
@@ -23,9 +24,12 @@ from haptic_wall.hw.emulated.instructions import (
     entries,
 )
 from haptic_wall.hw.emulated.servo import EmulatedServo
+from haptic_wall.hw.emulated.traffic import Part, id_of
 
 SLOT_NS = 3_000_000
 """Time for a missing id in a ping for all [ns]"""
+_AHEAD = 8
+"""Bytes of a joint reply before its parts"""
 _FAST = (Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ)
 _ById = Mapping[int, Sequence[EmulatedServo]]
 
@@ -37,8 +41,9 @@ class Answer(NamedTuple):
     """Time from the end of the bytes before it on the wire to its first byte [ns]"""
     frame: Frame
     """The first one where several servos with one id reply at once"""
-    wire: bytes
-    """The frame's bytes, perhaps truncated, or the result of a collision"""
+    parts: Sequence[Part]
+    """The frame's bytes, or the result of a collision; a joint reply has a part for each servo
+    behind its beginning, perhaps not for all"""
 
 
 def addressed(frame: Frame) -> list[int] | None:
@@ -144,7 +149,7 @@ def _fast_read(listed: Sequence[Entry], by_id: _ById, now_ns: int) -> list[Answe
     no servo behind it can continue. The length in the frame's header counts all.
     """
     shares: list[FastReply] = []
-    sent = sent_bytes = 0
+    ends = [_AHEAD]
     first: EmulatedServo | None = None
     for entry in listed:
         size = entry.size
@@ -153,21 +158,23 @@ def _fast_read(listed: Sequence[Entry], by_id: _ById, now_ns: int) -> list[Answe
             for servo in by_id.get(entry.id, ())
             if servo.model.knows_fast_reads(servo.firmware) and servo.memory["status_return_level"]
         ]
-        if servos and len(shares) == sent:
+        if servos and len(shares) == len(ends) - 1:
             first = first or servos[0]
-            sent += 1
-            sent_bytes += size + 4
+            ends.append(ends[-1] + size + 4)
             shares.append(_share(entry, servos, now_ns))
         else:
             shares.append(FastReply(entry.id, 0, bytes(size)))
     if first is None:
         return []
     try:
-        wire = encode_fast_status(shares)[: 8 + sent_bytes]
+        wire = encode_fast_status(shares)[: ends[-1]]
     except ValueError:
         return []
-    frame = Frame(BROADCAST, Instruction.STATUS, wire[8], wire[9:-2])
-    return [Answer(first.return_delay_ns, frame, wire)]
+    frame = Frame(BROADCAST, Instruction.STATUS, wire[_AHEAD], wire[_AHEAD + 1 : -2])
+    parts = [Part(BROADCAST, wire[:_AHEAD])]
+    for share, (begin, end) in zip(shares, pairwise(ends), strict=False):
+        parts.append(Part(share.id, wire[begin:end]))
+    return [Answer(first.return_delay_ns, frame, parts)]
 
 
 def _share(entry: Entry, servos: Sequence[EmulatedServo], now_ns: int) -> FastReply:
@@ -198,5 +205,8 @@ def _status(
 def _on_the_wire(sendings: Sequence[Sending]) -> list[Answer]:
     if len(sendings) == 1:  # the normal case
         (sending,) = sendings
-        return [Answer(sending.delay_ns, sending.frame, sending.wire)]
-    return [Answer(*heard) for heard in collide(sendings)]
+        return [Answer(sending.delay_ns, sending.frame, [Part(sending.frame.id, sending.wire)])]
+    return [
+        Answer(delay_ns, frame, [Part(id_of(wire), wire)])
+        for delay_ns, frame, wire in collide(sendings)
+    ]

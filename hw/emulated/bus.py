@@ -20,9 +20,9 @@ from haptic_wall.hw.dynamixel.wire import wire_ns
 from haptic_wall.hw.emulated.adapter import BLOCKS, Adapter
 from haptic_wall.hw.emulated.answers import Answer, addressed, answer
 from haptic_wall.hw.emulated.faults import Fault, parse_fault
-from haptic_wall.hw.emulated.injection import SILENCING, FaultEvent, Faults, apply_fault, id_of
+from haptic_wall.hw.emulated.injection import SILENCING, FaultEvent, Faults, apply_fault
 from haptic_wall.hw.emulated.servo import EmulatedServo
-from haptic_wall.hw.emulated.traffic import Piece, Reply, instruction_of, pieces
+from haptic_wall.hw.emulated.traffic import Part, Piece, Reply, id_of, instruction_of, pieces
 from haptic_wall.hw.emulated.witness import Event, Witness
 from haptic_wall.hw.plant.arm import couple
 from haptic_wall.hw.truth import TrueArm
@@ -213,15 +213,14 @@ class EmulatedBus:
 
     def _send_damaged(self, piece: bytes, now_ns: int) -> None:
         """Put bytes from the host on the wire, changed by the faults."""
-        passage = self._faults.pass_frame(piece, "request", now_ns)
+        passage = self._faults.pass_frame([Part(id_of(piece), piece)], "request", now_ns)
         if passage is None:
             self._put(piece, now_ns, len(piece))
             return
-        for name in passage.names:
-            id_ = id_of(piece)
+        for id_, name in passage.names:
             shown, code = BROADCAST if id_ is None else id_, instruction_of(piece)
             self._note(now_ns, "fault", shown, id_, code=code, fault=name)
-        arrival_ns = now_ns + passage.late_ns
+        arrival_ns = now_ns + sum(late_ns for _, late_ns in passage.gaps)
         heard = [chunk for chunk in passage.chunks if chunk]
         for chunk in heard:
             self._put(chunk, arrival_ns, len(chunk))
@@ -237,37 +236,62 @@ class EmulatedBus:
         if not listening:
             return
         for frame in self._parser.feed(piece.data):
-            answers = answer(frame, listening, now_ns)
+            hearing = listening
+            if frame.id == BROADCAST and self._faults.strikes_frames:
+                hearing = self._hearing(frame, listening, now_ns)
+            answers = answer(frame, hearing, now_ns)
             if self._witness is not None:
                 first = addressed(frame)
                 self._note(now_ns, "rx", frame.id, first[0] if first else None, frame)
             for reply in answers:
                 self._schedule_reply(reply, piece.baud)
 
+    def _hearing(
+        self, frame: Frame, servos: Sequence[EmulatedServo], now_ns: int
+    ) -> list[EmulatedServo]:
+        """Return the servos that hear a joint instruction."""
+        ids = addressed(frame)
+        deaf = self._faults.deaf([each.id for each in servos] if ids is None else ids, now_ns)
+        for id_, name in deaf:
+            self._note(now_ns, "fault", id_, id_, code=frame.instruction, fault=name)
+        return [each for each in servos if each.id not in dict(deaf)]
+
     def _schedule_reply(self, reply: Answer, baud: int) -> None:
         """Schedule a reply for when the wire is free and its delay is over."""
         begin_ns = self._free_ns + reply.delay_ns
-        wire, late_ns = reply.wire, 0
-        names: tuple[str, ...] = ()
+        wire = b"".join(part.wire for part in reply.parts)
+        count = len(wire)
+        gaps: Sequence[tuple[int, int]] = ()
+        names: Sequence[tuple[int | None, str]] = ()
         if self._faults.strikes_frames:
-            passage = self._faults.pass_frame(wire, "reply", begin_ns)
+            passage = self._faults.pass_frame(reply.parts, "reply", begin_ns)
             if passage is not None:
-                wire, late_ns, names = b"".join(passage.chunks), passage.late_ns, passage.names
-        self._free_ns = begin_ns + wire_ns(max(len(wire), len(reply.wire)), baud)
-        self._going.append(Reply(begin_ns, self._free_ns, baud, reply.frame, wire, late_ns, names))
+                wire, gaps, names = b"".join(passage.chunks), passage.gaps, passage.names
+        self._free_ns = begin_ns + wire_ns(max(len(wire), count), baud)
+        self._going.append(
+            Reply(begin_ns, self._free_ns, baud, reply.frame, reply.parts, wire, gaps, names)
+        )
 
     def _begin(self, reply: Reply) -> None:
         """Start a reply on the wire: the adapter receives byte after byte."""
         self._begun = True
-        if reply.wire and self.connected and reply.baud == self.host_baud:
-            self._adapter.put(reply.wire, reply.begin_ns + reply.late_ns, reply.baud)
+        if not self.connected or reply.baud != self.host_baud:
+            return
+        begin_ns, sent = reply.begin_ns, 0
+        for end, gap_ns in (*sorted(reply.gaps), (len(reply.wire), 0)):
+            data = reply.wire[sent:end]
+            if data:
+                self._adapter.put(data, begin_ns, reply.baud)
+            begin_ns += wire_ns(len(data), reply.baud) + gap_ns
+            sent = end
 
     def _leave(self, reply: Reply, now_ns: int) -> None:
         """Finish ``reply``, whose last byte has left."""
         self._begun = False
         frame = reply.frame
-        for name in reply.faults:
-            self._note(now_ns, "fault", frame.id, frame.id, code=frame.instruction, fault=name)
+        for id_, name in reply.faults:
+            shown = frame.id if id_ is None else id_
+            self._note(now_ns, "fault", shown, shown, code=frame.instruction, fault=name)
         self._note(now_ns, "tx", frame.id, frame.id, frame)
 
     def _add(self, fault: Fault, now_ns: int) -> None:
@@ -317,8 +341,16 @@ class EmulatedBus:
         self._adapter.clear()
 
     def _silence(self, ids: Collection[int], now_ns: int) -> None:
-        """Truncate the replies of these servos at the present byte."""
-        if self._begun and self._going[0].frame.id in ids:
-            self._adapter.truncate(now_ns)
-            self._begun = False
-        self._going = deque(reply for reply in self._going if reply.frame.id not in ids)
+        """Truncate the replies of these servos at the present byte, joint ones at their part."""
+        kept = []
+        for reply in self._going:
+            end = reply.begin_of(ids)
+            if end is None:
+                kept.append(reply)
+                continue
+            if self._begun and reply is self._going[0]:
+                self._adapter.truncate(max(now_ns, reply.begin_ns + wire_ns(end, reply.baud)))
+                self._begun = end > 0
+            if end:
+                kept.append(reply._replace(wire=reply.wire[:end]))
+        self._going = deque(kept)

@@ -5,54 +5,57 @@ Every fault has a random stream of its own, so that one more fault does not chan
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, field
 from random import Random
 from typing import NamedTuple
 
-from haptic_wall.hw.dynamixel.codec import MAX_ID, crc16
-from haptic_wall.hw.dynamixel.codec.frames import HEADER
+from haptic_wall.hw.dynamixel.codec import BROADCAST, MAX_ID, crc16
 from haptic_wall.hw.emulated.faults import Fault, parse_fault
 from haptic_wall.hw.emulated.servo import EmulatedServo
+from haptic_wall.hw.emulated.traffic import ID_AT, Part, id_of
 
-_ID, _SHORTEST = 4, 10
+_ID_OF_PART, _SHORTEST = 1, 10
 _NOISE = 8
 """Default number of garbage bytes"""
 
 
 @dataclass(slots=True)
 class Passage:
-    """A frame after the faults."""
+    """A frame, or a servo's part of a joint reply, after the faults."""
 
     chunks: list[bytes]
     """The received bytes: noise, the frame, a copy; empty where it is lost"""
-    late_ns: int = 0
-    """Added delay [ns]"""
-    names: tuple[str, ...] = ()
-    """The faults that hit it"""
+    id_at: int = ID_AT
+    """Offset of its id"""
+    crc: int = 0
+    """Checksum of the bytes before it"""
+    gaps: list[tuple[int, int]] = field(default_factory=list)
+    """Offsets of the received bytes before which there is a pause, and its length [ns]"""
+    names: list[tuple[int | None, str]] = field(default_factory=list)
+    """The faults that hit it, each with the id of the frame or part"""
 
 
 def strike(fault: Fault, passage: Passage, rng: Random) -> None:
     """Apply ``fault`` to the frame in ``passage``."""
     values = fault.values
     chunks = passage.chunks
-    passage.names += (fault.name,)
     if fault.name == "late":
-        passage.late_ns += round(values["ms"] * 1_000_000)
+        passage.gaps.append((0, round(values["ms"] * 1_000_000)))
     elif fault.name == "noise":
-        chunks.insert(0, rng.randbytes(values.get("bytes", _NOISE)))
+        noise = rng.randbytes(values.get("bytes", _NOISE))
+        chunks.insert(0, noise)
+        passage.gaps = [(at + len(noise) if at else 0, late_ns) for at, late_ns in passage.gaps]
     elif fault.name == "duplicate":
         chunks.append(chunks[-1])
     elif fault.name == "drop":
         chunks.clear()
+    elif fault.name == "corrupt":
+        chunks[-1] = _flip(chunks[-1], fault, rng)
+    elif fault.name == "truncate":
+        chunks[-1] = _truncate(chunks[-1], fault, rng)
     else:
-        change = {"corrupt": _flip, "truncate": _truncate, "wrong-id": _readdress}[fault.name]
-        chunks[-1] = change(chunks[-1], fault, rng)
-
-
-def id_of(wire: bytes) -> int | None:
-    """Return the id in a frame's bytes; None where they do not begin with a header."""
-    return wire[_ID] if wire.startswith(HEADER) and len(wire) > _ID else None
+        chunks[-1] = _readdress(chunks[-1], passage, fault, rng)
 
 
 def _flip(wire: bytes, fault: Fault, rng: Random) -> bytes:
@@ -70,18 +73,24 @@ def _truncate(wire: bytes, fault: Fault, rng: Random) -> bytes:
     return wire[: rng.randint(1, max(1, len(wire) - 1)) if keep is None else keep]
 
 
-def _readdress(wire: bytes, fault: Fault, rng: Random) -> bytes:
+def _readdress(wire: bytes, passage: Passage, fault: Fault, rng: Random) -> bytes:
     """Replace the id and adapt the CRC; bytes that are no whole frame stay."""
-    own = id_of(wire)
-    if own is None or len(wire) < _SHORTEST:
+    at = passage.id_at
+    if at == ID_AT and (id_of(wire) is None or len(wire) < _SHORTEST):
         return wire
     other = fault.values.get("to")
     if other is None:
-        other = rng.choice([id_ for id_ in range(MAX_ID + 1) if id_ != own])
-    frame = wire[:_ID] + bytes([other]) + wire[_ID + 1 : -2]
-    return frame + crc16(frame).to_bytes(2, "little")
+        other = rng.choice([id_ for id_ in range(MAX_ID + 1) if id_ != wire[at]])
+    return _sealed(wire[:at] + bytes([other]) + wire[at + 1 : -2], passage.crc)
 
 
+def _sealed(data: bytes, crc: int) -> bytes:
+    """Append the checksum of ``data`` and the bytes before it, whose checksum is ``crc``."""
+    return data + crc16(data, crc).to_bytes(2, "little")
+
+
+_DEAFENING = ("drop", "corrupt", "truncate", "wrong-id")
+"""Faults of one id that keep a joint instruction from its servo"""
 _HELD = ("stuck", "stuffing", "supply", "ambient", "unplug", "unplug-adapter")
 """Faults with a duration; a jump only if one is given"""
 
@@ -180,24 +189,60 @@ class Faults:
         """Return the active faults, and how often each has occurred."""
         return [(acting.fault.text, acting.done) for acting in self._all()]
 
-    def pass_frame(self, wire: bytes, way: str, now_ns: int) -> Passage | None:
+    def pass_frame(self, parts: Sequence[Part], way: str, now_ns: int) -> Passage | None:
         """Pass a frame through the faults; None: no fault hits it.
 
         Args:
-            wire: Its bytes.
+            parts: The frame; of a joint reply its beginning, with the id for all, and then the part
+                of each servo.
             way: ``request`` or ``reply``.
             now_ns: The time [ns].
         """
-        id_ = id_of(wire)
+        id_, wire = parts[0]
+        passage = Passage([wire]) if len(parts) == 1 else self._pass_parts(parts, now_ns)
         struck = [acting for acting in self._frames if acting.strikes(id_, way, now_ns)]
-        if not struck:
-            return None
+        self._strike(struck, passage, id_)
+        return passage if passage.names else None
+
+    def deaf(self, ids: Collection[int], now_ns: int) -> list[tuple[int, str]]:
+        """Return which of the servos with these ids do not hear a joint instruction, and why."""
+        found = []
+        for acting in self._frames:
+            id_: int = acting.fault.values.get("id", BROADCAST)
+            name = acting.fault.name
+            if id_ in ids and name in _DEAFENING and acting.strikes(id_, "request", now_ns):
+                acting.done += 1
+                found.append((id_, name))
+        return found
+
+    def _pass_parts(self, parts: Sequence[Part], now_ns: int) -> Passage:
+        """Pass a joint reply through the faults of single ids.
+
+        Each servo waits for the end of the part before it, and appends the checksum over all that
+        it has heard.
+        """
+        heard = parts[0].wire
+        gaps: list[tuple[int, int]] = []
+        names: list[tuple[int | None, str]] = []
+        for id_, wire in parts[1:]:
+            crc = crc16(heard)
+            part = Passage([_sealed(wire[:-2], crc)], id_at=_ID_OF_PART, crc=crc)
+            own = [acting for acting in self._frames if acting.fault.values.get("id") == id_]
+            struck = [acting for acting in own if acting.strikes(id_, "reply", now_ns)]
+            self._strike(struck, part, id_)
+            gaps += [(len(heard) + at, late_ns) for at, late_ns in part.gaps]
+            names += part.names
+            heard += b"".join(part.chunks)
+            if any(acting.fault.name in ("drop", "truncate") for acting in struck):
+                break
+        return Passage([heard], gaps=gaps, names=names)
+
+    def _strike(self, struck: Sequence[_Acting], passage: Passage, id_: int | None) -> None:
         lost = [acting for acting in struck if acting.fault.name == "drop"]
-        passage = Passage([wire])
         for acting in lost[:1] or struck:
             acting.done += 1
+            passage.names.append((id_, acting.fault.name))
             strike(acting.fault, passage, acting.rng)
-        return passage
 
     def next_ns(self) -> int | None:
         """Return the time of the next event of a servo or the adapter [ns]; None: none."""

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 from typing import Final, NamedTuple
 
 from haptic_wall.hw.dynamixel.codec import Frame
 from haptic_wall.hw.dynamixel.codec.frames import HEADER
 
+ID_AT: Final = 4
+"""Offset of the id in a frame"""
 _INSTRUCTION_AT: Final = 7
 """Offset of the instruction in a frame"""
+
+
+class Part(NamedTuple):
+    """Bytes of one sender: a whole frame, or what a servo appends to a joint reply."""
+
+    id: int | None
+    """None: they begin with no header"""
+    wire: bytes
 
 
 class Piece(NamedTuple):
@@ -31,12 +41,23 @@ class Reply(NamedTuple):
     baud: int
     frame: Frame
     """The frame that the servo sent"""
+    parts: Sequence[Part]
+    """The sent bytes, by sender"""
     wire: bytes
     """The received bytes"""
-    late_ns: int
-    """Added delay [ns]"""
-    faults: tuple[str, ...]
-    """The faults that hit it"""
+    gaps: Sequence[tuple[int, int]]
+    """Offsets of these before which faults make a pause, and its length [ns]"""
+    faults: Sequence[tuple[int | None, str]]
+    """The faults that hit it, each with the id of the frame or part"""
+
+    def begin_of(self, ids: Collection[int]) -> int | None:
+        """Return the offset of the first byte that one of these servos sent; None: none did."""
+        begin = 0
+        for part in self.parts:
+            if part.id in ids:
+                return begin
+            begin += len(part.wire)
+        return None
 
 
 def pieces(data: bytes) -> Iterator[bytes]:
@@ -48,6 +69,11 @@ def pieces(data: bytes) -> Iterator[bytes]:
             end = len(data)
         yield data[start:end]
         start = end
+
+
+def id_of(wire: bytes) -> int | None:
+    """Return the id in a frame's bytes; None where they do not begin with a header."""
+    return wire[ID_AT] if wire.startswith(HEADER) and len(wire) > ID_AT else None
 
 
 def instruction_of(piece: bytes) -> int | None:

@@ -135,6 +135,88 @@ def test_faults_can_be_for_one_id_and_one_time_only() -> None:
     assert outcome == [(True, True), (True, False), (True, False), (True, True)]
 
 
+# --- one servo of several --------------------------------------------------------------------
+
+
+FAST_OF_THREE = encode(BROADCAST, Instruction.FAST_SYNC_READ, READ_POSITION + bytes([1, 2, 3]))
+AHEAD, PART = 8, 8
+"""Bytes of a joint reply before its parts, and of a part with 4 bytes of data"""
+
+
+@pytest.fixture
+def three() -> Client:
+    return Client((X, 1), (X, 2), (X, 3))
+
+
+def joint(client: Client) -> tuple[bytes, list[int]]:
+    """The bytes of a joint reply, and the ids of its valid parts."""
+    wire = raw(client, FAST_OF_THREE)
+    return wire, [frame.id for frame in Parser(joint=3).feed(wire)]
+
+
+@pytest.mark.parametrize(
+    ("fault", "count", "ids"),
+    [
+        ("drop", AHEAD + PART, [1]),  # who comes after it waits for its part, in vain
+        ("truncate:keep=3", AHEAD + PART + 3, [1]),
+        ("corrupt:flips=2", AHEAD + 3 * PART, [1]),
+        ("noise:bytes=5", AHEAD + 3 * PART + 5, [1]),
+        ("duplicate", AHEAD + 4 * PART, [1, 2]),
+        ("wrong-id:to=9", AHEAD + 3 * PART, [1, 9, 3]),
+    ],
+)
+def test_a_fault_of_one_servo_strikes_its_part_of_a_joint_reply(
+    three: Client, fault: str, count: int, ids: list[int]
+) -> None:
+    clean, all_three = joint(three)
+    assert all_three == [1, 2, 3]
+    name, _, rest = fault.partition(":")
+    three.inject(f"{name}:id=2,way=reply,times=1,{rest}".rstrip(","))
+    wire, found = joint(three)
+    assert (len(wire), found) == (count, ids)
+    assert wire.startswith(clean[: AHEAD + PART])
+    assert [row[1:] for row in three.fault_rows()] == [(2, name)]
+    assert joint(three) == (clean, [1, 2, 3])
+
+
+def test_a_late_part_holds_up_the_parts_after_it(three: Client) -> None:
+    three.inject("late:id=2,ms=1,way=reply")
+    start = three.clock.now_ns()
+    three.line.write(FAST_OF_THREE)
+    heard = []
+    while three.line.wait(three.clock.now_ns() + 3 * MS):
+        heard.append((three.clock.now_ns() - start, len(three.line.read())))
+    first_ns = (len(FAST_OF_THREE) + AHEAD + PART) * BYTE_NS
+    assert heard == [(first_ns, AHEAD + PART), (first_ns + MS + 2 * PART * BYTE_NS, 2 * PART)]
+
+
+@pytest.mark.parametrize(
+    ("fault", "deaf"),
+    [("drop", True), ("corrupt", True), ("truncate", True), ("wrong-id", True), ("noise", False)],
+)
+def test_a_fault_of_one_servo_keeps_a_joint_instruction_from_it_alone(
+    three: Client, fault: str, deaf: bool
+) -> None:
+    three.inject(f"{fault}:id=2,way=request")
+    three.sync_write(65, 1, {1: 1, 2: 1, 3: 1})  # LED
+    three.pass_time(MS)
+    assert [three.servos[id_].memory["led"] for id_ in (1, 2, 3)] == [1, 1 - deaf, 1]
+    assert [row[1:] for row in three.fault_rows()] == [(2, fault)] * deaf
+
+
+@pytest.mark.parametrize("fault", ["brown-out", "unplug"])
+def test_a_servo_that_loses_its_power_breaks_a_joint_reply_off(fault: str) -> None:
+    for byte, count in ((1, AHEAD + PART), (AHEAD + PART + 3, AHEAD + PART + 3)):
+        client = Client((X, 1), (X, 2), (X, 3))
+        client.line.write(FAST_OF_THREE)
+        client.pass_time((len(FAST_OF_THREE) + byte) * BYTE_NS)
+        client.inject(f"{fault}:id=2")
+        wire = b""
+        while client.line.wait(client.clock.now_ns() + 3 * MS):
+            wire += client.line.read()
+        assert len(wire) == count
+
+
 # --- servos ----------------------------------------------------------------------------------
 
 
