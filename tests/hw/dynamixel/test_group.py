@@ -233,8 +233,11 @@ def test_where_one_is_missing_nobody_else_is_said_to_have_kept_its_torque() -> N
             "late:ms=1.5,p=0.05",
             "truncate:p=0.05",
             "wrong-id:p=0.05,to=2",
+            "corrupt:p=0.2,id=2",
+            "late:ms=1.5,p=0.05,id=2",
+            "wrong-id:p=0.05,id=2,to=3",
         ],
-        5,
+        8,
     ),
 )
 def test_a_damaged_reply_never_becomes_somebodys_position(way: Read, fault: str) -> None:
