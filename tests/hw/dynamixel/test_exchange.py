@@ -14,7 +14,7 @@ import pytest
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.codec import encode_status
 from haptic_wall.hw.dynamixel.exchange import Exchange
-from haptic_wall.hw.dynamixel.register_access import Table, write_all
+from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.samples import Sample
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.dynamixel.wire import Read
@@ -302,7 +302,7 @@ def test_registers_are_written_and_read_between_samples(shape: tuple[int, Read])
     for station in bench.exchange.stations:
         bench.exchange.request()  # its replies are under way and must not disturb
         table = Table(bench.exchange, station, "", REGISTERS)
-        assert not write_all([table], "torque_enable", 1, (PERIOD_NS,))
+        assert table.try_write("torque_enable", 1, (PERIOD_NS,)) == 1
         assert table.try_read("torque_enable", (PERIOD_NS,)) == 1
     assert bad(bench.run(1)) == []
     bench.assert_counts(0, 0, 0)
@@ -329,7 +329,7 @@ def test_a_register_that_is_not_answered_has_no_value() -> None:
     table = Table(bench.exchange, station, "", REGISTERS)
     begun = bench.clock.now_ns()
     assert table.try_read("torque_enable", (3 * MS,)) is None
-    assert write_all([table], "torque_enable", 1, (3 * MS,)) == {table: None}
+    assert table.try_write("torque_enable", 1, (3 * MS,)) is None
     assert bench.clock.now_ns() == begun + 6 * MS
 
 
@@ -357,7 +357,7 @@ def test_a_bus_that_is_never_silent_holds_nobody_beyond_the_deadline(way: Read) 
     assert deadline <= clock.now_ns() < deadline + 100 * US
     begun, table = clock.now_ns(), Table(exchange, exchange.stations[0], "", REGISTERS)
     assert table.try_read("torque_enable", (PERIOD_NS,)) is None
-    assert write_all([table], "torque_enable", 0, (PERIOD_NS,)) == {table: None}
+    assert table.try_write("torque_enable", 0, (PERIOD_NS,)) is None
     assert clock.now_ns() < begun + 3 * PERIOD_NS + 200 * US
 
 
