@@ -250,6 +250,19 @@ def test_a_reply_of_another_servo_is_no_position() -> None:
     assert (bad(rows), rows[5]) == ([5], [Outcome.LOST])
 
 
+@pytest.mark.parametrize("first", [1, 2, 3])
+def test_with_an_answer_under_an_id_that_was_not_asked_none_is_used(first: int) -> None:
+    """Of three servos one's answer goes astray, and another answers in its name."""
+    names = {id_: id_ for id_ in (1, 2, 3)} | {first: 77, first % 3 + 1: first}
+
+    def renamed(number: int, reply: bytes) -> list[tuple[int, bytes]]:
+        name = names[reply[4]] if number // 3 == 5 else reply[4]
+        return [(0, encode_status(name, 0, reply[9:-2]))]
+
+    rows = Bench(renamed, (3, "sync"), one_by_one=True).run(10)
+    assert (bad(rows), rows[5]) == ([5], 3 * [Outcome.LOST])
+
+
 def test_an_alert_is_told_and_the_position_still_valid() -> None:
     bench = Bench(only({5}, lambda _, reply: [(0, encode_status(1, 0x80, reply[9:-2]))]))
     samples = [sample for _ in range(10) for sample in bench.cycle()]
