@@ -18,7 +18,7 @@ from haptic_wall.controller.doctor.search import (
 )
 from haptic_wall.controller.settings.shares import COLLECT_SHARE
 from haptic_wall.hw.clock import Clock
-from haptic_wall.hw.dynamixel.register_access import PATIENCE_NS, Table, write_all
+from haptic_wall.hw.dynamixel.register_access import PATIENCE_NS, Table
 from haptic_wall.hw.dynamixel.registers import BAUD_RATES
 from haptic_wall.hw.dynamixel.tables import model_by_number
 from haptic_wall.hw.dynamixel.wire import cycle_s
@@ -147,7 +147,7 @@ class Locator:
                 if table.read("torque_enable"):
                     return Change(name, before, "its torque is on, so it is locked", False), found
                 # It cannot be read back at this rate.
-                write_all([table], "baud_rate", value, PATIENCE_NS[:1])
+                table.try_write("baud_rate", value, PATIENCE_NS[:1])
             except (ServoLostError, UnfitServoError) as error:
                 return Change(name, before, str(error), False), found
         with opened(settings.port, settings.baud, self._clock) as line:

@@ -215,6 +215,8 @@ class Supervisor:
                 self._rows.look()
                 self._door.look()
                 looked = now
+                if self._words[Word.STATE] == LoopState.STARTING and loop.halted():
+                    return self._cut_overdue(loop, emulator, "did not start")
                 if emulator is not None and emulator.halted():
                     self._words[Word.COUPLED] = 0  # the loop waits for it no longer
             if emulator is not None and emulator.ended():

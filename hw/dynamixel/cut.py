@@ -6,13 +6,16 @@ from collections.abc import Collection, Sequence
 from typing import Final
 
 from haptic_wall.hw.dynamixel.exchange import Exchange
-from haptic_wall.hw.dynamixel.register_access import Table, write_all
+from haptic_wall.hw.dynamixel.register_access import Table, sync_write
 from haptic_wall.hw.dynamixel.tables import REGISTERS
 from haptic_wall.hw.errors import ServoLostError
 from haptic_wall.hw.serialport.line import Line
 
 _QUICK_NS: Final = 4_000_000
-"""Time allowed for a reply [ns]"""
+"""Time of a reply from which on the line is slow [ns]"""
+_PATIENCE_NS: Final = (2_000_000,) * 3 + (_QUICK_NS,) * 3
+"""Time allowed for a reply in each round [ns]: short at first, as torque off is written once more
+before each"""
 _SLOW_NS: Final = 20_000_000
 """The same where replies took longer, or nobody replies: longer than an adapter's 16 ms timer"""
 _SIZES: Final = range(4, 16)
@@ -54,8 +57,9 @@ def cut_torque(line: Line, ids: Sequence[int], baud: int = 0) -> bool:
 def torque_off(servos: Sequence[Table]) -> Collection[Table]:
     """Write Torque Enable 0 to all at once, and read it back from each; try several times.
 
-    A lost one among many takes 16 ms, a single one 56 ms, as its adapter may be slow; a slow bus
-    adds its wire time.
+    It is written again before each read: a bad cable may lose frame after frame, and a lost read
+    takes as long as twenty writes. A lost servo among many takes 18 ms, a single one 58 ms, as its
+    adapter may be slow; a slow bus adds its wire time.
 
     Args:
         servos: The servos, on one line.
@@ -63,9 +67,23 @@ def torque_off(servos: Sequence[Table]) -> Collection[Table]:
     Returns:
         Those whose torque off was not read back.
     """
-    slow = any(one.station.longest_ns > _QUICK_NS for one in servos)
-    patience_ns = 6 * (_SLOW_NS,) if slow else 4 * (_QUICK_NS,)
-    left = list(write_all(servos, "torque_enable", 0, patience_ns, _SIZES))
-    if not slow and len(left) == len(servos):
-        left = list(write_all(left, "torque_enable", 0, 2 * (_SLOW_NS,), _SIZES))
+    left = list(servos)
+    if not left:
+        return left
+    exchange = left[0].exchange
+    exchange.kept = sync_write(left, "torque_enable", 0)
+    slow = any(one.station.longest_ns > _QUICK_NS for one in left)
+    try:
+        for each_ns in 6 * (_SLOW_NS,) if slow else _PATIENCE_NS:
+            left = _still_on(left, each_ns)
+        if not slow and len(left) == len(servos):
+            for each_ns in 2 * (_SLOW_NS,):
+                left = _still_on(left, each_ns)
+    finally:
+        exchange.kept = b""
     return left
+
+
+def _still_on(servos: Sequence[Table], patience_ns: int) -> list[Table]:
+    """Return those that do not reply that their torque is off."""
+    return [one for one in servos if one.try_read("torque_enable", (patience_ns,), _SIZES) != 0]

@@ -15,7 +15,8 @@ Three cheap checks do it:
 3. **The servo's clock.** The block begins with the servo's millisecond tick, which must have
    advanced by the time that passed since the last accepted sample.
 
-Of two different answers of one servo neither is used: one of them has a wrong id.
+Of two different answers of one servo neither is used: one of them has a wrong id. After an answer
+under an id that was not asked none is used: it is not known whose it was.
 
 A request may ask for a wider block around the sample, of a length that no other request has.
 Registers are read in blocks of other sizes still; see ``register_access``.
@@ -275,20 +276,27 @@ class Exchange:
     def _process(self, data: bytes) -> None:
         """Search received bytes for replies."""
         for frame in self.parser.feed(data):
-            station = self.by_id.get(frame.id)
-            if station is None or frame.instruction != Instruction.STATUS:
+            if frame.instruction != Instruction.STATUS:
                 continue
-            if frame.error & REFUSED:  # it does not name its request
+            station = self.by_id.get(frame.id)
+            if station is None:
+                if self._asked is not None and len(frame.params) == self._asked.length:
+                    self._doubt(self._order)  # one of them has said it under a wrong id
+            elif frame.error & REFUSED:  # it does not name its request
                 self._refusals += 1
             elif station in self._found and self._contradicts(station, frame):
-                # One of the two came from another servo: neither is used.
-                del self._found[station]
-                self._missing = [station, *self._missing]
                 self._refusals += 1
-                self._doubted.append(station)
-                station.counts.cycles -= 1
+                self._doubt([station])  # one of the two came from another servo
             elif station not in self._missing or not self._accepts(station, frame):
                 station.counts.late += len(frame.params) in self.blocks
+
+    def _doubt(self, stations: Sequence[Station]) -> None:
+        """Use no answer of these servos to the waiting request."""
+        self._doubted += stations
+        for station in stations:
+            if self._found.pop(station, None) is not None:
+                self._missing = [station, *self._missing]
+                station.counts.cycles -= 1
 
     def _contradicts(self, station: Station, frame: Frame) -> bool:
         """Whether a frame is a second answer of a servo to the waiting request, not a copy."""

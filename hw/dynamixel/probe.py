@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from haptic_wall.hw.dynamixel.register_access import UNHELD, Table, write_all
+from haptic_wall.hw.dynamixel.register_access import UNHELD, Table
 from haptic_wall.hw.dynamixel.registers import WATCHDOG_TRIPPED
 from haptic_wall.hw.dynamixel.rules import Verdict
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
@@ -211,7 +211,7 @@ class _Prober:
     def _ended(self) -> bool:
         """Set zero torque, as a goal in the usual frame is not confirmed; return whether it is."""
         self._losses = 0
-        if not write_all([self._table], "goal_current", 0):
+        if self._table.try_write("goal_current", 0) == 0:
             return True
         # A tripped one accepts no goal, and has no torque.
         return self._table.try_read("bus_watchdog") == WATCHDOG_TRIPPED

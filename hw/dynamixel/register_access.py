@@ -148,7 +148,7 @@ class Table:
             ServoLostError: No valid reply, though it replied before.
             UnfitServoError: The servo refuses to read it, or two have replied.
         """
-        found = write_all([self], name, value).get(self, value)
+        found = self.try_write(name, value)
         self._be_one()
         if found is None:
             raise self._failure(f"to write {value} to {self.label(name)}")
@@ -166,6 +166,27 @@ class Table:
         """
         register = self.registers[name]
         return self._until_answered(lambda each: self._read(register, each, sizes), patience_ns)
+
+    def try_write(
+        self, name: str, value: int, patience_ns: Sequence[int] = PATIENCE_NS
+    ) -> int | None:
+        """Write a register until the servo reads it back; return what it has read; None: no reply.
+
+        Args:
+            name: The register.
+            value: Its new value.
+            patience_ns: Time allowed for the reply of each attempt, beyond the bytes' own [ns].
+        """
+        frame, found = sync_write([self], name, value), None
+        frame_ns = self.exchange.wire_ns(len(frame))
+        for number, each_ns in enumerate(patience_ns):
+            # A servo may be silent while it stores EEPROM. One more write would only prolong that.
+            if not number or found is not None or not self.registers[name].eeprom:
+                self.exchange.line.write(frame)
+            found = self.try_read(name, (each_ns + frame_ns,))
+            if found == value:
+                break
+        return found
 
     def be_alone(self) -> None:
         """Refuse a second servo with this id; a silent one only replies with Status Return Level 2.
@@ -335,41 +356,11 @@ class Table:
         )
 
 
-def write_all(
-    servos: Sequence[Table],
-    name: str,
-    value: int,
-    patience_ns: Sequence[int] = PATIENCE_NS,
-    sizes: Sequence[int] = SIZES,
-) -> dict[Table, int | None]:
-    """Write a register of some servos at once, until each reads it back.
-
-    Args:
-        servos: The servos, on one line.
-        name: The register, which all of them have at the same address.
-        value: Its new value.
-        patience_ns: Time allowed for each reply of each attempt, beyond the bytes' own [ns].
-        sizes: As for ``try_read``.
-
-    Returns:
-        What the others read back; None: no reply.
-    """
-    left: dict[Table, int | None] = dict.fromkeys(servos)
-    unwritten = list(servos)
-    for each_ns in patience_ns:
-        if not left:
-            break
-        first, *_ = left
-        exchange, register = first.exchange, first.registers[name]
-        data, frame = register.encode(value), b""
-        if unwritten:
-            head = struct.pack("<HH", register.address, register.size)
-            shares = b"".join(bytes([one.station.id]) + data for one in unwritten)
-            frame = encode(BROADCAST, Instruction.SYNC_WRITE, head + shares)
-            exchange.line.write(frame)
-        allowed_ns = (each_ns + exchange.wire_ns(len(frame)),)
-        found = {one: one.try_read(name, allowed_ns, sizes) for one in left}
-        left = {one: now for one, now in found.items() if now != value}
-        # A servo may be silent while it stores EEPROM. One more write would only prolong that.
-        unwritten = [one for one in left if left[one] is not None or not register.eeprom]
-    return left
+def sync_write(servos: Sequence[Table], name: str, value: int) -> bytes:
+    """Return the frame that writes a register of some servos, at the same address in all."""
+    first, *_ = servos
+    register = first.registers[name]
+    data = register.encode(value)
+    head = struct.pack("<HH", register.address, register.size)
+    shares = b"".join(bytes([one.station.id]) + data for one in servos)
+    return encode(BROADCAST, Instruction.SYNC_WRITE, head + shares)

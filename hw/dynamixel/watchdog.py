@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptic_wall.hw.dynamixel.register_access import QUICK_NS, Table, write_all
+from haptic_wall.hw.dynamixel.register_access import QUICK_NS, Table
 from haptic_wall.hw.dynamixel.registers import WATCHDOG_UNIT_NS
 from haptic_wall.hw.errors import UnfitServoError
 
@@ -43,4 +43,4 @@ def rearm(table: Table, units: int) -> bool:
         ("bus_watchdog", units),
         ("torque_enable", 1),
     )
-    return not any(write_all([table], name, value, 3 * QUICK_NS[-1:]) for name, value in steps)
+    return all(table.try_write(name, value, 3 * QUICK_NS[-1:]) == value for name, value in steps)

@@ -17,7 +17,7 @@ from haptic_wall.controller.doctor.search import opened
 from haptic_wall.controller.doctor.text import text
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import MonotonicClock
-from haptic_wall.hw.dynamixel.register_access import Table, write_all
+from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.errors import BaudRefusedError
 from haptic_wall.hw.serialport import port as serial_port
@@ -185,8 +185,8 @@ def test_two_servos_with_one_id_are_told_from_a_bad_cable(
     with emulate("--servo", "XM430-W350:1", "--servo", "XM430-W350:2") as (_, port):
         with opened(port, 4_000_000, MonotonicClock()) as line:
             table = Table.on(line, 4_000_000, 2, port, MODELS["XM430-W350"])
-            write_all([table], "status_return_level", level, (3_000_000,))
-            write_all([table], "id", 1, (3_000_000,))
+            table.try_write("status_return_level", level, (3_000_000,))
+            table.try_write("id", 1, (3_000_000,))
         _, checks, wrong, _ = report(cli, *at(port), *fix)
     assert wrong == {"servo answers"}
     assert "connect one of them, and give it another id" in checks["servo answers"]["fix"]

@@ -342,6 +342,24 @@ def test_a_loop_waits_no_longer_for_a_bus_that_is_halted(
     assert coupled == [0]
 
 
+def test_a_loop_that_is_stopped_while_it_starts_is_not_waited_for(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(supervisor, "LOOK_S", 0.01)
+
+    def act(loop: Child) -> None:
+        stage.words[Word.STATE] = LoopState.STARTING
+        monkeypatch.setattr(loop, "halted", lambda: True)
+        monkeypatch.setattr(loop, "doing", lambda: "was stopped by a signal")
+
+    stage.loop_acts = act
+    began_s = time.monotonic()
+    ended, _ = stage.run()
+    assert ended.stop_reason == "trip:loop_hung"
+    assert ended.cause.startswith("the loop's process did not start (it was stopped by a signal)")
+    assert time.monotonic() - began_s < 5.0
+
+
 def test_a_stop_while_the_emulated_bus_hangs_in_its_start_ends_the_run_at_once(
     stage: Stage,
 ) -> None:

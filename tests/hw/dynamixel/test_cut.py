@@ -9,6 +9,7 @@ from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode_status
 from haptic_wall.hw.dynamixel.cut import cut_torque
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.bus import EmulatedBus
+from haptic_wall.hw.emulated.injection import Faults
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.errors import ServoLostError
@@ -138,14 +139,45 @@ def test_a_bus_that_is_never_silent_is_cut_all_the_same() -> None:
     assert cut_torque(Babbling(bench.bus, bench.clock), [1]) is True
 
 
+class Watched(MemoryLine):
+    """A line to three servos whose torque is on; it notes when all are off."""
+
+    def __init__(self, fault: str, seed: int = 0) -> None:
+        model, faults = MODELS["XM430-W350"], Faults([fault] if fault else [], seed)
+        servos = [
+            EmulatedServo(model, id_, 48, TrueServo(0.01), start_ns=0, baud=4_000_000)
+            for id_ in (1, 2, 3)
+        ]
+        for servo in servos:
+            servo.write(64, bytes([1]), 0)
+        bus = EmulatedBus(servos, baud=4_000_000, start_ns=0, faults=faults)
+        super().__init__(bus, SimulatedClock())
+        self.off_ns = 1 << 62
+
+    def wait(self, deadline_ns: int) -> bool:
+        come = super().wait(deadline_ns)
+        if self.is_off:
+            self.off_ns = min(self.off_ns, self.clock.now_ns())
+        return come
+
+    @property
+    def is_off(self) -> bool:
+        return not any(servo.memory["torque_enable"] for servo in self.bus.servos)
+
+
 def test_all_servos_of_a_bus_are_cut_and_each_is_read_back() -> None:
-    clock, ids, model = SimulatedClock(), [1, 2, 3], MODELS["XM430-W350"]
-    now = {"start_ns": clock.now_ns(), "baud": 4_000_000}
-    servos = [EmulatedServo(model, id_, 48, TrueServo(0.01), **now) for id_ in ids]
-    for servo in servos:
-        servo.write(64, bytes([1]), clock.now_ns())
-    bus = EmulatedBus(servos, baud=4_000_000, start_ns=clock.now_ns())
-    assert cut_torque(MemoryLine(bus, clock), ids) is True
-    assert [servo.memory["torque_enable"] for servo in servos] == [0, 0, 0]
-    bus.inject("unplug:id=2", clock.now_ns())
-    assert cut_torque(MemoryLine(bus, clock), ids) is False
+    line = Watched("")
+    assert cut_torque(line, [1, 2, 3]) is True
+    assert line.is_off
+    line.bus.inject("unplug:id=2", line.clock.now_ns())
+    assert cut_torque(line, [1, 2, 3]) is False
+
+
+@pytest.mark.parametrize("fault", ["drop:p=0.5", "corrupt:p=0.5", "truncate:p=0.5"])
+def test_a_bus_that_loses_half_of_its_frames_is_cut_in_time(fault: str) -> None:
+    """The torque must be gone 41 ms after the driver's death, of which 6 ms are to notice it."""
+    for seed in range(100):
+        line = Watched(fault, seed)
+        confirmed = cut_torque(line, [1, 2, 3])
+        assert line.off_ns < 35_000_000
+        assert line.is_off or not confirmed

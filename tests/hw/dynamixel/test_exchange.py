@@ -14,7 +14,7 @@ import pytest
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.codec import encode_status
 from haptic_wall.hw.dynamixel.exchange import Exchange
-from haptic_wall.hw.dynamixel.register_access import Table, write_all
+from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.samples import Sample
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.dynamixel.wire import Read
@@ -250,6 +250,19 @@ def test_a_reply_of_another_servo_is_no_position() -> None:
     assert (bad(rows), rows[5]) == ([5], [Outcome.LOST])
 
 
+@pytest.mark.parametrize("first", [1, 2, 3])
+def test_with_an_answer_under_an_id_that_was_not_asked_none_is_used(first: int) -> None:
+    """Of three servos one's answer goes astray, and another answers in its name."""
+    names = {id_: id_ for id_ in (1, 2, 3)} | {first: 77, first % 3 + 1: first}
+
+    def renamed(number: int, reply: bytes) -> list[tuple[int, bytes]]:
+        name = names[reply[4]] if number // 3 == 5 else reply[4]
+        return [(0, encode_status(name, 0, reply[9:-2]))]
+
+    rows = Bench(renamed, (3, "sync"), one_by_one=True).run(10)
+    assert (bad(rows), rows[5]) == ([5], 3 * [Outcome.LOST])
+
+
 def test_an_alert_is_told_and_the_position_still_valid() -> None:
     bench = Bench(only({5}, lambda _, reply: [(0, encode_status(1, 0x80, reply[9:-2]))]))
     samples = [sample for _ in range(10) for sample in bench.cycle()]
@@ -302,7 +315,7 @@ def test_registers_are_written_and_read_between_samples(shape: tuple[int, Read])
     for station in bench.exchange.stations:
         bench.exchange.request()  # its replies are under way and must not disturb
         table = Table(bench.exchange, station, "", REGISTERS)
-        assert not write_all([table], "torque_enable", 1, (PERIOD_NS,))
+        assert table.try_write("torque_enable", 1, (PERIOD_NS,)) == 1
         assert table.try_read("torque_enable", (PERIOD_NS,)) == 1
     assert bad(bench.run(1)) == []
     bench.assert_counts(0, 0, 0)
@@ -329,7 +342,7 @@ def test_a_register_that_is_not_answered_has_no_value() -> None:
     table = Table(bench.exchange, station, "", REGISTERS)
     begun = bench.clock.now_ns()
     assert table.try_read("torque_enable", (3 * MS,)) is None
-    assert write_all([table], "torque_enable", 1, (3 * MS,)) == {table: None}
+    assert table.try_write("torque_enable", 1, (3 * MS,)) is None
     assert bench.clock.now_ns() == begun + 6 * MS
 
 
@@ -357,7 +370,7 @@ def test_a_bus_that_is_never_silent_holds_nobody_beyond_the_deadline(way: Read) 
     assert deadline <= clock.now_ns() < deadline + 100 * US
     begun, table = clock.now_ns(), Table(exchange, exchange.stations[0], "", REGISTERS)
     assert table.try_read("torque_enable", (PERIOD_NS,)) is None
-    assert write_all([table], "torque_enable", 0, (PERIOD_NS,)) == {table: None}
+    assert table.try_write("torque_enable", 0, (PERIOD_NS,)) is None
     assert clock.now_ns() < begun + 3 * PERIOD_NS + 200 * US
 
 
