@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -55,13 +56,12 @@ def columns(name: str) -> dict[str, FloatArray]:
     return dict(zip(names, table.T, strict=True))
 
 
-def predicted(pieces: Pieces, names: tuple[str, ...], values: FloatArray) -> FloatArray:
+def predicted(pieces: Pieces, terms: Mapping[str, float]) -> FloatArray:
     """Return the positions [rad] as predicted from the first 0.2 s of each piece.
 
     Args:
         pieces: The record; shape (pieces, rows) is that of the result.
-        names: Names of the parameters.
-        values: Values of the parameters, per inertia; shape (names,).
+        terms: The parameters, per inertia.
     """
     near = pieces.held & (pieces.sampled - pieces.sampled[:, :1] <= BEGINNING_S)
     rows = max(8, int(near.sum(axis=1).max()))
@@ -71,7 +71,6 @@ def predicted(pieces: Pieces, names: tuple[str, ...], values: FloatArray) -> Flo
         position=pieces.position[:, :rows],
         held=near[:, :rows],
     )
-    terms = dict(zip(names, values.tolist(), strict=True))
     own, model = beginnings(first), model_of(first, terms)
     for _ in range(_ROUNDS):
         linear = model.linear(model.begin, own)

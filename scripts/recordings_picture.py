@@ -35,12 +35,12 @@ def drawn(path: Path) -> None:
                 ("M1, fitted to it", alone[name].fitted[0], style.BLUE),
                 (
                     "M1, predicted by the other",
-                    predicted(pieces, ahead.names, ahead.values)[0],
+                    predicted(pieces, ahead.terms)[0],
                     style.ORANGE,
                 ),
                 (
                     "M2 of both, from 0.2 s",
-                    predicted(pieces, both.names, both.values)[0],
+                    predicted(pieces, both.terms)[0],
                     style.GREEN,
                 ),
             ):

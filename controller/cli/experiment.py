@@ -141,20 +141,22 @@ def asked_of(
     """
     loaded = load_axis(config, sets, axis, runs=not of_walls)
     wall = loaded.config.wall
-    for name, found, wanted in (
-        ("law", wall.law if of_walls else "wall", "wall: only walls are measured"),
+    section = f"axes.{loaded.axis}.wall" if loaded.axis else "wall"
+    for name, found, wanted, why in (
+        ("law", wall.law if of_walls else "wall", "wall", "only walls are measured"),
         (
             "velocity_filter",
             "none" if filters else wall.velocity_filter,
-            "none: only the experiments sweep and zwidth know a filter",
+            "none",
+            "only the experiments sweep and zwidth know a filter",
         ),
     ):
-        if found != wanted.partition(":")[0]:
+        if found != wanted:
             raise UserError(
                 f"found {found}",
                 field=f"wall.{name}",
-                wanted=wanted,
-                advice="haptic-wall run renders it",
+                wanted=f"{wanted}: {why}",
+                advice=f"give --set {section}.{name}={wanted}; haptic-wall run renders {found}",
             )
     return Asked(loaded, file_of(config), out, yes)
 

@@ -22,7 +22,8 @@ from haptic_wall.controller.experiments.identify.bench import (
     UnidentifiableError,
 )
 from haptic_wall.controller.experiments.identify.excitation import Bounds
-from haptic_wall.controller.experiments.identify.fitting import Fit, rounding_of
+from haptic_wall.controller.experiments.identify.fit import Fit
+from haptic_wall.controller.experiments.identify.fitting import rounding_of
 from haptic_wall.controller.experiments.identify.identification import (
     FULL,
     REACH,
@@ -69,12 +70,12 @@ class DelayPoint:
     @property
     def device(self) -> Estimated:
         """Return the delay from sending a torque to the motion [s]."""
-        return Estimated(self.fit.delay, self.fit.stderr[3])
+        return Estimated(self.fit["delay"], self.fit.error("delay"))
 
     @property
     def total(self) -> Estimated:
         """Return the delay from the sample to the motion [s]: t_d of the theory."""
-        return Estimated(self.wait + self.fit.delay, self.fit.stderr[3])
+        return Estimated(self.wait + self.fit["delay"], self.fit.error("delay"))
 
     @property
     def age(self) -> Estimated:

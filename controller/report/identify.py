@@ -56,7 +56,7 @@ def plot_recorded(found: Recorded, name: str, path: Path) -> None:
         if (each := found.known.get(word)) is not None
     ]
     said = ", ".join(values) or "no scale"
-    left = f"residual {np.round(1e3 * shot.rms, 2)} mrad"
+    left = f"residual {np.round(1e3 * shot.residual, 2)} mrad"
     title = f"{style.titled(name)}: {found.chosen},\n{said}; {left}"
     _plot_fit(title, found.stretches, shot.pieces, shot.fitted, 0.5 * found.step, path)
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.laws.wall import SIGNS, Side
+from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.logs.walls import Walls
 from haptic_wall.controller.report.sketch import TIMES, Floats, Sketch
 from haptic_wall.controller.report.style import shade
@@ -60,6 +61,14 @@ class DrawnRun:
         begins = self.rows["seq"][0] == 0 and known.size
         return config.surface(float(known[0]) if begins else math.nan)
 
+    def filled(self, config: Config, side: Side) -> float:
+        """Return from where a wall fills a side [rad]; NaN if it does not, or it is unknown."""
+        wall = config.wall
+        if wall.law == "stops":
+            end = wall.high if side == "above" else wall.low
+            return self.surface(config) + (math.nan if end is None else end)
+        return self.surface(config) if wall.acting_side == side else math.nan
+
     def over_time(self, value: Callable[[Config], float]) -> tuple[Floats, Floats]:
         """Return a value of the configurations over time [s], in steps."""
         last = len(self.time) - 1
@@ -84,18 +93,23 @@ def position(ax: Axes, run: DrawnRun) -> None:
     """Draw the shaft's position and the wall."""
     _line(ax, run.time, run.rows["position"], _INK, "position", 1.3)
     ax.set_ylabel("position [rad]")
-    times, surfaces = run.over_time(run.surface)
-    if np.isnan(surfaces).all():
+    if np.isnan(run.over_time(run.surface)[1]).all():
         return
-    walls = all(config.wall.law == "wall" for config, _ in run.parts())
-    label = "wall's surface" if walls else "wall.position"
-    ax.plot(times, surfaces, color=_WALL, linewidth=1.2, label=label)
+    laws = {config.wall.law for config, _ in run.parts()}
+    if laws != {"stops"}:
+        times, zeros = run.over_time(
+            lambda config: math.nan if config.wall.law == "stops" else run.surface(config)
+        )
+        label = "wall's surface" if laws <= {"wall", "stops"} else "wall.position"
+        ax.plot(times, zeros, color=_WALL, linewidth=1.2, label=label)
+    sides = {side: run.over_time(partial(run.filled, side=side)) for side in SIDES}
+    if "stops" in laws:
+        ax.plot(*sides["above"], color=_WALL, linewidth=1.2, label="wall.high")
+        ax.plot(*sides["below"], color=_WALL, linewidth=1.2, label="wall.low")
     low, high = ax.get_ylim()
     margin = 0.12 * (high - low)
-    sides = run.over_time(lambda config: SIGNS[config.wall.acting_side])[1]
-    for side in SIDES:  # a two-sided wall is always in contact: nothing to shade
-        filled = np.where(sides == SIGNS[side], surfaces, math.nan)
-        if np.isnan(filled).all():
+    for side, (times, filled) in sides.items():
+        if np.isnan(filled).all():  # a two-sided wall is always in contact: nothing to shade
             continue
         if side == "above":
             end = high = max(high, float(np.nanmax(filled)) + margin)

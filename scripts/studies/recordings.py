@@ -13,12 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from haptic_wall.controller.experiments.identify.fit import Fit
 from haptic_wall.controller.experiments.identify.motion import taken
 from haptic_wall.controller.experiments.recorded.choice import start_with
 from haptic_wall.controller.experiments.recorded.estimate import identify_record
 from haptic_wall.controller.experiments.recorded.friction import MODELS
 from haptic_wall.controller.experiments.recorded.record import pieces_of, record_of
-from haptic_wall.controller.experiments.recorded.shooting import Shot, first_terms, fit
+from haptic_wall.controller.experiments.recorded.shooting import first_terms, fit
 from haptic_wall.controller.theory.checks import FloatArray
 from scripts.recorded_motions import (
     DRIVEN,
@@ -61,7 +62,7 @@ class Drop(NamedTuple):
     """Prediction error of each drop, from its first 0.2 s [rad rms]"""
 
 
-def swings(names: tuple[str, ...], model: str) -> Shot:
+def swings(names: tuple[str, ...], model: str) -> Fit:
     """Fit a model to whole drops, from the fit of Coulomb and viscous friction."""
     stretches = tuple(each for name in names for each in drop(name))
     short, of = pieces_of(stretches, SHORT_S, SHORT_S)
@@ -80,7 +81,7 @@ def swings(names: tuple[str, ...], model: str) -> Shot:
         close = fit(short, start, rounds=15)
         at = close.own[:, first]
         found.append(fit(whole, close.terms, at, rounds=25))
-    return min(found, key=lambda each: each.rms)
+    return min(found, key=lambda each: each.residual)
 
 
 def dropped(case: tuple[str, tuple[str, ...]]) -> Drop:
@@ -95,7 +96,7 @@ def dropped(case: tuple[str, tuple[str, ...]]) -> Drop:
         left[name] = error_of(part, shot.fitted[place : place + 1])
     for name in DROPS:
         pieces, _ = pieces_of(drop(name))
-        ahead[name] = error_of(pieces, predicted(pieces, shot.names, shot.values))
+        ahead[name] = error_of(pieces, predicted(pieces, terms))
     basic = ("sine", "cosine", "damping", "coulomb")
     more = {name: value for name, value in terms.items() if name not in basic}
     for name in ("excess", "drag"):
@@ -165,10 +166,10 @@ def out_of(name: str) -> dict[str, Left]:
             starts.append((start_with(model, begun), None))
         for start, own in starts:
             shots.append(fit(pieces, start, own, rounds=25))
-        shot = min(shots, key=lambda each: each.rms)
+        shot = min(shots, key=lambda each: each.residual)
         terms, at = shot.terms, shot.own
-        left = error_of(rest, predicted(rest, shot.names, shot.values))
-        found[model] = Left(shot.rms, left, shot.terms.get("gear"))
+        left = error_of(rest, predicted(rest, terms))
+        found[model] = Left(shot.residual, left, shot.terms.get("gear"))
     return found
 
 

@@ -72,5 +72,15 @@ def test_what_measures_walls_refuses_another_law(
     if command == "sweep":
         words += ["--virtual-damping=0", "--delay-steps=0"]
     assert main(words) == 2
-    assert "found spring, wanted wall: only walls" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "found spring, wanted wall: only walls" in said
+    assert "give --set wall.law=wall;" in said
     assert not (tmp_path / "out").exists()
+
+
+def test_the_law_of_an_axis_is_changed_for_that_axis(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["commission", "emulated-arm", "--axis", "elbow", "--plan"]
+    assert main(words) == 2
+    advice = "--set axes.elbow.wall.law=wall"
+    assert f"give {advice};" in capsys.readouterr().err
+    assert main([*words, *advice.split()]) == 0

@@ -12,9 +12,9 @@ def test_the_small_swing_is_predicted_by_the_large_one() -> None:
     """Coulomb and viscous friction leave 7 mrad of the large one, 11 of the small one."""
     small, large = DROPS
     shot = swings((large,), "M1")
-    assert 0.004 < shot.rms < 0.010
+    assert 0.004 < shot.residual < 0.010
     pieces, _ = pieces_of(drop(small))
-    assert 0.005 < error_of(pieces, predicted(pieces, shot.names, shot.values)) < 0.020
+    assert 0.005 < error_of(pieces, predicted(pieces, shot.terms)) < 0.020
 
 
 @pytest.mark.whole

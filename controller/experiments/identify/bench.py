@@ -17,7 +17,8 @@ from haptic_wall.controller.experiments.identify.excitation import (
     motions,
     pulses,
 )
-from haptic_wall.controller.experiments.identify.fitting import Fit, NoFitError, rounding_of
+from haptic_wall.controller.experiments.identify.fit import Fit
+from haptic_wall.controller.experiments.identify.fitting import NoFitError, rounding_of
 from haptic_wall.controller.experiments.identify.motion import motion_of
 from haptic_wall.controller.experiments.identify.output_error import Prior
 from haptic_wall.controller.experiments.identify.servo_fit import fit_servo
@@ -195,18 +196,18 @@ class Bench:
 
     def corrected(self, fit: Fit) -> Guess:
         """Return the parameters for scaling the next motions."""
-        least = 0.1 * fit.inertia  # stable even without friction
+        least = 0.1 * fit["inertia"]  # stable even without friction
         sine = cosine = 0.0
-        if fit.effects.gravity > _HEAVY * fit.coulomb:
-            turned = fit.effects.hanging - self._start
-            sine = fit.effects.gravity * math.cos(turned)
-            cosine = -fit.effects.gravity * math.sin(turned)
+        if fit.gravity > _HEAVY * fit["coulomb"]:
+            turned = fit.hanging - self._start
+            sine = fit.gravity * math.cos(turned)
+            cosine = -fit.gravity * math.sin(turned)
         return Guess(
-            fit.inertia,
-            max(fit.damping, least),
-            fit.coulomb,
-            max(fit.delay, 0.0) + self._age + self.delay_steps * self._bounds.period,
-            fit.effects.dead_band,
+            fit["inertia"],
+            max(fit["damping"], least),
+            fit["coulomb"],
+            max(fit["delay"], 0.0) + self._age + self.delay_steps * self._bounds.period,
+            fit["dead_band"],
             sine,
             cosine,
         )

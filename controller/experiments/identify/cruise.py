@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from haptic_wall.controller.experiments.identify.excitation import Bounds, Guess, undamped_home
-from haptic_wall.controller.experiments.identify.fitting import Fit
+from haptic_wall.controller.experiments.identify.fit import Fit
 from haptic_wall.controller.laws.program import Phase
 
 SPEED = 1.5
@@ -44,13 +44,13 @@ def cruises(fit: Fit, guess: Guess, bounds: Bounds, amplitude: float) -> list[Ph
     seconds = min(2.0 * amplitude / speed, LONGEST_S)
     half = min(amplitude, 0.5 * speed * seconds)
     most = SHARE * bounds.torque
-    impulse = fit.inertia * 2.0 * speed
+    impulse = fit["inertia"] * 2.0 * speed
     turning = max(TURN_S, impulse / max(most - drag, 0.1 * most))
     turn, held, far = impulse / turning, guess.cosine, 4.0 * half
     home = undamped_home(guess, bounds)
     phases: list[Phase] = []
     for number, (low, high) in enumerate(BANDS):
-        torque = _OF_SPEED * speed * fit.inertia * math.tau * low
+        torque = _OF_SPEED * speed * fit["inertia"] * math.tau * low
         if number % _PER_HOLD == 0:
             phases += [
                 home,
@@ -76,8 +76,7 @@ def cruises(fit: Fit, guess: Guess, bounds: Bounds, amplitude: float) -> list[Ph
 
 def _drag(fit: Fit, speed: float) -> float:
     """Return the torque that keeps a speed [N·m]."""
-    effects = fit.effects
-    drag = fit.coulomb + max(fit.damping, 0.0) * speed + effects.drag * speed**2
-    if effects.fading > 0.0:
-        drag += effects.excess * math.exp(-speed / effects.fading)
-    return drag / (1.0 - min(max(effects.gear, 0.0), 0.5)) + max(effects.dead_band, 0.0)
+    drag = fit["coulomb"] + max(fit["damping"], 0.0) * speed + fit["drag"] * speed**2
+    if fit["fading"] > 0.0:
+        drag += fit["excess"] * math.exp(-speed / fit["fading"])
+    return drag / (1.0 - min(max(fit["gear"], 0.0), 0.5)) + max(fit["dead_band"], 0.0)

@@ -27,7 +27,8 @@ from haptic_wall.controller.experiments.identify.bench import (
     UnidentifiableError,
 )
 from haptic_wall.controller.experiments.identify.excitation import Bounds, Guess
-from haptic_wall.controller.experiments.identify.fitting import Fit, rounding_of
+from haptic_wall.controller.experiments.identify.fit import Fit, Friction
+from haptic_wall.controller.experiments.identify.fitting import rounding_of
 from haptic_wall.controller.experiments.identify.misfit import misfit
 from haptic_wall.controller.experiments.identify.mode import Mode, find_mode
 from haptic_wall.controller.experiments.identify.motion import Motion, motion_of
@@ -75,6 +76,8 @@ class Identified:
     standard error tells"""
     coulomb: Estimated
     """[N·m]"""
+    friction: Friction
+    """In commanded units"""
     delay: Estimated
     """From sending a torque until it acts [s]"""
     torque_gain: Estimated
@@ -100,12 +103,10 @@ class Identified:
     @property
     def effects(self) -> dict[str, float]:
         """Return the sizes of the friction and drive effects, in the unit of the other torques."""
-        effects = self.fit.effects
-        scale = self.torque_gain.value
-        sizes = {name: scale * getattr(effects, name) for name in ("excess", "drag", "dead_band")}
-        sizes = {name: max(size, 0.0) for name, size in sizes.items()}
-        fading = effects.fading or 1.0  # of no importance without an excess
-        return {**sizes, "gear": max(effects.gear, 0.0), "fading": fading}
+        fit, scale = self.fit, self.torque_gain.value
+        sizes = {name: max(scale * fit[name], 0.0) for name in ("excess", "drag", "dead_band")}
+        fading = fit["fading"] or 1.0  # of no importance without an excess
+        return {**sizes, "gear": max(fit["gear"], 0.0), "fading": fading}
 
 
 def bounds_of(config: Config, reach: float) -> Bounds:
@@ -166,7 +167,7 @@ def identify(
     bounds = bounds_of(config, reach)
     bench, fit = begun(config, folder, bounds, tell)
     played, fit = bench.fitted("motions", bench.corrected(fit), FULL * reach)
-    heaviest = heaviest_load(fit.inertia, config.belief())
+    heaviest = heaviest_load(fit["inertia"], config.belief())
     mode = find_mode(bench, fit, bounds, FULL * reach, config.servo.encoder)
     found = _judged(played, fit, bounds, tuple(bench.logs), mode, heaviest)
     return replace(found, warnings=(*found.warnings, *_echo(fit, config)))
@@ -220,7 +221,7 @@ def _priors(config: Config, bounds: Bounds) -> dict[str, Prior]:
 def _echo(fit: Fit, config: Config) -> Iterator[str]:
     """Yield a sentence where the damping that was found is only the believed one."""
     believed = config.belief().damping
-    if fit.effects.excess and believed.high - believed.low < _LEAST:
+    if fit["excess"] and believed.high - believed.low < _LEAST:
         yield (
             "the damping is the believed one, which has no bounds: with friction that fades, the"
             " motion determines it only within believed bounds; give model.damping as"
@@ -239,16 +240,17 @@ def _judged(
     rounding = rounding_of(bounds.step)
     noise = fit.noise_over(rounding)
     warnings = tuple(misfit(fit, noise, rounding))
-    if fit.inertia <= _ERRORS * fit.stderr[0]:
+    if fit["inertia"] <= _ERRORS * fit.error("inertia"):
         raise UnidentifiableError(
             f"{'; '.join(warnings)}: the motion in {played.log} does not determine the inertia",
             advice="free the shaft of attached parts, and do not touch it",
         )
-    gain = torque_gain(played.rows, fit.delay, fit.effects.dead_band)
+    backlash = fit["backlash"]
+    gain = torque_gain(played.rows, fit["delay"], fit["dead_band"])
     scale = 1.0 if gain is None else gain.value
     damping, its_error = fit.weaker
-    values = [scale * v for v in (fit.inertia, max(damping, 0.0), fit.coulomb)]
-    errors = [scale * e for e in (fit.stderr[0], its_error, fit.stderr[2])]
+    values = [scale * v for v in (fit["inertia"], max(damping, 0.0), fit["coulomb"])]
+    errors = [scale * e for e in (fit.error("inertia"), its_error, fit.error("coulomb"))]
     vibration = None
     if mode is not None:
         most = damping + _ERRORS * its_error
@@ -263,10 +265,11 @@ def _judged(
         damping=three[1],
         damping_least=None if fit.least is None else scale * fit.least,
         coulomb=three[2],
-        delay=Estimated(max(fit.delay, 0.0), fit.stderr[3]),
+        delay=Estimated(max(fit["delay"], 0.0), fit.error("delay")),
         torque_gain=Estimated(1.0, 0.0) if gain is None else Estimated(gain.value, gain.stderr),
         gain_measured=gain is not None,
-        backlash=Estimated(fit.backlash, fit.stderr[4]) if fit.backlash > 0.0 else None,
+        friction=fit.friction,
+        backlash=None if backlash <= 0.0 else Estimated(backlash, fit.error("backlash")),
         vibration=vibration,
         residual=fit.residual,
         noise=noise,

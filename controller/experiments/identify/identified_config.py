@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 
 from haptic_wall.controller.experiments.estimated import Estimated
-from haptic_wall.controller.experiments.identify.fitting import Friction
+from haptic_wall.controller.experiments.identify.fit import Friction
 from haptic_wall.controller.experiments.identify.identification import Identified
 from haptic_wall.controller.experiments.identify.misfit import is_structured
 from haptic_wall.controller.experiments.identify.vibration import (
@@ -96,12 +96,12 @@ def identified_model(identified: Identified, config: Config) -> dict[str, dict[s
     if identified.backlash is not None and config.velocity_filter() is None:
         backlash = identified.backlash
         model["backlash"] = _bounded(backlash, _BACKLASH_FLOOR * backlash.value)
-    plain = not identified.fit.effects.fitted
+    plain = not identified.fit.effects
     structured = is_structured(identified.residual, identified.noise, identified.rounding, plain)
     units = _units(model["inertia"], before, gain)
     for name in sorted(model.keys() - {"torque_gain"}, key="coulomb".__eq__):
-        if name == "coulomb" and identified.fit.friction is not None and not structured:
-            model[name] = _friction(identified.fit.friction, gain, model["damping"])
+        if name == "coulomb" and not structured:
+            model[name] = _friction(identified.friction, gain, model["damping"])
         far = _ERRORS * getattr(identified, name).stderr
         kept = before.torque_gain.value / gain if structured else None
         model[name] = _narrowed(name, model[name], far, before, units, kept)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from haptic_wall.controller.experiments.identify.fitting import Fit
+from haptic_wall.controller.experiments.identify.fit import Fit
 
 STRUCTURED, _PLAIN = 1.5, 1.2
 """Residual without noise, over the rounding's, above which it is reported, and narrows no belief;
@@ -42,7 +42,7 @@ def misfit(fit: Fit, noise: float, rounding: float) -> Iterator[str]:
     """
     yield from (f"{text}; {END}" for text in _frictions(fit))
     yield from (f"{text}; {END}" for text in _torques(fit))
-    if is_structured(fit.residual, noise, rounding, not fit.effects.fitted):
+    if is_structured(fit.residual, noise, rounding, not fit.effects):
         yield (
             f"the residual is {1e3 * fit.residual:.2g} mrad, of which noise and rounding explain"
             f" {1e3 * noise:.2g} mrad: an unknown effect moves the shaft (a loose horn, a hand,"
@@ -51,43 +51,43 @@ def misfit(fit: Fit, noise: float, rounding: float) -> Iterator[str]:
 
 
 def _frictions(fit: Fit) -> Iterator[str]:
-    effects, coulomb = fit.effects, fit.coulomb
-    slow = coulomb + max(effects.excess, 0.0)
-    if effects.static > _STUCK * slow:
-        yield f"the shaft sticks: friction is {effects.static:.2g} N·m at rest, {slow:.2g} moving"
-    if effects.excess:
+    coulomb = fit["coulomb"]
+    slow = coulomb + max(fit["excess"], 0.0)
+    if fit["static"] > _STUCK * slow:
+        yield f"the shaft sticks: friction is {fit['static']:.2g} N·m at rest, {slow:.2g} moving"
+    if fit["excess"]:
         yield (
-            f"friction fades with the speed: {effects.excess:.2g} N·m of it over"
-            f" {effects.fading:.2g} rad/s, which is hard to separate from viscous friction"
+            f"friction fades with the speed: {fit['excess']:.2g} N·m of it over"
+            f" {fit['fading']:.2g} rad/s, which is hard to separate from viscous friction"
         )
-    elif effects.drag:
+    elif fit["drag"]:
         yield (
             "torque is lost with the square of the speed, as by a drive that does not cancel its"
-            f" back-EMF: {effects.drag:.2g} N·m at 1 rad/s"
+            f" back-EMF: {fit['drag']:.2g} N·m at 1 rad/s"
         )
-    if abs(effects.gear) > _SHARE:
-        yield f"the gear adds {100.0 * effects.gear:.2g} % of its load to the friction"
-    if abs(effects.uneven) > 0.5 * _UNEVEN * fit.damping:
-        ways = [fit.damping + sign * effects.uneven for sign in (1.0, -1.0)]
+    if abs(fit["gear"]) > _SHARE:
+        yield f"the gear adds {100.0 * fit['gear']:.2g} % of its load to the friction"
+    if abs(fit["uneven"]) > 0.5 * _UNEVEN * fit["damping"]:
+        ways = [fit["damping"] + sign * fit["uneven"] for sign in (1.0, -1.0)]
         yield (
             f"viscous friction is {ways[0]:.2g} N·m·s/rad forwards and {ways[1]:.2g} backwards; the"
             " smaller value is used"
         )
-    if effects.dead_band > _SHARE * coulomb:
-        yield f"the motor makes {effects.dead_band:.2g} N·m less than commanded"
+    if fit["dead_band"] > _SHARE * coulomb:
+        yield f"the motor makes {fit['dead_band']:.2g} N·m less than commanded"
 
 
 def _torques(fit: Fit) -> Iterator[str]:
-    effects, coulomb = fit.effects, fit.coulomb
-    if effects.cogging > _SHARE * coulomb:
+    coulomb = fit["coulomb"]
+    if fit.cogging > _SHARE * coulomb:
         yield (
-            f"cogging: an amplitude of {effects.cogging:.2g} N·m, about {effects.periods:.0f}"
+            f"cogging: an amplitude of {fit.cogging:.2g} N·m, about {fit['periods']:.0f}"
             " periods per turn"
         )
-    if effects.gravity > _SHARE * coulomb:
-        angle = effects.hanging
+    if fit.gravity > _SHARE * coulomb:
+        angle = fit.hanging
         yield (
-            f"a torque of at most {effects.gravity:.2g} N·m depends on the angle: a weight that"
+            f"a torque of at most {fit.gravity:.2g} N·m depends on the angle: a weight that"
             f" hangs at {angle:.2f} rad ({math.degrees(angle):.0f}°), a spring, or cogging with few"
             " periods per turn"
         )

@@ -21,7 +21,7 @@ import numpy as np
 from haptic_wall.controller.experiments.identify.bench import Bench
 from haptic_wall.controller.experiments.identify.cruise import cruises
 from haptic_wall.controller.experiments.identify.excitation import Bounds
-from haptic_wall.controller.experiments.identify.fitting import Fit
+from haptic_wall.controller.experiments.identify.fit import Fit
 from haptic_wall.controller.experiments.identify.mode_fit import (
     FEWEST,
     LAGS_S,
@@ -107,12 +107,10 @@ def find_mode(
         sampled = (rows["sampled_ns"][rows["phase"] == number] - rows["sampled_ns"][0]) * 1e-9
         if phase.wave == "sine" and sampled.size > FEWEST:
             spans.append((float(sampled[0]), float(sampled[-1]), -float(np.sign(phase.center))))
-    decay = max(fit.damping, 0.0) / fit.inertia
-    motion, delay = motion_of(played.rows), max(fit.delay, 0.0)
-    found = cruises_of(motion, spans, bounds.period, delay, decay, fit.effects)
+    found = cruises_of(motion_of(played.rows), spans, bounds.period, fit)
     if len(found.weights) < FEWEST_CRUISES:
         return None
-    return mode_of(ModeModel(found, encoder, fit.inertia))
+    return mode_of(ModeModel(found, encoder, fit["inertia"]))
 
 
 def mode_of(model: ModeModel) -> Mode:

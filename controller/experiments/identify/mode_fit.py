@@ -20,7 +20,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.experiments.identify.effects import Effects
+from haptic_wall.controller.experiments.identify.fit import Fit
 from haptic_wall.controller.experiments.identify.motion import Motion
 from haptic_wall.controller.theory.checks import ComplexArray, FloatArray
 
@@ -63,9 +63,7 @@ def cruises_of(
     motion: Motion,
     spans: Sequence[tuple[float, float, float]],
     period: float,
-    delay: float,
-    decay: float,
-    effects: Effects,
+    fit: Fit,
 ) -> Cruises:
     """Return the cruises of a motion.
 
@@ -73,11 +71,11 @@ def cruises_of(
         motion: The recorded motion.
         spans: Begin and end of each cruise [s], and its way.
         period: [s].
-        delay: Delay from sending a torque until it acts [s].
-        decay: Viscous friction over inertia [1/s].
-        effects: Dead band and friction by the gear's load are taken from the torque.
+        fit: Fit of other motions: its dead band and its friction by the gear's load are taken from
+            the torque.
     """
     positions, weights, torques = [], [], []
+    delay, dead, gear = (max(fit[name], 0.0) for name in ("delay", "dead_band", "gear"))
     cumulative = np.concatenate([[0.0], np.cumsum(motion.torque[:-1] * np.diff(motion.sent))])
     for begin, end, way in spans:
         kept = (motion.sampled >= begin + _SETTLED_S) & (motion.sampled < end)
@@ -95,9 +93,8 @@ def cruises_of(
         edges = first - delay + period / _FINE * np.arange(_FINE * count + 1)
         impulse = np.interp(edges, motion.sent, cumulative)
         torque = np.diff(impulse) / (period / _FINE)
-        dead = max(effects.dead_band, 0.0)
         torque = torque - np.clip(torque, -dead, dead)
-        torques.append(torque - way * max(effects.gear, 0.0) * np.abs(torque))
+        torques.append(torque - way * gear * np.abs(torque))
     longest = max((len(each) for each in positions), default=0)
 
     def padded(parts: list[FloatArray], length: int) -> FloatArray:
@@ -110,7 +107,7 @@ def cruises_of(
         period * np.arange(longest, dtype=np.float64),
         padded(torques, _FINE * longest),
         period,
-        decay,
+        max(fit["damping"], 0.0) / fit["inertia"],
     )
 
 

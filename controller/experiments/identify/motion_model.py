@@ -27,7 +27,7 @@ _NO_SPEED = 1e-6
 
 
 Values = Mapping[str, FloatArray]
-"""Values of v variants by name, as in ``Fit`` and ``Effects``: arrays (v, 1); a missing one is 0"""
+"""Values of v variants by name, as in ``Fit``: arrays (v, 1); a missing one is 0"""
 
 
 class _Friction(NamedTuple):

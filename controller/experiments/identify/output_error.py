@@ -1,16 +1,25 @@
-"""Minimises the squared difference between measured and simulated positions."""
+"""Minimises the squared difference between measured and simulated positions.
+
+Each piece's own values are eliminated from the residuals, and scipy fits the shared values to the
+rest (variable projection).
+
+Source: G. H. Golub, V. Pereyra, SIAM J. Numer. Anal. 10(2), 1973; L. Kaufman, BIT 15(1), 1975.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import least_squares
 
+from haptic_wall.controller.experiments.identify.fit import Fit
 from haptic_wall.controller.experiments.identify.motion import Pieces
 from haptic_wall.controller.experiments.identify.motion_model import simulated
-from haptic_wall.controller.experiments.identify.separable import Linear, fit_pieces
-from haptic_wall.controller.experiments.identify.standard_errors import CORRELATED
+from haptic_wall.controller.experiments.identify.separable import Linear
+from haptic_wall.controller.experiments.identify.standard_errors import CORRELATED, CORRELATED_S
 from haptic_wall.controller.theory.checks import FloatArray
 
 _RUN = 8
@@ -18,6 +27,8 @@ _RUN = 8
 _ROUNDS, _FEW_ROUNDS = 40, 8
 _ENOUGH, _ENOUGH_LOADED, _NEARLY, _ENOUGH_SWUNG = 1e-7, 1e-4, 1e-3, 1e-6
 """Relative improvement of the squares below which the iteration ends"""
+_FAR = 1e3
+"""Stands for the residuals of values with which no motion is finite [rad]"""
 _POSITION, _SPEED = 1e-5, 1e-5
 """Steps of a piece's own values for derivatives [rad], [rad/s]"""
 _PER_INERTIA = 1e-4
@@ -67,7 +78,7 @@ class OutputError:
 
     Args:
         pieces: The recorded motion.
-        values: Initial values by name: those of ``Fit`` and ``Effects``.
+        values: Initial values by name, as those of a ``Fit``.
         names: Of those that are fitted; the others stay.
         priors: Priors of values, by name.
         noise: Residual of a fit that leaves nothing but rounding [rad]: the weight of the priors.
@@ -109,28 +120,60 @@ class OutputError:
         self._means = self._weights / self._weights.sum(axis=1, keepdims=True)
 
     def fitted(
-        self, own: FloatArray, *, thorough: bool = True, rounds: int | None = None
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return shared and own values with the least weighted squares.
+        self,
+        own: FloatArray,
+        *,
+        thorough: bool = True,
+        rounds: int | None = None,
+        correlated_s: float = CORRELATED_S,
+    ) -> Fit:
+        """Return the fit with the least weighted squares.
 
         Args:
             own: Initial guess of each piece's speed [rad/s], shape (1, s); of pieces that swing,
                 of position [rad] and speed, shape (2, s).
             thorough: Iterate to convergence; else until an iteration brings little.
-            rounds: Largest number of iterations; None: by ``thorough``.
+            rounds: Largest number of tried values; None: by ``thorough``.
+            correlated_s: Correlation time of the residuals [s].
         """
         usual, enough = (_ROUNDS, _ENOUGH) if thorough else (_FEW_ROUNDS, _NEARLY)
         if self._loaded:
             enough = max(enough, _ENOUGH_LOADED)
-        return fit_pieces(
-            self.linear,
-            self.begin,
-            own,
-            bounds=(self.low, self.high),
-            mean=self.mean,
-            rounds=rounds or usual,
-            enough=_ENOUGH_SWUNG if self._swings else enough,
-        )
+        at: tuple[FloatArray, FloatArray, Linear | None] = (self.begin, own, None)
+        tried = at
+
+        def left(values: FloatArray) -> FloatArray:
+            nonlocal tried
+            base, near, now = at
+            if now is not None:
+                moved = now.left + np.tensordot(values - base, now.shared, axes=1)
+                near = near - now.own_part(moved[None])[0]
+            found = _finite(self.linear(values, near))
+            tried = (values.copy(), near, found)
+            known = np.sqrt(found.precision) * (values - self.mean)
+            return np.concatenate([(np.sqrt(found.weights) * found.left).ravel(), known])
+
+        def slopes(values: FloatArray) -> FloatArray:
+            nonlocal at
+            _, near, now = tried  # scipy asks for the slopes where it tried last, if better
+            assert now is not None
+            at = (values.copy(), near, now)
+            rest = np.sqrt(now.weights) * now.without_own(now.shared)
+            known = np.diag(np.sqrt(now.precision))
+            return np.concatenate([rest.reshape(len(values), -1).T, known])
+
+        least_squares(
+            left, self.begin, slopes, bounds=(self.low, self.high), method="dogbox",
+            x_scale="jac", ftol=_ENOUGH_SWUNG if self._swings else enough, xtol=1e-12, gtol=None,
+            max_nfev=rounds or usual,
+        )  # fmt: skip
+        values, own, now = at
+        if now is not None:  # they are those before the last step
+            best = own - now.own_part(now.left[None])[0]
+            own = best if self.linear(values, best).cost < now.cost else own
+        every = {**self._values, **dict(zip(self.names, values.tolist(), strict=True))}
+        linear = self.linear(values, own)
+        return Fit(every, self.names, self.pieces, own, linear, correlated_s)
 
     def linear(self, values: FloatArray, own: FloatArray) -> Linear:
         """Return residuals and derivatives, from variants with one value changed each."""
@@ -180,6 +223,18 @@ class OutputError:
             return shown
         shown -= np.sum(shown * self._means, axis=2, keepdims=True)
         return shown
+
+
+def _finite(linear: Linear) -> Linear:
+    """Return residuals as they are, or large ones where values are far from any servo's."""
+    if np.isfinite(linear.cost):
+        return linear
+    return replace(
+        linear,
+        left=np.full_like(linear.left, _FAR),
+        shared=np.zeros_like(linear.shared),
+        own=np.zeros_like(linear.own),
+    )
 
 
 def _sizes(inertia: float, names: Sequence[str]) -> Sizes:

@@ -1,18 +1,14 @@
-"""Least squares of a motion in pieces, each of which has values of its own beside the shared ones.
+"""Linear least squares of a motion in pieces, each with values of its own beside the shared ones.
 
-A piece's own values (where it begins, and how fast) affect that piece alone. They are eliminated
-piece by piece, and scipy fits the shared values to the rest (variable projection).
-
-Source: G. H. Golub, V. Pereyra, SIAM J. Numer. Anal. 10(2), 1973; L. Kaufman, BIT 15(1), 1975.
+A piece's own values (where it begins, and how fast) affect that piece alone, and are eliminated
+piece by piece.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from haptic_wall.controller.theory.checks import FloatArray
 
@@ -20,10 +16,6 @@ _FELT_S = 3e-3
 """Change of position per unit of an own value, below which that value is not fitted"""
 _ALIKE = 3e-7
 """Largest relative difference of values whose effects on the motion cannot be told apart"""
-_SETTLED = 1e-4
-"""Relative improvement of the squares that is not worth another step"""
-_FAR = 1e3
-"""Stands for the residuals of values with which no motion is finite [rad]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,71 +73,5 @@ class Linear:
         return found
 
 
-Linearised = Callable[[FloatArray, FloatArray], Linear]
-"""From shared values, shape (p,), and own values, shape (q, s)"""
-
-
-def fit_pieces(
-    linearised: Linearised,
-    begin: FloatArray,
-    own: FloatArray,
-    *,
-    bounds: tuple[FloatArray, FloatArray],
-    mean: FloatArray | float = 0.0,
-    rounds: int,
-    enough: float,
-) -> tuple[FloatArray, FloatArray]:
-    """Return the shared and the own values with the least squares.
-
-    Args:
-        linearised: The model.
-        begin: Shared values at the start, shape (p,).
-        own: Own values at the start, shape (q, s).
-        bounds: Least and largest of each shared value.
-        mean: What is known of each shared value beforehand, with the precision of the model.
-        rounds: Largest number of tried values.
-        enough: Relative improvement of the squares at which it ends.
-    """
-    at: tuple[FloatArray, FloatArray, Linear | None] = (begin, own, None)
-    tried = at
-
-    def left(values: FloatArray) -> FloatArray:
-        nonlocal tried
-        base, near, now = at
-        if now is not None:
-            moved = now.left + np.tensordot(values - base, now.shared, axes=1)
-            near = near - now.own_part(moved[None])[0]
-        found = _finite(linearised(values, near))
-        tried = (values.copy(), near, found)
-        known = np.sqrt(found.precision) * (values - mean)
-        return np.concatenate([(np.sqrt(found.weights) * found.left).ravel(), known])
-
-    def slopes(values: FloatArray) -> FloatArray:
-        nonlocal at
-        _, near, now = tried  # scipy asks for the slopes where it tried last, if that was better
-        assert now is not None
-        at = (values.copy(), near, now)
-        rest = np.sqrt(now.weights) * now.without_own(now.shared)
-        return np.concatenate([rest.reshape(len(values), -1).T, np.diag(np.sqrt(now.precision))])
-
-    least_squares(
-        left, np.clip(begin, *bounds), slopes, bounds=bounds, method="dogbox", x_scale="jac",
-        ftol=enough, xtol=1e-12, gtol=None, max_nfev=rounds,
-    )  # fmt: skip
-    values, own, now = at
-    if now is not None:  # they are those before the last step
-        best = own - now.own_part(now.left[None])[0]
-        own = best if linearised(values, best).cost < now.cost else own
-    return values, own
-
-
-def _finite(linear: Linear) -> Linear:
-    """Return residuals as they are, or large ones where values are far from any servo's."""
-    if np.isfinite(linear.cost):
-        return linear
-    return replace(
-        linear,
-        left=np.full_like(linear.left, _FAR),
-        shared=np.zeros_like(linear.shared),
-        own=np.zeros_like(linear.own),
-    )
+NO_LINES = Linear(*(np.zeros(shape) for shape in ((0, 0), (0, 0, 0), (0, 0, 0), (0, 0), (0,))))
+"""Of no samples"""

@@ -12,16 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from haptic_wall.controller.experiments.identify.effects import (
-    ALWAYS,
-    COGGING,
-    EVERY,
-    FADING,
-    ROUGH,
-)
+from haptic_wall.controller.experiments.identify.fit import NAMES, Fit
 from haptic_wall.controller.experiments.identify.fitting import (
-    NAMES,
-    Fit,
     begun,
     fitted,
     model_of,
@@ -33,6 +25,20 @@ from haptic_wall.controller.experiments.identify.output_error import Prior
 from haptic_wall.controller.experiments.identify.standard_errors import standard_covariance
 from haptic_wall.controller.theory.checks import FloatArray
 
+FADING = ("excess", "fading")
+COGGING = ("cogging_sine", "cogging_cosine", "periods")
+ALWAYS: tuple[tuple[str, ...], ...] = (
+    ("gear",),
+    ("uneven",),
+    ("drag",),
+    ("dead_band",),
+    ("sine", "cosine"),
+)
+"""Effects that are always tried, each with the names of its values"""
+EVERY = tuple(name for group in ALWAYS for name in group)
+"""The names of all of these values"""
+ROUGH = ("gear", "dead_band", "sine", "cosine")
+"""Effects without which an inertia can be far off"""
 _RATIOS = np.concatenate([np.arange(1.0, 2.0, 0.05), np.arange(2.0, 4.05, 0.1)])
 """Tried ratios of friction at rest to friction in slow motion"""
 _STICKS = 0.95
@@ -75,7 +81,7 @@ def fit_servo(
     """
     start = begun(motion, step)
     if rough:
-        return fitted(_with(start, ROUGH), priors, thorough=False)
+        return fitted(start.having(ROUGH), priors, thorough=False)
     plain = fitted(start)
     # Neglected backlash looks like delay: half a count like a third of a millisecond.
     plain = visible_backlash(plain) or plain
@@ -85,7 +91,7 @@ def fit_servo(
     if explained and not hints:
         return plain
     fit = _loaded(motion, hints or EVERY, step, priors, hinted=bool(hints))
-    return plain if fit.residual > _BETTER * plain.residual and plain.backlash else fit
+    return plain if fit.residual > _BETTER * plain.residual and plain["backlash"] else fit
 
 
 def _loaded(
@@ -105,11 +111,11 @@ def _loaded(
         return fit.residual > _LEFT * fit.noise_over(rounding_of(step))
 
     # In one direction every effect is nearly linear in its size.
-    moving = fitted(_with(begun(motion, step, turns=False), names), priors)
+    moving = fitted(begun(motion, step, turns=False).having(names), priors)
     if not hinted:
         moving = _with_fading(_with_cogging(moving, priors), priors)
     start = begun(motion, step)
-    fit = replace(moving, pieces=start.pieces, speeds=start.speeds)
+    fit = replace(moving, pieces=start.pieces, own=start.own)
     fit = fitted(fit, priors, thorough=False)
     if unexplained(fit):
         fit = visible_backlash(fit, priors, thorough=False) or fit
@@ -119,10 +125,10 @@ def _loaded(
         fit = min(fit, moving, key=lambda each: each.residual)
     for least in _DOUBTFUL:
         kept = _needed(fit, least)
-        if kept != fit.effects.fitted:
+        if kept != fit.effects:
             fit = fitted(_only(fit, kept), priors, thorough=False)
     fit = fitted(fit, priors)
-    if not fit.backlash:
+    if not fit["backlash"]:
         fit = visible_backlash(fit, priors) or fit
     return _without_doubtful_fading(fit, priors)
 
@@ -135,9 +141,9 @@ def _is_sure(before: Fit, after: Fit) -> bool:
 
 def _with_fading(fit: Fit, priors: Priors | None) -> Fit:
     """Return the fit with friction that fades with the speed, where the motion has it."""
-    half = 0.5 * fit.coulomb
-    start = replace(fit, coulomb=half, effects=replace(fit.effects, excess=half, fading=_FADES))
-    found = fitted(_with(start, (*fit.effects.fitted, *FADING)), priors, thorough=False)
+    half = 0.5 * fit["coulomb"]
+    start = fit.having((*fit.effects, *FADING), coulomb=half, excess=half, fading=_FADES)
+    found = fitted(start, priors, thorough=False)
     brakes = fit.weaker[0] > 0.0
     return fit if brakes and not _is_sure(fit, found) else found
 
@@ -148,18 +154,21 @@ def _with_cogging(fit: Fit, priors: Priors | None) -> Fit:
     explained, sine, cosine, periods = _cogging(fit, center)
     if explained < _SURE * fit.noise**2:
         return fit
-    effects = replace(
-        fit.effects, center=center, cogging_sine=sine, cogging_cosine=cosine, periods=periods
+    start = fit.having(
+        (*fit.effects, *COGGING),
+        center=center,
+        cogging_sine=sine,
+        cogging_cosine=cosine,
+        periods=periods,
     )
-    names = (*fit.effects.fitted, *COGGING)
-    found = fitted(_with(replace(fit, effects=effects), names), priors, thorough=False)
+    found = fitted(start, priors, thorough=False)
     return found if _is_sure(fit, found) else fit
 
 
 def _cogging(fit: Fit, center: float) -> tuple[float, float, float, float]:
     """Return the cogging that explains most: these squares [rad²], two sizes [N·m], and periods."""
-    model = model_of(fit, (*NAMES[:4], *fit.effects.fitted), None)
-    linear = model.linear(model.begin, fit.speeds[None])
+    model = model_of(fit, (*NAMES[:4], *fit.effects), None)
+    linear = model.linear(model.begin, fit.own)
     weights = linear.weights
     interval = float(np.median(np.diff(fit.pieces.motion.sampled)))
 
@@ -178,7 +187,7 @@ def _cogging(fit: Fit, center: float) -> tuple[float, float, float, float]:
         waves = waves - (waves @ known) @ known.T
         target = waves @ left
         sizes = np.linalg.lstsq(waves @ waves.T, target, rcond=1e-9)[0]
-        sine, cosine = (fit.inertia * sizes).tolist()
+        sine, cosine = (fit["inertia"] * sizes).tolist()
         best = max(best, (float(target @ sizes), sine, cosine, float(periods)))
     return best
 
@@ -189,20 +198,17 @@ def _without_doubtful_fading(fit: Fit, priors: Priors | None) -> Fit:
     Such friction hides viscous friction, whose upper bound contains it still; the lower one is that
     without, because friction does not grow at low speeds.
     """
-    effects = fit.effects
-    if "drag" not in effects.fitted:
+    if "drag" not in fit.names:
         return fit
-    if "excess" not in effects.fitted:
+    if "excess" not in fit.names:
         return replace(fit, least=_least(fit))
-    if effects.excess > _DOUBTFUL[1] * effects.error("excess"):
+    if fit["excess"] > _DOUBTFUL[1] * fit.error("excess"):
         return fit
-    kept = tuple(name for name in effects.fitted if name not in FADING)
+    kept = tuple(name for name in fit.effects if name not in FADING)
     without = fitted(_only(fit, kept), priors, thorough=False)
     if without.residual > _NEEDED * fit.residual:
         return fit
-    least = max(_least(without), _least(fit))
-    value, error = without.weaker
-    return replace(without, weaker=(max(value, least), error), least=least)
+    return replace(without, least=max(_least(without), _least(fit)))
 
 
 def _least(fit: Fit) -> float:
@@ -216,7 +222,7 @@ def _hinted(fit: Fit) -> tuple[str, ...]:
     Each is tried by itself, because beside all others none may seem to be needed.
     """
     model = model_of(fit, (*NAMES[:4], *EVERY), None)
-    linear = model.linear(model.begin, fit.speeds[None])
+    linear = model.linear(model.begin, fit.own)
     period = float(np.median(np.diff(fit.pieces.motion.sampled)))
     found: list[str] = []
     for group in ALWAYS:
@@ -231,15 +237,9 @@ def _hinted(fit: Fit) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _with(fit: Fit, names: tuple[str, ...]) -> Fit:
-    """Return the fit with these names of effects to be fitted."""
-    return replace(fit, effects=replace(fit.effects, fitted=names))
-
-
 def _only(fit: Fit, names: tuple[str, ...]) -> Fit:
     """Return the fit without the effects that are not named."""
-    gone = {name: 0.0 for name in fit.effects.fitted if name not in names}
-    return replace(fit, effects=replace(fit.effects, fitted=names, errors={}, **gone))
+    return fit.having(names, **{name: 0.0 for name in fit.effects if name not in names})
 
 
 def _needed(fit: Fit, least: float) -> tuple[str, ...]:
@@ -248,29 +248,28 @@ def _needed(fit: Fit, least: float) -> tuple[str, ...]:
     Friction that fades and the drag beside it are always kept: they cancel each other over the
     speed, so that neither seems to be needed where both are.
     """
-    effects = fit.effects
     kept: list[str] = []
     for group in (*ALWAYS, COGGING, FADING):
         sized = [name for name in group if name not in ("periods", "fading")]
-        if group[0] not in effects.fitted:
+        if group[0] not in fit.names:
             continue
-        fades = "excess" in effects.fitted and group in (FADING, ("drag",))
-        size = math.hypot(*(getattr(effects, name) for name in sized))
-        if fades or size > least * effects.error(*sized):
+        fades = "excess" in fit.names and group in (FADING, ("drag",))
+        size = math.hypot(*(fit[name] for name in sized))
+        if fades or size > least * fit.error(*sized):
             kept += group
     return tuple(kept)
 
 
 def _with_stiction(fit: Fit, priors: Priors | None) -> Fit:
     """Return the fit with the friction at rest that leaves the smallest residual."""
-    model = model_of(fit, (*NAMES[:4], *fit.effects.fitted), priors)
-    slow = fit.coulomb + max(fit.effects.excess, 0.0)
-    costs = model.costs("static", _RATIOS * slow, fit.speeds[None])
+    model = model_of(fit, (*NAMES[:4], *fit.effects), priors)
+    slow = fit["coulomb"] + max(fit["excess"], 0.0)
+    costs = model.costs("static", _RATIOS * slow, fit.own)
     lowest = int(np.argmin(costs))
     if float(costs[lowest]) > _STICKS * float(costs[0]):
         return fit
-    static = float(_RATIOS[lowest]) * slow
-    return fitted(replace(fit, effects=replace(fit.effects, static=static)), priors, thorough=False)
+    start = fit.having(static=float(_RATIOS[lowest]) * slow)
+    return fitted(start, priors, thorough=False)
 
 
 def _trimmed(fit: Fit, explained: float, priors: Priors | None) -> Fit:
@@ -288,6 +287,6 @@ def _trimmed(fit: Fit, explained: float, priors: Priors | None) -> Fit:
         kept = each <= max(_OUTLIER * float(np.median(each)), explained)
         if np.all(kept):
             break
-        fewer = replace(fit, pieces=taken(pieces, kept), speeds=fit.speeds[kept])
+        fewer = replace(fit, pieces=taken(pieces, kept), own=fit.own[:, kept])
         fit = fitted(fewer, priors, thorough=False)
     return fit

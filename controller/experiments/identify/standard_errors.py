@@ -7,7 +7,7 @@ import numpy as np
 from haptic_wall.controller.experiments.identify.separable import Linear
 from haptic_wall.controller.theory.checks import FloatArray
 
-_CORRELATED_S = 0.05
+CORRELATED_S = 0.05
 """Default of ``correlated_s``"""
 CORRELATED = 9.0
 """Variance of correlated errors over that of independent ones, by which a prior is weighed"""
@@ -16,7 +16,7 @@ _FEW = 1.25
 
 
 def standard_covariance(
-    linear: Linear, period: float, correlated_s: float = _CORRELATED_S
+    linear: Linear, period: float, correlated_s: float = CORRELATED_S
 ) -> FloatArray:
     """Return the covariance of the shared values, robust to correlated errors.
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from haptic_wall.controller.experiments.identify.fit import Fit
 from haptic_wall.controller.experiments.identify.motion import Pieces
 from haptic_wall.controller.experiments.recorded.friction import MODELS
-from haptic_wall.controller.experiments.recorded.shooting import Shot, fit
+from haptic_wall.controller.experiments.recorded.shooting import fit
 
 PIECE_S = 1.0
 """Length of the pieces to which models are fitted [s]"""
@@ -16,7 +17,7 @@ real servo differ by more than a smaller gain"""
 _ROUNDS = 10
 
 
-def judged(pieces: Pieces, first: Shot, begun: Mapping[str, float]) -> tuple[str, dict[str, Shot]]:
+def judged(pieces: Pieces, first: Fit, begun: Mapping[str, float]) -> tuple[str, dict[str, Fit]]:
     """Fit each model to the pieces of a record; return the chosen one's name, and all fits.
 
     Args:
@@ -29,8 +30,8 @@ def judged(pieces: Pieces, first: Shot, begun: Mapping[str, float]) -> tuple[str
         # The best fit of a simpler model may lie in another valley than that of a richer one.
         starts: Sequence[Mapping[str, float]] = (first.terms, begun, last.terms)
         tried = [fit(pieces, start_with(name, each), rounds=_ROUNDS) for each in starts]
-        last = shots[name] = min(tried, key=lambda each: each.rms)
-        if last.rms < BETTER * shots[chosen].rms:
+        last = shots[name] = min(tried, key=lambda each: each.residual)
+        if last.residual < BETTER * shots[chosen].residual:
             chosen = name
     return chosen, shots
 

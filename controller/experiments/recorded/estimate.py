@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptic_wall.controller.experiments.estimated import Estimated
+from haptic_wall.controller.experiments.identify.fit import Fit
 from haptic_wall.controller.experiments.identify.motion import Motion
-from haptic_wall.controller.experiments.identify.standard_errors import standard_covariance
 from haptic_wall.controller.experiments.recorded.choice import PIECE_S, judged
 from haptic_wall.controller.experiments.recorded.friction import (
     LONGEST_DELAY_S,
@@ -23,7 +23,7 @@ from haptic_wall.controller.experiments.recorded.record import (
     pieces_of,
     row_interval,
 )
-from haptic_wall.controller.experiments.recorded.shooting import Shot, first_terms, fit
+from haptic_wall.controller.experiments.recorded.shooting import first_terms, fit
 from haptic_wall.controller.theory.checks import FloatArray
 
 GRAVITY = 9.80665
@@ -35,9 +35,6 @@ SPREAD: Mapping[str, float] = {"inertia_total": 0.007, "damping": 0.35, "coulomb
 docs/evidence/recordings.md"""
 FEW = 4
 """With fewer stretches than this the record does not show that spread itself"""
-_CORRELATED_S = 0.25
-"""Correlation time of the errors of a swing [s]: what a friction model lacks lasts for a part of it
-"""
 _WEIGHED = 0.95
 """Largest fraction of the squares that a load must leave to be believed"""
 _EXPLAINED = 1.2
@@ -75,11 +72,11 @@ class Recorded:
     ``inertia_total`` of all that turns, ``damping``, ``coulomb``, ``delay``, ``torque_gain``,
     ``torque_constant`` for each recorded ampere, ``hanging`` (angle at which the load hangs), and
     further parameters of the friction model"""
-    models: Mapping[str, Shot]
+    models: Mapping[str, Fit]
     """Friction models that were tried, each with its fit to pieces of a second"""
     chosen: str | None
     """Name of the model that was chosen"""
-    shot: Shot | None
+    shot: Fit | None
     """The fit; None: nothing can be determined"""
     stretches: tuple[Motion, ...]
     """Stretches of the record to which the model was fitted"""
@@ -96,7 +93,7 @@ class Recorded:
     @property
     def residual(self) -> float | None:
         """Return the root mean square of what is left [rad]."""
-        return None if self.shot is None else self.shot.rms
+        return None if self.shot is None else self.shot.residual
 
     @property
     def seconds(self) -> float:
@@ -119,21 +116,21 @@ def identify_record(record: Record, pendulum: Pendulum | None = None) -> Recorde
     pieces, _ = pieces_of(stretches, PIECE_S, PIECE_S)
     whole, _ = pieces_of(stretches)
 
-    def fitted(weight: bool) -> tuple[Shot, Shot]:
+    def fitted(weight: bool) -> tuple[Fit, Fit]:
         near = fit(pieces, first_terms(stretches, weight=weight), rounds=20)
         return near, fit(whole, near.terms, rounds=20)
 
     near, shot = fitted(True)
     if pendulum is None and driven:
         others = fitted(False)
-        if shot.rms**2 >= _WEIGHED * others[1].rms ** 2:
+        if shot.residual**2 >= _WEIGHED * others[1].residual ** 2:
             near, shot = others
     chosen, models = "M1", {"M1": near}
-    if shot.rms > _EXPLAINED * record.step / math.sqrt(12.0):
+    if shot.residual > _EXPLAINED * record.step / math.sqrt(12.0):
         begun = first_terms(stretches, weight="sine" in near.terms)
         chosen, models = judged(pieces, near, begun)
         again = fit(whole, models[chosen].terms, rounds=20)
-        shot = again if chosen != "M1" or again.rms < shot.rms else shot
+        shot = again if chosen != "M1" or again.residual < shot.residual else shot
     few = len(stretches) < FEW and not (driven and len(shot.pieces.sampled) >= FEW)
     scale = _Scale(shot.names, record.unit if driven else None, pendulum)
     known = _known(scale, shot, few)
@@ -198,7 +195,7 @@ class _Scale:
         return {**found, **scaled, "inertia": total - own, "inertia_total": total}
 
 
-def _known(scale: _Scale, shot: Shot, few: bool) -> dict[str, Estimated]:
+def _known(scale: _Scale, shot: Fit, few: bool) -> dict[str, Estimated]:
     """Return all quantities that are known, with their standard errors.
 
     Args:
@@ -206,14 +203,14 @@ def _known(scale: _Scale, shot: Shot, few: bool) -> dict[str, Estimated]:
         shot: The fit.
         few: The spread from swing to swing is added.
     """
-    interval = float(np.median(np.diff(shot.pieces.motion.sampled)))
-    count = shot.values.size
+    values = np.array(list(shot.terms.values()))
+    count = values.size
     covariance = np.zeros((count + 1, count + 1))
-    covariance[:count, :count] = standard_covariance(shot.linear, interval, _CORRELATED_S)
+    covariance[:count, :count] = shot.covariance
     covariance[count, count] = ARM_SHARE_STDERR**2
-    at = np.append(shot.values, ARM_SHARE)
+    at = np.append(values, ARM_SHARE)
     steps = 1e-5 * np.maximum(np.abs(at), 1e-3)
-    here = scale.quantities(shot.values, ARM_SHARE)
+    here = scale.quantities(values, ARM_SHARE)
     slopes = {name: np.zeros(count + 1) for name in here}
     for n, step in enumerate(steps):
         up, down = (at + side * step * (np.arange(count + 1) == n) for side in (1.0, -1.0))
@@ -230,7 +227,7 @@ def _known(scale: _Scale, shot: Shot, few: bool) -> dict[str, Estimated]:
     return found
 
 
-def _notes(scale: _Scale, shot: Shot, model: str, step: float, few: bool) -> Iterator[str]:
+def _notes(scale: _Scale, shot: Fit, model: str, step: float, few: bool) -> Iterator[str]:
     """Yield notes on values that the record does not determine, with the reason."""
     terms, unscaled = shot.terms, "inertia, damping and Coulomb friction cannot be determined"
     if scale.unit is None:
@@ -263,9 +260,9 @@ def _notes(scale: _Scale, shot: Shot, model: str, step: float, few: bool) -> Ite
             " to the standard errors, as measured on an XL330"
         )
     rounding = step / math.sqrt(12.0)
-    if 0.0 < _MUCH_LEFT * rounding < shot.rms:
+    if 0.0 < _MUCH_LEFT * rounding < shot.residual:
         yield (
-            f"the residual is {1e3 * shot.rms:.2g} mrad rms, of which rounding explains"
+            f"the residual is {1e3 * shot.residual:.2g} mrad rms, of which rounding explains"
             f" {1e3 * rounding:.2g} mrad: {MEANING[model]} do not explain all"
         )
     if terms.get("delay", 0.0) >= 0.98 * LONGEST_DELAY_S:

@@ -6,15 +6,13 @@ since a motion tells no more.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
+from haptic_wall.controller.experiments.identify.fit import Fit
 from haptic_wall.controller.experiments.identify.motion import Motion, Pieces
 from haptic_wall.controller.experiments.identify.output_error import OutputError, Sizes
-from haptic_wall.controller.experiments.identify.separable import Linear
 from haptic_wall.controller.experiments.identify.start import start_of
 from haptic_wall.controller.experiments.recorded.friction import GAUSSIAN, TERMS
 from haptic_wall.controller.theory.checks import FloatArray
@@ -24,38 +22,11 @@ _SMOOTHED_S, _DELAYS_S = 0.07, (0.0, 0.002, 0.005, 0.01, 0.02, 0.04)
 """For the first start: window of the smoothing, and delays of the torque [s]"""
 _BEGINNING_S = 0.05
 """Length of that through which the parabola is laid [s]"""
+_CORRELATED_S = 0.25
+"""Correlation time of the errors of a swing [s]: what a friction model lacks lasts for a part of it
+"""
 _STEP = 1e-4
 """Of a parameter, relative, for its derivative"""
-
-
-@dataclass(frozen=True, slots=True)
-class Shot:
-    """A fit of the pieces."""
-
-    names: tuple[str, ...]
-    values: FloatArray
-    """Values of the parameters, per inertia; shape (names,)"""
-    own: FloatArray
-    """Position [rad] and speed [rad/s] at the first row of each piece, shape (2, pieces)"""
-    linear: Linear
-    """Residuals and derivatives there"""
-    pieces: Pieces
-
-    @property
-    def terms(self) -> dict[str, float]:
-        """Return the parameters by name."""
-        return dict(zip(self.names, self.values.tolist(), strict=True))
-
-    @property
-    def fitted(self) -> FloatArray:
-        """Return the fitted positions [rad], shape (pieces, rows)."""
-        return self.pieces.position + self.linear.left
-
-    @property
-    def rms(self) -> float:
-        """Return the root mean square of the residuals [rad]."""
-        held = self.pieces.held
-        return math.sqrt(float(np.sum(self.linear.left[held] ** 2)) / np.count_nonzero(held))
 
 
 def model_of(pieces: Pieces, terms: Mapping[str, float]) -> OutputError:
@@ -97,7 +68,7 @@ def fit(
     start: Mapping[str, float],
     own: FloatArray | None = None,
     rounds: int = _ROUNDS,
-) -> Shot:
+) -> Fit:
     """Fit the parameters, and the beginnings of the pieces.
 
     Args:
@@ -106,6 +77,5 @@ def fit(
         own: Positions and speeds at the beginnings, where the fit begins; None: estimated.
         rounds: Largest number of rounds.
     """
-    model = model_of(pieces, start)
-    values, own = model.fitted(beginnings(pieces) if own is None else own, rounds=rounds)
-    return Shot(model.names, values, own, model.linear(values, own), pieces)
+    own = beginnings(pieces) if own is None else own
+    return model_of(pieces, start).fitted(own, rounds=rounds, correlated_s=_CORRELATED_S)

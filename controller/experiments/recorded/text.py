@@ -29,7 +29,7 @@ def report(found: Recorded) -> dict[str, Any]:
         "friction_model": found.chosen,
         "friction": {name: known[name] for name in found.friction},
         "models": [
-            {"name": name, "meaning": MEANING[name], "fitted_rms_rad": each.rms}
+            {"name": name, "meaning": MEANING[name], "fitted_rms_rad": each.residual}
             for name, each in found.models.items()
         ],
         "parts": len(found.stretches),
@@ -64,7 +64,7 @@ def text(found: Recorded, plot: str | None) -> str:
         lines.append(("residual", left))
         if len(found.models) > 1:
             for name, shot in found.models.items():
-                left = f"leaves {1e3 * shot.rms:.2f} mrad in pieces of a second"
+                left = f"leaves {1e3 * shot.residual:.2f} mrad in pieces of a second"
                 lines.append((f"  {name}", left))
     lines += [("note", note) for note in found.notes]
     if plot is not None:

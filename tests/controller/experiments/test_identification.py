@@ -12,7 +12,7 @@ from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.estimated import Estimated
 from haptic_wall.controller.experiments.identify import identification
 from haptic_wall.controller.experiments.identify.bench import UnidentifiableError
-from haptic_wall.controller.experiments.identify.fitting import Friction
+from haptic_wall.controller.experiments.identify.fit import Friction
 from haptic_wall.controller.experiments.identify.identification import (
     Identified,
     bounds_of,
@@ -102,8 +102,8 @@ def test_what_a_stall_has_left_unrecorded_spoils_nothing(usual: tuple[Config, Id
         stalled[begin : begin + 14] = True
     fit = fit_servo(motion_of(rows[~stalled]), math.tau / 4096)
     assert fit.residual == pytest.approx(found.rounding, rel=0.1)
-    for name, true, error in zip(NAMES, truth(config), fit.stderr, strict=False):
-        assert abs(getattr(fit, name) - true) < 3.5 * error + 1e-12
+    for name, true in zip(NAMES, truth(config), strict=True):
+        assert abs(fit[name] - true) < 3.5 * fit.error(name) + 1e-12
 
 
 @pytest.mark.whole
@@ -248,7 +248,7 @@ def test_the_bounds_are_inside_of_those_believed_and_hold_the_friction_as_a_sum(
     friction = Friction(speed, sums, np.full(20, 1e-5))
     gain = float(random.uniform(0.8, 1.2))
     changed: dict[str, Any] = {**drawn, "torque_gain": Estimated(gain, 0.0)}
-    unsure = replace(found, fit=replace(found.fit, friction=friction), **changed)
+    unsure = replace(found, friction=friction, **changed)
     model = identified_model(unsure, config)
     inertia = model["inertia"]
     # In commanded units; the guard's corner believes the highest gain.

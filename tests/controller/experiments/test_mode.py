@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from haptic_wall.controller.experiments.identify.effects import NONE
+from haptic_wall.controller.experiments.identify.fit import VALUES, Fit
 from haptic_wall.controller.experiments.identify.mode import Mode, mode_of
 from haptic_wall.controller.experiments.identify.mode_fit import ModeModel, cruises_of
-from haptic_wall.controller.experiments.identify.motion import Motion
+from haptic_wall.controller.experiments.identify.motion import Motion, pieces_of
 from haptic_wall.controller.experiments.identify.vibration import (
     believed_vibration,
     heaviest_load,
@@ -60,7 +60,9 @@ def moved(hertz: float, ratio: float, load: float, encoder: str = "output") -> M
 
 def found_in(motion: Motion, encoder: str = "output") -> Mode:
     spans = [(0.4 * n - 0.02, 0.4 * (n + 1) - 1e-6, 1.0 - 2.0 * (n % 2)) for n in range(8)]
-    cruises = cruises_of(motion, spans, PERIOD, 0.0, FRICTION / WHOLE, NONE)
+    values = {**dict.fromkeys(VALUES, 0.0), "inertia": WHOLE, "damping": FRICTION}
+    fit = Fit(values, (), pieces_of(motion, [(0, 1)]), np.zeros((1, 1)))
+    cruises = cruises_of(motion, spans, PERIOD, fit)
     return mode_of(ModeModel(cruises, encoder, WHOLE))
 
 

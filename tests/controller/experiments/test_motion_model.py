@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from haptic_wall.controller.experiments.identify.fitting import NAMES
+from haptic_wall.controller.experiments.identify.fit import NAMES
 from haptic_wall.controller.experiments.identify.motion import Motion, motion_of, pieces_of
 from haptic_wall.controller.experiments.identify.motion_model import simulated
 from haptic_wall.controller.runtime.telemetry import ROW

@@ -147,12 +147,25 @@ def test_a_long_run_is_drawn_as_its_envelope(
 
 
 @pytest.mark.parametrize(
-    ("sets", "label"),
-    [((), "wall's surface"), (("wall.law=detents", "wall.count=24"), "wall.position")],
+    ("sets", "drawn"),
+    [
+        ((), {"wall's surface": 0.0}),
+        (("wall.law=detents", "wall.count=24"), {"wall.position": 0.0}),
+        (
+            ("wall.law=stops", "wall.low=-0.08", "wall.high=0.06", "wall.position=0.01"),
+            {"wall.high": 0.07, "wall.low": -0.07},
+        ),
+    ],
 )
-def test_only_a_wall_has_a_surface(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, sets: tuple[str, ...], label: str
+def test_each_law_is_drawn_where_it_acts(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, sets: tuple[str, ...], drawn: dict[str, float]
 ) -> None:
     figure = draw(monkeypatch, tmp_path, run_rows(), metadata("simulated", *sets), saved=False)
-    labels = {str(line.get_label()) for line in figure.axes[0].get_lines()}
-    assert labels & {"wall's surface", "wall.position"} == {label}
+    axes = figure.axes[0]
+    names = {"wall's surface", "wall.position", "wall.low", "wall.high"}
+    lines = {str(line.get_label()): line.get_ydata() for line in axes.get_lines()}
+    assert {name: float(np.max(lines[name])) for name in names & lines.keys()} == pytest.approx(
+        drawn
+    )
+    filled = {"wall (fills above)", "wall (fills below)"} & set(legend(axes))
+    assert len(filled) == {"wall's surface": 1, "wall.position": 0}.get(next(iter(drawn)), 2)
