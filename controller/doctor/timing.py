@@ -172,8 +172,8 @@ def _schedule(replies: Replies, wanted: Wanted, advice: str) -> Check:
     fix = "" if ok else advice
     if ok and best != wanted.schedule:
         fix = f"set servo.schedule={best}, which has younger samples"
-    text = best or f"none at {wanted.rate_hz:g} Hz"
-    return Check("schedule", ok, wanted.schedule, f"suitable: {text}", fix)
+    suitable = best or f"replies in time at {wanted.rate_hz:g} Hz, which no schedule has"
+    return Check("schedule", ok, wanted.schedule, suitable, fix)
 
 
 def _ms(duration_ns: float) -> str:

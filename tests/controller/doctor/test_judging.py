@@ -88,6 +88,7 @@ def test_lost_replies_are_wrong_however_quick_the_others_are() -> None:
     assert not found["reply time"].ok
     assert "15 lost, 5 broken of 200" in found["reply time"].found
     assert "cable" in found["schedule"].fix  # and not a lower rate
+    assert "which no schedule has" in found["schedule"].wanted
     none = judged(replies([], 0, 200), wanted())
     assert not none["reply time"].ok
     assert "encoder at rest" not in none
