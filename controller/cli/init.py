@@ -16,7 +16,7 @@ from click.core import ParameterSource
 from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import put, reading, writing
 from haptic_wall.controller.cli.places import FileToWrite, force_option
-from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.errors import ConfigError, UserError
 from haptic_wall.controller.settings.fields import fields
 from haptic_wall.controller.settings.load import (
     DEFAULT_PRESET,
@@ -123,7 +123,7 @@ def commented(preset: str, axes: Axes | None = None) -> str:
         axes: In place of its own axes; empty or None: these.
 
     Raises:
-        ConfigError: They do not fit the preset.
+        UserError: They do not fit the preset.
     """
     loaded = load_config(preset)
     if axes:
@@ -133,7 +133,15 @@ def commented(preset: str, axes: Axes | None = None) -> str:
             for section, own in axis.items()
             for key, value in own.items()
         )
-        load_config(preset, [*(["axes={}"] if loaded.config.axes else []), *changes])
+        try:
+            load_config(preset, [*(["axes={}"] if loaded.config.axes else []), *changes])
+        except ConfigError as error:
+            raise UserError(
+                f"{preset} cannot have such axes: {error.problems[0]}",
+                field="--axes",
+                advice="give --urdf for stops at a robot's limits, start --from another preset, or "
+                "leave --axes out, and edit the preset's own",
+            ) from None
     config, kind = loaded.config.model_dump(mode="json"), loaded.config.servo.kind
     about = itertools.takewhile(lambda line: line.startswith("#"), preset_text(preset).splitlines())
     lines, inside = [*about, *_HINT.splitlines()], ""

@@ -55,7 +55,8 @@ def set_option(command: Command) -> Command:
         "sets",
         multiple=True,
         metavar="PATH=VALUE",
-        help="Change one value of CONFIG, e.g. --set wall.stiffness=20 (repeatable).",
+        help="Change one value of CONFIG, e.g. --set wall.stiffness=20 (repeatable); of one of "
+        "several axes --set axes.NAME.wall.stiffness=20.",
     )(command)
 
 

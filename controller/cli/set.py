@@ -38,13 +38,16 @@ def command(sets: tuple[str, ...], run: Path | None, wait_s: float) -> None:
     """Change the wall that runs in another terminal, e.g. wall.stiffness=4.
 
     Several changes are made in one tick: wall.law=detents wall.count=12. You can change
-    wall.stiffness, wall.damping, wall.position, delay.steps, wall.law and the numbers of the law.
+    wall.stiffness, wall.damping, wall.position, delay.steps, wall.law and the numbers of the law;
+    of several axes the wall of one: axes.NAME.wall.stiffness=4.
     The change waits for a moment in which it gives the shaft no energy.
     """
     from haptic_wall.controller.live.ask import ask
     from haptic_wall.controller.live.run_socket import alive, chosen
 
     changed = chosen(run, alive())
+    if run is None and not changed.is_here:
+        say(f"no wall runs in this folder; the change is for the run of {changed.log}")
     told = ask(changed, sets, wait_s, say) | {"log": str(changed.log)}
     between = "\n" if sys.stdout.isatty() else "; "
     answer(told, lambda: between.join(_lines(told)))

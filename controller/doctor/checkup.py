@@ -13,7 +13,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
-from haptic_wall.controller.doctor import machine, timing
 from haptic_wall.controller.doctor.adapter import examine_port
 from haptic_wall.controller.doctor.locate import Locator, name_of
 from haptic_wall.controller.doctor.measure import measure
@@ -21,6 +20,7 @@ from haptic_wall.controller.doctor.mending import mend, question
 from haptic_wall.controller.doctor.replies import Replies
 from haptic_wall.controller.doctor.report import Consent, Report, Tell, not_applicable, of_error
 from haptic_wall.controller.doctor.search import FoundServo, opened
+from haptic_wall.controller.doctor.timing import Timing, judge_lateness, judge_rights
 from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments
 from haptic_wall.controller.runtime.machine_setup import machine_setup
 from haptic_wall.controller.runtime.realtime import pick_cores
@@ -246,7 +246,7 @@ class _Checkup:
     def machine(self, measured: dict[str, Any]) -> None:
         """Judge the measurements of the bus, if any, and of the machine."""
         config = self._config
-        lateness = machine.judge_lateness(measured["lateness_ns"], config.period_ns)
+        lateness = judge_lateness(measured["lateness_ns"], config.period_ns)
         if measured["failed"] is not None:
             error = ServoError(measured["failed"])
             self._add(of_error("reply time", error, "answers always", f"check {self._wiring}"))
@@ -255,7 +255,7 @@ class _Checkup:
             self._timing(Replies(**measured["replies"]), stalls=not lateness.ok)
         settings = [Check(**setting) for setting in measured["realtime"]]
         self._add(lateness)
-        self._add(*machine.judge_rights(settings, config.realtime.profile))
+        self._add(*judge_rights(settings, config.realtime.profile))
         self._core()
 
     def _core(self) -> None:
@@ -265,19 +265,15 @@ class _Checkup:
     def _timing(self, replies: Replies, stalls: bool) -> None:
         config = self._config
         assert config.servo.baud is not None
-        most_missed = min(timing.MOST_MISSED, config.safety.max_loss)
-        best = timing.suits(replies, config.loop.rate_hz, config.servo.baud, most_missed)
-        self.report.suits = best
-        schedule = config.servo.schedule
-        if schedule == "auto":
-            schedule = best or "immediate"
-        wanted = timing.Wanted(
-            schedule,
+        timing = Timing(
+            replies,
+            config.servo.schedule,
             config.loop.rate_hz,
             config.servo.baud,
-            most_missed,
+            config.safety.max_loss,
             max(self._return_delays_ns.values(), default=0),
             stalls,
             self._wiring,
         )
-        self._add(*timing.judge_timing(replies, wanted))
+        self.report.suits = timing.best
+        self._add(*timing.checks())

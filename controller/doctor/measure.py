@@ -1,7 +1,6 @@
 """Measures the timing for ``doctor``, in a process of its own with the rights of a run.
 
-The process reads one JSON object of orders on standard input and writes one answer on standard
-output. It sends only reads on the bus.
+It sends only reads on the bus.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ import signal
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any, Final
 
 from haptic_wall.controller.doctor.replies import time_replies
@@ -34,23 +33,6 @@ _MEASURE_S: Final = 120.0
 _END_S: Final = 2.0
 
 
-@dataclass(frozen=True, slots=True)
-class Orders:
-    """Orders to the measuring process, and its rights."""
-
-    port: int | None
-    """Descriptor of the open serial port; None: only the machine is measured"""
-    ids: Sequence[int]
-    """Of the servos on it"""
-    read: Read
-    period_ns: int
-    profile: realtime.Profile
-    priority: int
-    spin_us: float | None
-    core: int
-    parent: int
-
-
 def measure(
     config: Config, port: int | None, ids: Sequence[int] = (), read: Read = "plain"
 ) -> dict[str, Any]:
@@ -69,20 +51,20 @@ def measure(
     Raises:
         ServoError: The process gave no answer.
     """
-    spin_us = config.realtime.spin_us
-    orders = Orders(
-        port=port,
-        ids=ids,
-        read=read,
-        period_ns=config.period_ns,
-        profile=config.realtime.profile,
-        priority=config.realtime.priority,
-        spin_us=spin_us,
-        core=realtime.pick_cores(config.realtime.core)[0],
-        parent=os.getpid(),
-    )
+    wishes = config.realtime
+    orders = {
+        "port": port,
+        "ids": ids,
+        "read": read,
+        "period_ns": config.period_ns,
+        "profile": wishes.profile,
+        "priority": wishes.priority,
+        "spin_us": wishes.spin_us,
+        "core": realtime.pick_cores(wishes.core)[0],
+        "parent": os.getpid(),
+    }
     descriptors = [] if port is None else [port]
-    child = Child("timing", ["haptic_wall.controller.doctor.measure"], asdict(orders), descriptors)
+    child = Child("timing", ["haptic_wall.controller.doctor.measure"], orders, descriptors)
     try:
         line = first_line(child, _MEASURE_S)
         if line is None:
@@ -95,25 +77,24 @@ def measure(
 
 def main() -> None:
     """Measure as ordered, and write the answer."""
-    orders = Orders(**read_orders())
-    realtime.die_with_parent(orders.parent, signal.SIGTERM)
-    os.sched_setaffinity(0, {orders.core})
+    orders = read_orders()
+    realtime.die_with_parent(orders["parent"], signal.SIGTERM)
+    core, period_ns = {orders["core"]}, orders["period_ns"]
+    os.sched_setaffinity(0, core)
     realtime.freeze_garbage()
-    settings = realtime.apply(orders.profile, orders.priority, {orders.core})
+    settings = realtime.apply(orders["profile"], orders["priority"], core)
     clock = MonotonicClock()
-    wait = waiter_for(clock, orders.spin_us, orders.period_ns)
     answer: dict[str, Any] = {
         "realtime": [asdict(setting) for setting in settings],
-        "lateness_ns": _wakes(wait, orders.period_ns),
+        "lateness_ns": _wakes(waiter_for(clock, orders["spin_us"], period_ns), period_ns),
         "replies": None,
         "failed": None,
     }
-    if orders.port is not None:
+    if orders["port"] is not None:
+        line = FdLine(orders["port"], clock)
         try:
-            line = FdLine(orders.port, clock)
-            answer["replies"] = asdict(
-                time_replies(line, orders.ids, REPLIES, orders.period_ns, orders.read)
-            )
+            replies = time_replies(line, orders["ids"], REPLIES, period_ns, orders["read"])
+            answer["replies"] = asdict(replies)
         except ServoError as error:
             answer["failed"] = str(error)
     sys.stdout.write(json.dumps(answer) + "\n")

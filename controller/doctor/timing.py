@@ -1,23 +1,28 @@
-"""Judges how fast the servo's replies come: which schedule and which rate they allow."""
+"""Judges what was measured: the replies of the bus, the wake-ups, and the real-time rights."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final, Literal
 
 from haptic_wall.controller.doctor.replies import Replies, percentile
+from haptic_wall.controller.doctor.report import not_applicable
+from haptic_wall.controller.runtime.realtime import Profile, missing_for_strict
 from haptic_wall.controller.settings.shares import COLLECT_SHARE
 from haptic_wall.hw.dynamixel.wire import cycle_s
 from haptic_wall.hw.errors import wiring
 from haptic_wall.hw.servo import Check
 from haptic_wall.hw.settings import Schedule
 
-MOST_MISSED: Final = 0.05
+_MOST_MISSED: Final = 0.05
 """Largest fraction of missed replies; more would trip a run with default settings"""
 _TIMER_NS: Final = 1_200_000
 """Replies delayed for longer are not delayed by a latency timer of 1 ms, the shortest"""
 _HELD_NS: Final = 300_000
 """Replies delayed for longer are delayed by the adapter: a host takes half of it"""
+_LATE_SHARE: Final = 4
+"""A wake-up later than a period over this leaves too little time for the bus"""
 _PERIODS: Final[dict[Schedule, float]] = {
     "immediate": COLLECT_SHARE,
     "pipelined": 1.0 + COLLECT_SHARE,
@@ -28,13 +33,17 @@ _RATES: Final = (2000, 1500, 1000, 800, 500, 400, 333, 250, 200, 100, 50)
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
-    """The configuration's demands on the bus, and the conditions of the measurement."""
+class Timing:
+    """Measured replies, and the configuration's demands on them."""
 
-    schedule: Schedule
+    replies: Replies
+    """Sent at all phases"""
+    asked: Schedule | Literal["auto"]
+    """The configured schedule"""
     rate_hz: float
     baud: int
-    most_missed: float = MOST_MISSED
+    max_loss: float = 1.0
+    """Fraction of missed replies that trips a run"""
     return_delay_ns: int = 0
     """Return delay of the servo; a run sets it to 0"""
     stalls: bool = False
@@ -42,138 +51,159 @@ class Wanted:
     wiring: str = wiring("/")
     """What to check where the bus fails"""
 
+    @property
+    def most_missed(self) -> float:
+        """Return the largest fraction of missed replies."""
+        return min(_MOST_MISSED, self.max_loss)
 
-def judge_timing(replies: Replies, wanted: Wanted) -> list[Check]:
-    """Judge the replies: the resulting rate and schedule, and the noise of the encoder."""
-    advice = _advice(replies, wanted)
-    found = [_reply_time(replies, wanted, advice)]
-    if replies.took_ns:
-        found += [_rate(replies, wanted, advice), _encoder(replies)]
-    return [*found, _schedule(replies, wanted, advice)]
+    @property
+    def best(self) -> Schedule | None:
+        """Return the schedule with the youngest samples that holds at every phase; None: none does.
+
+        The loop's grid and an adapter's timer drift against each other, so that each reply's time
+        is that of some phase, and a run meets all of them: 99 % must be in time.
+        """
+        if not self.replies.took_ns or self.replies.share_failed > self.most_missed:
+            return None
+        return next((one for one in _PERIODS if self.sustainable_hz(one) >= self.rate_hz), None)
+
+    @property
+    def schedule(self) -> Schedule:
+        """Return the configured schedule, or the one that ``auto`` takes."""
+        return (self.best or "immediate") if self.asked == "auto" else self.asked
+
+    def sustainable_hz(self, schedule: Schedule) -> float:
+        """Return the rate [Hz] at which 99 % of the replies are in time and the cycle fits the wire.
+
+        A pipelined reply may take longer than a period, but delays the next request: apart from
+        the fraction that may be missed, replies come one after the other. There must be replies.
+
+        Args:
+            schedule: Decides the time allowed for a reply.
+        """
+        replies = self.replies
+        in_time = _PERIODS[schedule] * 1e9 / percentile(replies.took_ns, 0.99)
+        on_wire = COLLECT_SHARE / cycle_s(self.baud, replies.count, replies.read)
+        in_row = (1.0 - self.most_missed) * replies.in_row_ns
+        return min(in_time, on_wire, 1e9 / in_row if in_row else on_wire)
+
+    def checks(self) -> list[Check]:
+        """Judge the replies: the resulting rate and schedule, and the noise of the encoder."""
+        advice = self._advice()
+        found = [self._reply_time(advice)]
+        if self.replies.took_ns:
+            found += [self._rate(advice), self._encoder()]
+        return [*found, self._schedule(advice)]
+
+    def _advice(self) -> str:
+        """Return advice against late replies, about the first cause found."""
+        replies = self.replies
+        if not replies.took_ns:
+            return (
+                f"check {self.wiring}: it answers single registers but not the block of its sample"
+            )
+        if replies.share_failed > self.most_missed:
+            return f"check {self.wiring}, and that no other servo has this id"
+        needed_ns = 1e9 * cycle_s(self.baud, replies.count, replies.read) + self.return_delay_ns
+        held_ns = percentile(replies.took_ns, 0.5) - needed_ns
+        if held_ns > _TIMER_NS:
+            return (
+                f"replies are held back for {_ms(replies.in_row_ns)}, as by an adapter's latency "
+                "timer (factory setting 16 ms): set it to 1 ms"
+            )
+        if self.return_delay_ns:
+            return "set the return delay to 0, as --fix and a run do, then examine again"
+        disturbed = self.stalls or replies.disturbed
+        ways = []
+        if self.best not in (None, self.schedule) and not (disturbed and held_ns < _HELD_NS):
+            ways.append(f"set servo.schedule={self.best}")
+        elif disturbed:
+            return (
+                "a few replies are slow, as on a busy machine: end other programs on this machine "
+                "(see wake-up lateness), then examine again"
+            )
+        most = self.sustainable_hz(self.schedule)
+        lower = next((rate for rate in _RATES if rate <= most and rate < self.rate_hz), None)
+        if lower is not None:
+            ways.append(f"set loop.rate_hz={lower}")
+        return ", or ".join(ways) or "examine again: with such replies no rate is sustainable"
+
+    def _reply_time(self, advice: str) -> Check:
+        replies = self.replies
+        limit_ns = _PERIODS[self.schedule] * 1e9 / self.rate_hz
+        found = f"{replies.lost} lost, {replies.corrupt} broken of {replies.asked}"
+        limit = (
+            f"99 % within {_ms(limit_ns)} ({self.schedule}), at most {self.most_missed:.0%} lost"
+        )
+        ok = replies.share_failed <= self.most_missed
+        if replies.took_ns:
+            p50, p99 = percentile(replies.took_ns, 0.5), percentile(replies.took_ns, 0.99)
+            ok &= p99 <= limit_ns
+            longest = _ms(replies.took_ns[-1])
+            found = f"median {_ms(p50)}, 99 % {_ms(p99)}, longest {longest}; {found}"
+        return Check("reply time", ok, found, limit, "" if ok else advice)
+
+    def _rate(self, advice: str) -> Check:
+        replies = self.replies
+        rates = {schedule: self.sustainable_hz(schedule) for schedule in _PERIODS}
+        ok = rates[self.schedule] >= self.rate_hz
+        found = ", ".join(f"{schedule} {hz:.0f} Hz" for schedule, hz in rates.items())
+        if replies.count > 1:
+            found += f" ({replies.count} servos, {replies.read} read)"
+        wanted = f"{self.rate_hz:g} Hz ({self.schedule})"
+        return Check("sustainable rate", ok, found, wanted, "" if ok else advice)
+
+    def _encoder(self) -> Check:
+        replies, spread = self.replies, self.replies.spread
+        fix = "" if spread <= 1 else "noise, or the shaft is moving: take your hands off and repeat"
+        readings = replies.asked - replies.lost - replies.corrupt
+        found = f"{spread} counts apart in {readings} readings"
+        return Check("encoder at rest", True, found, "at most 1 count apart", fix)
+
+    def _schedule(self, advice: str) -> Check:
+        """Judge whether the configured schedule is suitable."""
+        best = self.best
+        ok = best in (self.schedule, "immediate")  # pipelined holds wherever immediate does
+        fix = "" if ok else advice
+        if ok and best != self.schedule:
+            fix = f"set servo.schedule={best}, which has younger samples"
+        suitable = best or f"replies in time at {self.rate_hz:g} Hz, which no schedule has"
+        return Check("schedule", ok, self.schedule, suitable, fix)
 
 
-def suits(
-    replies: Replies, rate_hz: float, baud: int, most_missed: float = MOST_MISSED
-) -> Schedule | None:
-    """Return the schedule with the youngest samples that holds at every phase; None: none does.
-
-    The loop's grid and an adapter's timer drift against each other, so that each reply's time is
-    that of some phase, and a run meets all of them: 99 % must be in time.
+def judge_lateness(lateness_ns: list[int], period_ns: int) -> Check:
+    """Judge the lateness of wake-ups that were measured without a bus.
 
     Args:
-        replies: Sent at all phases.
-        rate_hz: The loop's rate [Hz].
-        baud: Baud rate of the wire [bit/s].
-        most_missed: Fraction of replies.
+        lateness_ns: Lateness of each wake-up [ns], in increasing order.
+        period_ns: Period of the grid [ns].
     """
-    if not replies.took_ns or replies.share_failed > most_missed:
-        return None
-    return next(
-        (one for one in _PERIODS if sustainable_hz(replies, one, baud, most_missed) >= rate_hz),
-        None,
+    p50, p99 = percentile(lateness_ns, 0.5), percentile(lateness_ns, 0.99)
+    limit_ns = period_ns // _LATE_SHARE
+    ok = p99 < limit_ns
+    return Check(
+        "wake-up lateness",
+        ok,
+        f"median {p50 / 1000:.0f} µs, 99 % {p99 / 1000:.0f} µs, longest "
+        f"{lateness_ns[-1] / 1000:.0f} µs",
+        f"99 % below {limit_ns / 1000:.0f} µs",
+        "" if ok else "end other programs on this machine, grant real-time rights, isolate a core",
     )
 
 
-def sustainable_hz(
-    replies: Replies, schedule: Schedule, baud: int, most_missed: float = MOST_MISSED
-) -> float:
-    """Return the rate at which 99 % of the replies are in time and the cycle fits on the wire [Hz].
-
-    A pipelined reply may take longer than a period, but delays the next request: apart from the
-    fraction that may be missed, replies come one after the other.
+def judge_rights(settings: Sequence[Check], profile: Profile) -> list[Check]:
+    """Judge the granted real-time rights; only ``strict`` counts a missing one as a fault.
 
     Args:
-        replies: Single replies, at least one.
-        schedule: Decides the time allowed for a reply.
-        baud: Baud rate of the wire [bit/s].
-        most_missed: Fraction of replies.
+        settings: Settings from ``realtime.apply``.
+        profile: The configured one.
     """
-    in_time = _PERIODS[schedule] * 1e9 / percentile(replies.took_ns, 0.99)
-    on_wire = COLLECT_SHARE / cycle_s(baud, replies.count, replies.read)
-    in_row = 1e9 / ((1.0 - most_missed) * replies.in_row_ns) if replies.in_row_ns else on_wire
-    return min(in_time, on_wire, in_row)
-
-
-def _suits(replies: Replies, wanted: Wanted) -> Schedule | None:
-    return suits(replies, wanted.rate_hz, wanted.baud, wanted.most_missed)
-
-
-def _advice(replies: Replies, wanted: Wanted) -> str:
-    """Return advice against late replies, about the first cause found."""
-    if not replies.took_ns:
-        return f"check {wanted.wiring}: it answers single registers but not the block of its sample"
-    if replies.share_failed > wanted.most_missed:
-        return f"check {wanted.wiring}, and that no other servo has this id"
-    needed_ns = 1e9 * cycle_s(wanted.baud, replies.count, replies.read) + wanted.return_delay_ns
-    held_ns = percentile(replies.took_ns, 0.5) - needed_ns
-    if held_ns > _TIMER_NS:
-        return (
-            f"replies are held back for {_ms(replies.in_row_ns)}, as by an adapter's latency timer "
-            "(factory setting 16 ms): set it to 1 ms"
-        )
-    if wanted.return_delay_ns:
-        return "set the return delay to 0, as --fix and a run do, then examine again"
-    disturbed = wanted.stalls or replies.disturbed
-    ways = []
-    best = _suits(replies, wanted)
-    if best not in (None, wanted.schedule) and not (disturbed and held_ns < _HELD_NS):
-        ways.append(f"set servo.schedule={best}")
-    elif disturbed:
-        return (
-            "a few replies are slow, as on a busy machine: end other programs on this machine (see "
-            "wake-up lateness), then examine again"
-        )
-    most = sustainable_hz(replies, wanted.schedule, wanted.baud, wanted.most_missed)
-    lower = next((rate for rate in _RATES if rate <= most and rate < wanted.rate_hz), None)
-    if lower is not None:
-        ways.append(f"set loop.rate_hz={lower}")
-    return ", or ".join(ways) or "examine again: with such replies no rate is sustainable"
-
-
-def _reply_time(replies: Replies, wanted: Wanted, advice: str) -> Check:
-    limit_ns = _PERIODS[wanted.schedule] * 1e9 / wanted.rate_hz
-    found = f"{replies.lost} lost, {replies.corrupt} broken of {replies.asked}"
-    limit = (
-        f"99 % within {_ms(limit_ns)} ({wanted.schedule}), at most {wanted.most_missed:.0%} lost"
-    )
-    ok = replies.share_failed <= wanted.most_missed
-    if replies.took_ns:
-        p50, p99 = percentile(replies.took_ns, 0.5), percentile(replies.took_ns, 0.99)
-        ok &= p99 <= limit_ns
-        longest = _ms(replies.took_ns[-1])
-        found = f"median {_ms(p50)}, 99 % {_ms(p99)}, longest {longest}; {found}"
-    return Check("reply time", ok, found, limit, "" if ok else advice)
-
-
-def _rate(replies: Replies, wanted: Wanted, advice: str) -> Check:
-    rates = {
-        schedule: sustainable_hz(replies, schedule, wanted.baud, wanted.most_missed)
-        for schedule in _PERIODS
-    }
-    ok = rates[wanted.schedule] >= wanted.rate_hz
-    found = ", ".join(f"{schedule} {hz:.0f} Hz" for schedule, hz in rates.items())
-    if replies.count > 1:
-        found += f" ({replies.count} servos, {replies.read} read)"
-    text = f"{wanted.rate_hz:g} Hz ({wanted.schedule})"
-    return Check("sustainable rate", ok, found, text, "" if ok else advice)
-
-
-def _encoder(replies: Replies) -> Check:
-    spread = replies.spread
-    fix = "" if spread <= 1 else "noise, or the shaft is moving: take your hands off and repeat"
-    found = f"{spread} counts apart in {replies.asked - replies.lost - replies.corrupt} readings"
-    return Check("encoder at rest", True, found, "at most 1 count apart", fix)
-
-
-def _schedule(replies: Replies, wanted: Wanted, advice: str) -> Check:
-    """Judge whether the configured schedule is suitable."""
-    best = _suits(replies, wanted)
-    ok = best in (wanted.schedule, "immediate")  # pipelined holds wherever immediate does
-    fix = "" if ok else advice
-    if ok and best != wanted.schedule:
-        fix = f"set servo.schedule={best}, which has younger samples"
-    text = best or f"none at {wanted.rate_hz:g} Hz"
-    return Check("schedule", ok, wanted.schedule, f"suitable: {text}", fix)
+    if profile == "off":
+        return [not_applicable("real-time rights", "realtime.profile is off")]
+    required = missing_for_strict(settings) if profile == "strict" else []
+    return [
+        replace(each, name=f"real time: {each.name}", ok=each not in required) for each in settings
+    ]
 
 
 def _ms(duration_ns: float) -> str:

@@ -61,6 +61,11 @@ class AliveRun:
         """Return the path of its log."""
         return self.socket.with_name(self.socket.name.removesuffix(SUFFIX))
 
+    @property
+    def is_here(self) -> bool:
+        """Whether its log lies in the current folder, or in one below."""
+        return Path.cwd() in Path(os.path.realpath(self.log)).parents
+
 
 def socket_of(log: Path) -> Path:
     """Return the path of the socket of a run with this log."""
@@ -185,8 +190,7 @@ def chosen(asked: Path | None, runs: Sequence[AliveRun]) -> AliveRun:
             if place in (Path(os.path.realpath(run.log)), Path(os.path.realpath(run.log.parent)))
         ]
     else:
-        here = Path.cwd()
-        which = [run for run in runs if here in Path(os.path.realpath(run.log)).parents] or which
+        which = [run for run in runs if run.is_here] or which
     if len(which) == 1:
         return which[0]
     names = ", ".join(str(run.log) for run in which or runs)

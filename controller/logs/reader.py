@@ -36,6 +36,7 @@ from haptic_wall.controller.logs.file import (
 from haptic_wall.controller.runtime.telemetry import ROW
 from haptic_wall.controller.settings.axis_names import MOST_AXES, of_axis
 from haptic_wall.controller.system import json_text
+from haptic_wall.hw.names import did_you_mean
 
 _ROWS: Final = 1000
 """Rows in a block"""
@@ -119,12 +120,13 @@ class LogReader:
                 "found none" if name is None else f"found {name}",
                 field="--axis",
                 wanted=f"one of {names}" if names else "none: the log is of one servo",
+                advice=did_you_mean(name or "", self.axes),
             )
         if self.axes == ONE_AXIS:
             return self
         config, end = self.metadata.get("config"), self.end
         if isinstance(config, dict) and isinstance(config.get("axes"), dict):
-            config = config_of(config, name)
+            config = _alone(config, name)
         if end is not None and name in (parts := end.get("axes") or {}):
             part = parts[name]
             if isinstance(end.get("bus"), dict) and isinstance(part.get("bus"), dict):
@@ -212,15 +214,15 @@ def _of_axis(axes: tuple[str, ...], index: int) -> tuple[str, ...]:
     )
 
 
-def config_of(config: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Return the configuration of one axis of several, as if it were alone."""
-    own = config["axes"].get(name)
-    shared = {section: value for section, value in config.items() if section not in _OF_ALL}
-    return shared | (own if isinstance(own, dict) else {})
-
-
-_OF_ALL: Final = ("axes", "arm")
-"""Sections of a configuration that no axis has alone"""
+def _alone(config: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Return what ``Config.each`` has of an axis, of a configuration that need not be valid."""
+    axes = config["axes"]
+    found = {key: value for key, value in config.items() if key not in ("axes", "arm")}
+    if isinstance(own := axes.get(name), dict):
+        found |= own
+    if isinstance(model := found.get("model"), dict) and len(axes) > 1:
+        found["model"] = model | {"bare": True}
+    return found
 
 
 @contextlib.contextmanager

@@ -130,7 +130,7 @@ class Door:
         """Tell how the run ended, end the process, and take its last news; safe to call twice.
 
         Args:
-            words: Text about the end; empty: not known.
+            words: Text about the end; empty: nobody waits for it, and the process is killed.
         """
         if self._closed:
             return
@@ -139,7 +139,7 @@ class Door:
         if words:
             self._send({"ended": words})
         if self._child is not None:
-            self._child.send(signal.SIGTERM)
+            self._child.send(signal.SIGTERM if words else signal.SIGKILL)
             self._child.wait(END_S)
             self.look()
             self._child.dismiss(0.0)

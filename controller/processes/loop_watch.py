@@ -56,7 +56,7 @@ class LoopWatch:
             end_s = REPORT_S
         if self._asked is not None and now - max(self._asked, self._awake) > end_s:
             return f"did not end within {end_s:g} s of being asked to"
-        if state == LoopState.STARTING:
+        if state <= LoopState.STARTING:
             if now - self._started > START_S:
                 return f"did not start within {START_S:g} s"
             return None

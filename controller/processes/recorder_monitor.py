@@ -128,7 +128,7 @@ class RecorderMonitor:
     def _await_end(self) -> str | None:
         """Wait while the recorder makes progress; return how it failed, or None."""
         recorder = self._recorder
-        if recorder is None:
+        if recorder is None or not self._words[Word.HEAD]:  # it has nothing to write
             return None
         tail = -1
         while not recorder.ended() and self._words[Word.TAIL] != tail:

@@ -102,7 +102,8 @@ class Supervisor:
             reason, found = self._suspension.verdict(self._watch(loop, emulator, log))
             self._cause = "; ".join(filter(None, (found, self._cause)))
             # First: its last events go into the log.
-            self._door.close("; ".join(filter(None, (str(reason), self._cause))))
+            told = "; ".join(filter(None, (str(reason), self._cause)))
+            self._door.close("" if self._was_given_up(reason) else told)
             self._warnings += [*log.end(), *self._suspension.notes()]
             if self._door.trouble:
                 self._warnings.append(self._door.trouble)
@@ -196,6 +197,9 @@ class Supervisor:
             silence_s = max(silence_s, PATIENCE_S)
         watch = LoopWatch(self._words, silence_s, looked)
         while True:
+            if self._words[Word.STOP] and self._words[Word.STATE] == LoopState.PREPARING:
+                self._cut.take_from(loop)  # its imports and computations may take many seconds
+                return End.INTERRUPTED
             # Not poll(): its whole milliseconds would miss the idle window.
             pause_s = until_idle_window(self._words, self._plan.config.period_ns, POLL_S)
             news = bool(ready((loop.pidfd, loop.output), pause_s))
@@ -240,11 +244,16 @@ class Supervisor:
         if failed:
             self._warnings.append(f"{failed}; start it again")
         if self._refused is not None:
-            if self._words[Word.STATE] not in (LoopState.STARTING, LoopState.TORQUE_OFF):
+            state = self._words[Word.STATE]
+            if state > LoopState.STARTING and state != LoopState.TORQUE_OFF:
                 self._cut_unconfirmed()
             return End.REFUSED
         self._cause = self._cut.take_from(loop)
         return Trip.LOOP_DIED
+
+    def _was_given_up(self, reason: StopReason) -> bool:
+        """Whether the run was interrupted before its first tick: nothing of it is to be kept."""
+        return reason is End.INTERRUPTED and not self._words[Word.HEAD]
 
     def _tell(self, text: str) -> None:
         """Tell a person, at the terminal and on the page."""

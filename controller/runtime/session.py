@@ -225,6 +225,7 @@ class _Session:
         """Check the servo, switch its torque on, and build the cycle; the loop then runs."""
         config, bus, telemetry = self._config, self.bus, self._telemetry
         limits, asked = [servo.facts.torque_limit for servo in self._servos], config.servo.schedule
+        telemetry.words[Word.STATE] = LoopState.STARTING  # first: see Supervisor
         if not telemetry.words[Word.STOP]:  # no torque is switched on for a session that is to stop
             self._started = True
             if isinstance(self._clock, ElasticClock):

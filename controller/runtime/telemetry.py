@@ -153,14 +153,16 @@ _HEAD = int(Word.HEAD)  # used in every tick: a plain number is twice as fast as
 class LoopState(IntEnum):
     """State of the loop."""
 
-    STARTING = 0
-    RUNNING = 1
+    PREPARING = 0
+    """It imports and computes, and has sent nothing to the servos."""
+    STARTING = 1
+    RUNNING = 2
     """On the grid, with a heartbeat."""
-    TORQUE_OFF = 2
+    TORQUE_OFF = 3
     """Torque off was commanded and read back."""
-    TORQUE_UNKNOWN = 3
+    TORQUE_UNKNOWN = 4
     """The loop is done, but torque off could not be read back."""
-    STOPPING = 4
+    STOPPING = 5
     """Off the grid; torque off is being sent and read back."""
 
 

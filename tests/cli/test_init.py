@@ -59,6 +59,8 @@ def test_a_file_has_an_axis_for_each_id(cli: Cli, tmp_path: Path) -> None:
     config = load_config(str(file)).config
     assert {name: one.servo.id for name, one in config.each.items()} == {"axis_3": 3, "axis_1": 1}
     assert "found 1 twice" in cli.refused("init", file, "--axes", "1,1", "--force")
+    told = cli.refused("init", file, "--axes", "1,2", "--from", "emulated-arm", "--force")
+    assert "wall.low: found nothing" in told and "give --urdf" in told and "axis_2" not in told
 
 
 def test_the_pages_that_a_preset_names_are_there() -> None:

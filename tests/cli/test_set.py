@@ -31,8 +31,11 @@ def test_the_answer_names_the_run_and_is_one_line_where_it_is_piped(
     for terminal in (False, True):
         monkeypatch.setattr("sys.stdout.isatty", lambda shown=terminal: shown)
         assert cli.main(["set", "wall.stiffness=4"]) == 0
-        text = capsys.readouterr().out
+        text, said = capsys.readouterr()
         assert text.startswith(f"the run of {log}: ")
+        assert said == f"no wall runs in this folder; the change is for the run of {log}\n"
         assert len(text.splitlines()) == (4 if terminal and told["changed"] else 1)
+    monkeypatch.chdir(tmp_path)
     assert cli.main(["set", "wall.stiffness=4", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["log"] == str(log)
+    text, said = capsys.readouterr()
+    assert json.loads(text)["log"] == str(log) and not said

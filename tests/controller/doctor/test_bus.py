@@ -13,7 +13,7 @@ from haptic_wall.controller.doctor.mending import mend
 from haptic_wall.controller.doctor.replies import time_replies
 from haptic_wall.controller.doctor.report import Change
 from haptic_wall.controller.doctor.search import search
-from haptic_wall.controller.doctor.timing import suits
+from haptic_wall.controller.doctor.timing import Timing
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser
 from haptic_wall.hw.dynamixel.codec.frames import Frame
@@ -242,8 +242,8 @@ def test_an_adapter_timer_of_1_ms_spoils_immediate_and_leaves_pipelined() -> Non
     late = sum(took > 0.8 * MS for took in found.took_ns)
     assert late == pytest.approx(0.3 * 200, abs=3)
     assert found.took_ns[-1] < 1.11 * MS
-    assert suits(found, 1000, BAUD) == "pipelined"
-    assert suits(found, 500, BAUD) == "immediate"
+    assert Timing(found, "auto", 1000, BAUD).best == "pipelined"
+    assert Timing(found, "auto", 500, BAUD).best == "immediate"
 
 
 def test_a_servo_that_is_silent_is_not_asked_for_ever() -> None:

@@ -5,9 +5,8 @@ from typing import Any
 
 import pytest
 
-from haptic_wall.controller.doctor.machine import judge_lateness, judge_rights
 from haptic_wall.controller.doctor.replies import Replies
-from haptic_wall.controller.doctor.timing import Wanted, judge_timing, sustainable_hz
+from haptic_wall.controller.doctor.timing import Timing, judge_lateness, judge_rights
 from haptic_wall.hw.servo import Check
 from haptic_wall.hw.settings import Schedule
 
@@ -37,38 +36,33 @@ STALLED = replies([MS // 10] * 190 + [7 * MS] * 10, MS // 10)
 """Five of a hundred wait for a machine that does something else"""
 
 
-def wanted(
-    schedule: Schedule = "immediate", rate_hz: float = 1000.0, baud: int = 4_000_000, **more: Any
-) -> Wanted:
-    return Wanted(schedule, rate_hz, baud, **more)
-
-
-def judged(found: Replies, wish: Wanted) -> dict[str, Check]:
-    return {finding.name: finding for finding in judge_timing(found, wish)}
+def judged(found: Replies, schedule: Schedule = "immediate", **more: Any) -> dict[str, Check]:
+    timing = Timing(found, schedule, 1000.0, 4_000_000, **more)
+    return {finding.name: finding for finding in timing.checks()}
 
 
 def test_quick_replies_are_well_in_both_schedules() -> None:
-    found = judged(QUICK, wanted("immediate"))
+    found = judged(QUICK, "immediate")
     assert all(finding.ok and not finding.fix for finding in found.values())
-    found = judged(QUICK, wanted("pipelined"))
+    found = judged(QUICK, "pipelined")
     assert all(finding.ok for finding in found.values())
     assert found["schedule"].fix == "set servo.schedule=immediate, which has younger samples"
 
 
 def test_a_timer_of_1_ms_is_too_slow_for_immediate_and_pipelined_is_named() -> None:
-    found = judged(TIMER, wanted())
+    found = judged(TIMER)
     wrong = {name for name, finding in found.items() if not finding.ok}
     assert wrong == {"reply time", "sustainable rate", "schedule"}
     for name in wrong:  # 0.8 / 1.1 ms is 727 Hz
         assert found[name].fix == "set servo.schedule=pipelined, or set loop.rate_hz=500"
-    found = judged(TIMER, wanted("pipelined"))
+    found = judged(TIMER, "pipelined")
     assert all(finding.ok for finding in found.values())
 
 
 def test_replies_held_for_16_ms_point_to_the_latency_timer_and_to_no_other_rate() -> None:
     # A run keeps its rate with such an adapter, with older samples: a lower one gains nothing.
     for schedule in ("immediate", "pipelined"):
-        found = judged(FACTORY, wanted(schedule))
+        found = judged(FACTORY, schedule)
         for name in ("reply time", "sustainable rate", "schedule"):
             assert not found[name].ok
             assert "latency timer" in found[name].fix
@@ -78,24 +72,26 @@ def test_replies_held_for_16_ms_point_to_the_latency_timer_and_to_no_other_rate(
 def test_the_wire_limits_the_rate_however_quick_the_replies() -> None:
     # 58 bytes of ten bits each at 57600 bit/s: 10.1 ms, which the configuration allows to be 0.8
     # of a period.
-    assert sustainable_hz(QUICK, "pipelined", 57_600) == pytest.approx(79.45, abs=0.01)
-    assert sustainable_hz(QUICK, "immediate", 4_000_000) == pytest.approx(0.8 / 0.145e-3)
+    slow, fast = (Timing(QUICK, "auto", 1000.0, baud) for baud in (57_600, 4_000_000))
+    assert slow.sustainable_hz("pipelined") == pytest.approx(79.45, abs=0.01)
+    assert fast.sustainable_hz("immediate") == pytest.approx(0.8 / 0.145e-3)
 
 
 def test_lost_replies_are_wrong_however_quick_the_others_are() -> None:
     poor = replies([MS // 10] * 180, MS // 10, 15, 5)
-    found = judged(poor, wanted())
+    found = judged(poor)
     assert not found["reply time"].ok
     assert "15 lost, 5 broken of 200" in found["reply time"].found
     assert "cable" in found["schedule"].fix  # and not a lower rate
-    none = judged(replies([], 0, 200), wanted())
+    assert "which no schedule has" in found["schedule"].wanted
+    none = judged(replies([], 0, 200))
     assert not none["reply time"].ok
     assert "encoder at rest" not in none
 
 
 def test_a_return_delay_is_blamed_before_schedule_or_rate_since_a_run_sets_it_to_0() -> None:
     slow = replies([6 * MS // 10 + k * MS // 500 for k in range(200)], 6 * MS // 10)
-    found = judged(slow, wanted(return_delay_ns=MS // 2))
+    found = judged(slow, return_delay_ns=MS // 2)
     for name in ("reply time", "sustainable rate"):
         assert not found[name].ok
         assert found[name].fix.startswith("set the return delay to 0")
@@ -107,13 +103,13 @@ def test_a_busy_machine_is_blamed_before_the_bus_and_no_other_rate_is_proposed(
     stalls: bool,
 ) -> None:
     # The emulated bus may be kept waiting where the loop is not.
-    found = judged(STALLED, wanted(stalls=stalls))
+    found = judged(STALLED, stalls=stalls)
     for name in ("reply time", "sustainable rate", "schedule"):
         assert not found[name].ok
         assert "wake-up lateness" in found[name].fix
         assert "loop.rate_hz" not in found[name].fix
     # ... but what the adapter holds back is not the machine's doing
-    fix = judged(TIMER, wanted(stalls=True))["schedule"].fix
+    fix = judged(TIMER, stalls=True)["schedule"].fix
     assert fix.startswith("set servo.schedule=pipelined")
 
 

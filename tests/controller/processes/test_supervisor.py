@@ -207,6 +207,21 @@ def test_a_stop_before_the_first_tick_is_no_trip_however_slow_the_machine(
     assert "being asked to" in "".join(ended.warnings)
 
 
+def test_a_stop_while_the_loop_still_computes_ends_the_run_at_once(stage: Stage) -> None:
+    """Its imports and computations take many seconds on a busy machine."""
+
+    def stop(_loop: Child) -> None:
+        stage.words[Word.STATE], stage.words[Word.STOP] = LoopState.PREPARING, 1
+
+    stage.loop_acts = stop
+    began = time.monotonic()
+    ended, report = stage.run()
+    assert time.monotonic() - began < 1.0
+    assert exit_status(ended.stop_reason) == 130
+    assert stage.cuts == SILENT_AND_MARKED
+    assert report["torque_off"] is True and ended.warnings == []
+
+
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> SimulatedClock:
     """The supervisor's, for all but its heartbeats: it can be suspended."""
