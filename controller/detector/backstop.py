@@ -20,6 +20,7 @@ import math
 from enum import IntEnum
 from typing import Final
 
+from haptic_wall.controller.detector.chatter import Chatter
 from haptic_wall.controller.detector.contacts import Contacts
 from haptic_wall.controller.detector.half_cycles import HalfCycles
 from haptic_wall.controller.detector.load_hold import LoadHold
@@ -108,6 +109,7 @@ class Backstop:
         self._asked = self.swings
         self._inside = True
         self._hold = LoadHold(self.half_cycles, settings)
+        self._chatter = Chatter(settings)
         self.derating = Derating()
         self.probe = Probe(tuning)
         self.phase, self._cause = Phase.WATCHING, Cause.STOPPED
@@ -170,6 +172,15 @@ class Backstop:
             if self._thrown >= self._tuning.throws:
                 self.news = True
                 self._probe_what_throws()
+        chatter = self._chatter
+        if abs(torque) >= chatter.limit:
+            if chatter.turns(torque, self._time):
+                self.news = True
+                self._chattered()
+        elif chatter.count and chatter.over(self._time):
+            self.news = True
+            self.alarm = self.alarm and not chatter.found
+            chatter.count = 0
         if self.derating.scale != 1.0:
             self._follow_load(away, torque, span, ended=ended)
 
@@ -289,6 +300,7 @@ class Backstop:
         self._settings = settings
         self.news = True
         self._hold.change(settings)
+        self._chatter = Chatter(settings)
         self.half_cycles.shift(moved_by)
         self._contacts.shift(moved_by * settings.side)
         if side:
@@ -467,7 +479,7 @@ class Backstop:
             return  # without a torque there is nothing to soften
         self.probes += 1
         self._shared.asking = self
-        self.probe.begin()
+        self.probe.begin(whole=True)
         for axis in self._shared.axes:
             axis.phase = Phase.PROBING
             axis._soften_for(self.probe.before.cycle)
@@ -477,7 +489,7 @@ class Backstop:
         hold, tuning, settings = self._hold, self._tuning, self._settings
         if not self._asks:
             last = self._asked.motion.last
-            self.probe.begin()
+            self.probe.begin(whole=False)
             self.probe.before = sighting(last, self._time) if len(last) > 1 else NEVER
         rests = not self._begin_hold()
         loaded = abs(self._torque) > tuning.loaded_contacts * settings.torque_limit
@@ -577,11 +589,30 @@ class Backstop:
             if self._count >= tuning.reduced_half_cycles:
                 self.failed = not seen.contacts or seen.motion.gain > tuning.reduced_gain
         elif not softest:
-            self._hold.begin(self._stiffness)
-            for axis in self._shared.axes:
-                axis._scale(tuning.scale ** (self._step + 1), tuning.scale**self._step)
-            self._step += 1
-            self._count = 0
+            self._soften_further()
+
+    def _soften_further(self) -> None:
+        """Take the next step of the reduction; the damping follows one step behind."""
+        self._hold.begin(self._stiffness)
+        scale = self._tuning.scale
+        for axis in self._shared.axes:
+            axis._scale(scale ** (self._step + 1), scale**self._step)
+        self._step += 1
+        self._count = 0
+
+    def _chattered(self) -> None:
+        """React to a torque that jumps from limit to limit, faster than a hand makes it."""
+        settings = self._settings
+        if self.phase != Phase.REDUCED:
+            self._asked, self._begun, self._settled = self.swings, self._time, False
+            cycle, smallest = self._chatter.cycle, settings.position_step
+            self.probe.before = Sighting(cycle, smallest, 0.0, self._time)
+            self._alarm(Cause.STOPPED)
+        elif self._step < self._tuning.steps:
+            self._shared.asking = self
+            self._soften_further()
+        else:
+            self.alarm = self.failed = True
 
     def _own(self, seen: Regularity) -> bool:
         """Whether the wall certainly makes this motion."""
