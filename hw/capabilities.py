@@ -10,10 +10,10 @@ from haptic_wall.hw.hand import SharedHand
 
 @runtime_checkable
 class TakesHand(Protocol):
-    """A simulated servo whose shaft a person can hold."""
+    """Simulated servos whose shafts a person can hold."""
 
     def take_hand(self, hand: SharedHand) -> None:
-        """Let the hand hold the shaft whenever it holds on."""
+        """Let the hand hold each shaft whenever it holds on."""
         ...
 
 

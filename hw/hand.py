@@ -10,6 +10,7 @@ from __future__ import annotations
 import mmap
 import os
 import struct
+from collections.abc import Sequence
 from typing import Final, NamedTuple, Self
 
 SILENCE_NS: Final = 150_000_000
@@ -28,6 +29,8 @@ _NUMBER: Final = struct.Struct("<q")
 _MOUNT: Final = struct.Struct("<dd")
 """Sign and offset of the servo"""
 _MOUNT_AT: Final = 64
+_EACH: Final = 128
+"""Bytes of an axis"""
 _SIZE: Final = 4096
 _TRIES: Final = 3
 
@@ -63,30 +66,37 @@ class Grasp(NamedTuple):
 
 
 class SharedHand:
-    """The memory, from the side of one process.
+    """The memory, from the side of one process: the hand on the shaft of an axis.
 
     Args:
         descriptor: Of a memory made by ``create``, possibly inherited.
+        axis: Index of the axis.
     """
 
-    def __init__(self, descriptor: int) -> None:
+    def __init__(self, descriptor: int, axis: int = 0) -> None:
         self.descriptor = descriptor
-        self._map = mmap.mmap(descriptor, _SIZE)
+        whole = memoryview(mmap.mmap(descriptor, _SIZE))
+        self._map = whole[_EACH * axis : _EACH * (axis + 1)]
         self._sign, self._offset = _MOUNT.unpack_from(self._map, _MOUNT_AT)
         self._last: Grasp | None = None
 
     @classmethod
-    def create(cls, sign: int = 1, offset: float = 0.0) -> Self:
-        """Return a hand that holds nothing; the caller closes it.
+    def create(cls, mounts: Sequence[tuple[int, float]] = ((1, 0.0),)) -> Self:
+        """Return the hand on the first shaft, which holds nothing; the caller closes it.
 
         Args:
-            sign: Of the servo, see ``DriverSettings``: the hand is told positions of the joint.
-            offset: Of the servo [rad].
+            mounts: Sign and offset [rad] of each servo, see ``DriverSettings``: the hand is told
+                positions of the joint.
         """
         descriptor = os.memfd_create("haptic-wall-hand")
         os.ftruncate(descriptor, _SIZE)
-        os.pwrite(descriptor, _MOUNT.pack(sign, offset), _MOUNT_AT)
+        for axis, mount in enumerate(mounts):
+            os.pwrite(descriptor, _MOUNT.pack(*mount), _EACH * axis + _MOUNT_AT)
         return cls(descriptor)
+
+    def of(self, axis: int) -> SharedHand:
+        """Return the hand on the shaft of an axis, by its index."""
+        return SharedHand(self.descriptor, axis)
 
     def close(self) -> None:
         """Close the descriptor."""

@@ -56,7 +56,7 @@ class SimulatedBus:
         self._grain_ns = 1 if isinstance(clock, SimulatedClock) else GRAIN_NS
         self._mechanisms = [Mechanism(true, self._instant()) for true in trues]
         couple(arm, self._mechanisms)
-        self._hand: SharedHand | None = None
+        self._hands: list[SharedHand] = []
         self._readings: list[Reading] = []
         self._running = False
         self.facts = [
@@ -77,8 +77,8 @@ class SimulatedBus:
         couple(self._arm, self._mechanisms)
         for mechanism in self._mechanisms:
             mechanism.engage_operator(now_ns)
-        if self._hand is not None:
-            self._mechanisms[0].take_hand(self._hand)
+        for mechanism, hand in zip(self._mechanisms, self._hands, strict=False):
+            mechanism.take_hand(hand)
         self._readings, self._written = [], ()
         self._running = True
         return [[] for _ in self._mechanisms]
@@ -141,9 +141,10 @@ class SimulatedBus:
         self.stop()
 
     def take_hand(self, hand: SharedHand) -> None:
-        """Let a person hold the first shaft from now on, whenever the hand holds on."""
-        self._hand = hand
-        self._mechanisms[0].take_hand(hand)
+        """Let a person hold the shafts from now on, whenever the hand holds on."""
+        self._hands = [hand.of(axis) for axis in range(len(self._mechanisms))]
+        for mechanism, own in zip(self._mechanisms, self._hands, strict=True):
+            mechanism.take_hand(own)
 
     def _pass_until(self, now_ns: int) -> None:
         """Move until ``now_ns`` [ns], with the last torques."""

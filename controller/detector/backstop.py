@@ -6,9 +6,6 @@ the limit of that torque, and the damping are all reduced to a quarter. A motion
 then becomes slower: twice as slow for a linear spring. A hand's motion keeps its period. The result
 uses no belief about the servo.
 
-A two-sided wall, and a one-sided one under a steady push, is watched by its half-cycles; bouncing
-off a one-sided wall by its contacts.
-
 Several axes have a backstop each. A motion of the arm shows in many of them, and the part of its
 energy in each spring depends on the pose. So all walls are probed and reduced together: the motion
 then becomes twice as slow whatever the pose, like that of one servo. One probe goes on at a time.
@@ -20,9 +17,14 @@ import math
 from enum import IntEnum
 from typing import Final
 
-from haptic_wall.controller.detector.contacts import Contacts
-from haptic_wall.controller.detector.half_cycles import HalfCycles
-from haptic_wall.controller.detector.load_hold import LoadHold
+from haptic_wall.controller.detector.motions import (
+    BOUNCED,
+    CALM,
+    ENDED,
+    JUMPS,
+    THROWN,
+    Motions,
+)
 from haptic_wall.controller.detector.probe import Probe, Verdict, alike
 from haptic_wall.controller.detector.regularity import (
     NEVER,
@@ -36,7 +38,7 @@ from haptic_wall.controller.detector.regularity import (
     sighting,
 )
 from haptic_wall.controller.detector.settings import WatchSettings
-from haptic_wall.controller.laws.wall import Derating
+from haptic_wall.controller.detector.soft_wall import SoftWall
 
 
 class Phase(IntEnum):
@@ -81,8 +83,8 @@ class Backstop:
     """Finds persisting motion, probes the wall, reduces it, and gives up if that fails.
 
     Attributes:
-        derating: What it leaves of the law; the law shares it.
-        half_cycles: The motion between turning points.
+        motions: What it sees of the shaft.
+        wall: The wall that it softens.
         phase: Its state.
         alarm: The wall feeds the motion.
         failed: Reducing does not help: the run must end.
@@ -100,20 +102,14 @@ class Backstop:
         self._settings = settings
         self._shared = shared or Shared()
         self._shared.axes.append(self)
-        self._tuning = tuning = settings.tuning
-        self.half_cycles = HalfCycles(settings.period, settings.position_step, tuning)
-        self.swings = Regularity(self.half_cycles, settings, contacts=False)
-        self._contacts = Contacts(settings.position_step, tuning)
-        self._bounces = Regularity(self._contacts, settings, contacts=True)
-        self._asked = self.swings
-        self._inside = True
-        self._hold = LoadHold(self.half_cycles, settings)
-        self.derating = Derating()
-        self.probe = Probe(tuning)
+        self._tuning = settings.tuning
+        self.motions = Motions(settings)
+        self.wall = SoftWall(self.motions.half_cycles, settings)
+        self._asked = self.motions.swings
+        self.probe = Probe(settings.tuning)
         self.phase, self._cause = Phase.WATCHING, Cause.STOPPED
-        self._time = self._begun = self._elongation = 0.0
-        self._stiffness = self._damping = self._torque = 0.0
-        self._stops = self._count = self._step = self._thrown = 0
+        self._time = self._begun = 0.0
+        self._stops = self._count = self._step = 0
         self._hand = self._stop = NEVER
         self.alarm = self.failed = self.backlash = False
         self._settled = self._small_cycle = self.news = False
@@ -132,64 +128,47 @@ class Backstop:
             stiffness: K without the derating [N·m/rad].
             damping: B without the derating [N·m·s/rad].
         """
-        settings = self._settings
         self._time += span
-        self._stiffness, self._damping, self._torque = stiffness, damping, torque
-        ended = self.half_cycles.update(away, torque, span)
-        bounced, elongation = False, away
-        if settings.side:
-            depth = away * settings.side
-            if depth <= 0.0:  # a half-cycle with a part outside is no evidence about the spring
-                elongation = 0.0
-                if self._inside:
-                    self.swings.forget()
-                    self.news = True
-                self._inside = False
-            whole = ended and self._inside
-            if ended:
-                self._inside = depth > 0.0
-                if not whole:
-                    self.swings.forget()
-                    self.news = True
-            ended = whole
-            bounced = self._contacts.update(depth, torque * settings.side, span)
-        elif settings.elongation is not None:
-            elongation = settings.elongation(away)
-        last, self._elongation = self._elongation, elongation
+        self.wall.take(away, torque, stiffness, damping)
+        news = self.motions.update(away, torque, span, self._time)
         if self.phase is not _WATCHING:
             self.news = True
-            self._answer_time(elongation, last, span)
-        if ended:
+            self._answer_time(span)
+        if news:
             self.news = True
-            self._ended(self.swings)
-        if bounced:
-            self.news = True
-            self._ended(self._bounces)
-        if self._contacts.gaining != self._thrown and self.phase is _WATCHING:
-            self._thrown = self._contacts.gaining
-            if self._thrown >= self._tuning.throws:
-                self.news = True
-                self._probe_what_throws()
-        if self.derating.scale != 1.0:
-            self._follow_load(away, torque, span, ended=ended)
+            self._take(news)
+        if self.wall.derating.scale != 1.0 and self.phase != Phase.PROBING:
+            returning = self.phase == Phase.RETURNING
+            self.wall.follow(span, ended=bool(news & ENDED), returning=returning)
 
-    def _answer_time(self, elongation: float, last: float, span: float) -> None:
+    def _take(self, news: int) -> None:
+        """Process the news of the motions."""
+        motions = self.motions
+        for which, seen in ((ENDED, motions.swings), (BOUNCED, motions.bounces)):
+            if news & which and seen.motion.last:  # else a load that has just gone made it
+                self._ended(seen)
+        if news & THROWN and self.phase == Phase.WATCHING:
+            self._probe_what_throws()
+        if news & JUMPS:
+            self._chattered()
+        if news & CALM:
+            self.alarm = False
+
+    def _answer_time(self, span: float) -> None:
         """Answer what takes no half-cycle: rest, and a load that has gone.
 
         Args:
-            elongation: Of the spring, signed [rad].
-            last: At the last sample [rad].
-            span: Time since then [s].
+            span: Time since the last sample [s].
         """
         if self.phase != Phase.REDUCED:
             self.probed_s += span
-        hold = self._hold
-        if hold.torque and hold.left(elongation, soft=self.phase == Phase.REDUCED):
-            hold.leave()
-            if self.phase == Phase.PROBING and self._asks:
-                self._answer(Verdict.HAND if hold.inside else Verdict.CHANGED)
+        gone = self.wall.loses_load(soft=self.phase == Phase.REDUCED)
+        if gone and self.phase == Phase.PROBING and self._asks:
+            self._answer(Verdict.HAND if self.wall.inside else Verdict.CHANGED)
         if self.phase == Phase.RETURNING:
-            self._return(elongation, last)
+            if self.wall.returns():
+                self.phase = Phase.WATCHING
+                self.motions.forget_throws()  # these began on a softer wall
         elif self._asks:
             motion = self._asked.motion
             if self.phase == Phase.PROBING:
@@ -198,48 +177,21 @@ class Backstop:
             elif motion.elapsed > self._tuning.still * motion.interval:
                 self._died()
 
-    def _follow_load(self, away: float, torque: float, span: float, *, ended: bool) -> None:
-        """Hold the load as it is now, except in a probe.
-
-        Args:
-            away: Position, counted from the wall's surface [rad].
-            torque: Sent with the last sample [N·m].
-            span: Time since the last sample [s].
-            ended: A half-cycle has ended inside of the wall.
-        """
-        hold = self._hold
-        if self.phase != Phase.PROBING:
-            returning, scale = self.phase == Phase.RETURNING, self.derating.scale
-            hold.follow(
-                away, torque, span, self._stiffness, scale, ended=ended, returning=returning
-            )
-        now = self.derating
-        now.carried, now.carried_to, now.soft_to = hold.torque, hold.reach, hold.deep
-
-    def _scale(self, stiffness: float, damping: float) -> None:
-        """Set the scales of the wall [1]."""
-        now = self.derating
-        now.scale, now.damping_scale = stiffness, damping
-        now.elastic_limit = stiffness * self._settings.torque_limit
-        if stiffness == 1.0:
-            self._hold.drop()
-            now.carried = now.carried_to = 0.0
-
     @property
     def steady(self) -> bool:
         """Whether the motion is more regular than a hand's; or regular, and must not be probed."""
-        if self.swings.steady or self._settings.acts:
-            return self.swings.steady
+        swings, bounces = self.motions.swings, self.motions.bounces
+        if swings.steady or self._settings.acts:
+            return swings.steady
         threshold, enough = self._settings.threshold, self._tuning.regular_long
-        both = self.swings, self._bounces
-        return any(one.streak >= enough and one.size >= threshold for one in both)
+        return any(one.streak >= enough and one.size >= threshold for one in (swings, bounces))
 
     @property
     def reduced(self) -> tuple[float, float]:
         """Return the scales of stiffness and damping, without those of a probe that goes on."""
         if self.phase == Phase.PROBING:
             return 1.0, 1.0
-        return self.derating.scale, self.derating.damping_scale
+        return self.wall.derating.scale, self.wall.derating.damping_scale
 
     @property
     def seen(self) -> Sighting | None:
@@ -249,12 +201,12 @@ class Backstop:
         """
         if self.alarm and self.phase == Phase.REDUCED:
             return self.probe.before
-        last = self._asked.motion.last if self.alarm else self.half_cycles.last
+        last = self._asked.motion.last if self.alarm else self.motions.half_cycles.last
         return sighting(last, self._time) if len(last) > 1 else None
 
     def is_faster(self, half_cycle: float) -> bool:
         """Whether the shaft turns around sooner than a half-cycle of this length [s]."""
-        motion = self.half_cycles
+        motion = self.motions.half_cycles
         return len(motion.last) > 1 and max(motion.interval, motion.elapsed) < half_cycle
 
     def raise_again(self) -> None:
@@ -263,18 +215,15 @@ class Backstop:
         self.alarm = self._small_cycle = False
         self.news = True
         self._hand = self._stop = NEVER
-        self.swings.streak = self._bounces.streak = 0
+        self.motions.swings.streak = self.motions.bounces.streak = 0
 
     def resume(self) -> None:
         """Restart the watch after a pause without torque; reductions stay."""
-        self.half_cycles.forget()
-        self.swings.forget()
-        self._contacts.forget()
-        self._bounces.forget()
+        self.motions.forget()
         self._count = 0
         self.alarm = False
         self.news = True
-        self._hold.drop()
+        self.wall.drop()
         if self.phase == Phase.PROBING:
             self._let_return()
 
@@ -285,17 +234,13 @@ class Backstop:
             settings: Settings of the law.
             moved_by: Way from the position of the law before [rad].
         """
-        side = settings.side != self._settings.side
+        bounces = self._asked.contacts
         self._settings = settings
         self.news = True
-        self._hold.change(settings)
-        self.half_cycles.shift(moved_by)
-        self._contacts.shift(moved_by * settings.side)
-        if side:
-            self._inside = True
-            self._contacts = Contacts(settings.position_step, settings.tuning)
-            self._bounces = Regularity(self._contacts, settings, contacts=True)
-            self._thrown = 0
+        self.wall.change(settings)
+        self.motions.change(settings, moved_by)
+        if bounces:
+            self._asked = self.motions.bounces
 
     @property
     def _asks(self) -> bool:
@@ -306,30 +251,6 @@ class Backstop:
         """Let each wall return as soon as its spring is at rest."""
         for axis in self._shared.axes:
             axis.phase = Phase.RETURNING
-
-    def _return(self, elongation: float, last: float) -> None:
-        """Restore the gains where that does not change the torque: the spring is at rest there.
-
-        Args:
-            elongation: Elongation of the spring [rad].
-            last: At the last sample; a fast motion is at rest between two samples [rad].
-        """
-        missing = self._missing(elongation)
-        most = self._settings.rest_torque
-        if missing * self._missing(last) < 0.0:
-            most *= self._tuning.rest_between
-        least = self._tuning.rest_counts * self._settings.position_step
-        softer = 1.0 - self.derating.scale
-        if abs(missing) <= max(most, least * softer * self._stiffness):
-            self._scale(1.0, 1.0)
-            self.phase = Phase.WATCHING
-            self._contacts.gaining = self._thrown = 0  # these began on a softer wall
-
-    def _missing(self, elongation: float) -> float:
-        """Return the torque by which the whole spring's differs from the present one's [N·m]."""
-        scale = self.derating.scale
-        held = self._hold.acts(elongation, self._stiffness, scale)
-        return (1.0 - scale) * self._stiffness * elongation + held
 
     def _ended(self, seen: Regularity) -> None:
         """Process the end of a half-cycle or contact."""
@@ -429,8 +350,8 @@ class Backstop:
 
     def _probe_what_throws(self) -> None:
         """Probe a wall that returns the shaft faster, contact by contact, regular or not."""
-        seen, settings = self._bounces, self._settings
-        last = self._contacts.last
+        seen, settings = self.motions.bounces, self._settings
+        last = seen.motion.last
         if not settings.acts or not last or last[-1].amplitude < settings.small:
             return
         self._take_up(seen)
@@ -457,44 +378,29 @@ class Backstop:
         """Whether the load would push through a wall reduced ``steps`` times; 0: in a probe."""
         load, limit = abs(self._asked.motion.load), self._settings.torque_limit
         tuning = self._tuning
-        if self._hold.permitted and not self._asked.contacts:
+        if self.wall.permitted and not self._asked.contacts:
             return load > tuning.loaded * limit
         return load > tuning.loaded_contacts * tuning.scale**steps * limit
 
     def _ask(self) -> None:
         """Start a probe at a turning point, or after a contact."""
-        if not (self._stiffness or self._damping):
+        if not (self.wall.stiffness or self.wall.damping):
             return  # without a torque there is nothing to soften
         self.probes += 1
         self._shared.asking = self
-        self.probe.begin()
+        self.probe.begin(whole=True)
+        cycle = self.probe.before.cycle
         for axis in self._shared.axes:
             axis.phase = Phase.PROBING
-            axis._soften_for(self.probe.before.cycle)
+            if axis is not self:
+                axis._prepare_to_listen()
+            axis.wall.soften_for(cycle, moves=axis is self)
 
-    def _soften_for(self, cycle: float) -> None:
-        """Soften this wall for the probe of a motion with a period [s]."""
-        hold, tuning, settings = self._hold, self._tuning, self._settings
-        if not self._asks:
-            last = self._asked.motion.last
-            self.probe.begin()
-            self.probe.before = sighting(last, self._time) if len(last) > 1 else NEVER
-        rests = not self._begin_hold()
-        loaded = abs(self._torque) > tuning.loaded_contacts * settings.torque_limit
-        if rests and loaded and not hold.permitted:
-            return  # the load would push through: this wall holds none
-        # Damping that acts late stiffens the wall by up to B w, and would hide the softer spring.
-        # Whole, it slows down a shaft whose load is let go.
-        stiffens = self._damping * math.tau > self._stiffness * cycle
-        scale = tuning.scale
-        self._scale(scale, 1.0 if hold.torque and not stiffens else scale)
-
-    def _begin_hold(self) -> bool:
-        """Begin to hold the load; return whether the shaft moves."""
-        moves = self._asks or self.half_cycles.settled <= self._tuning.hold_settled
-        rest = None if moves else (self._elongation, self._torque)
-        self._hold.begin(self._stiffness, rest)
-        return moves
+    def _prepare_to_listen(self) -> None:
+        """Store the motion before the probe of another axis."""
+        last = self._asked.motion.last
+        self.probe.begin(whole=False)
+        self.probe.before = sighting(last, self._time) if len(last) > 1 else NEVER
 
     def _answer(self, verdict: Verdict) -> None:
         """React to the verdict of a probe."""
@@ -544,9 +450,9 @@ class Backstop:
         scale = self._tuning.scale
         for axis in self._shared.axes:
             if axis.phase == Phase.WATCHING:
-                axis._begin_hold()
+                axis.wall.hold(moves=axis is self)
             axis.phase = Phase.REDUCED
-            axis._scale(scale, scale if cause == Cause.STOPPED else 1.0)
+            axis.wall.scale(scale, scale if cause == Cause.STOPPED else 1.0)
 
     def _judge(self, seen: Regularity) -> None:
         """Continue to reduce a persisting motion."""
@@ -577,11 +483,30 @@ class Backstop:
             if self._count >= tuning.reduced_half_cycles:
                 self.failed = not seen.contacts or seen.motion.gain > tuning.reduced_gain
         elif not softest:
-            self._hold.begin(self._stiffness)
-            for axis in self._shared.axes:
-                axis._scale(tuning.scale ** (self._step + 1), tuning.scale**self._step)
-            self._step += 1
-            self._count = 0
+            self._soften_further()
+
+    def _soften_further(self) -> None:
+        """Take the next step of the reduction; the damping follows one step behind."""
+        self.wall.hold(moves=True)
+        scale = self._tuning.scale
+        for axis in self._shared.axes:
+            axis.wall.scale(scale ** (self._step + 1), scale**self._step)
+        self._step += 1
+        self._count = 0
+
+    def _chattered(self) -> None:
+        """React to a torque that jumps from limit to limit, faster than a hand makes it."""
+        settings = self._settings
+        if self.phase != Phase.REDUCED:
+            self._asked, self._begun, self._settled = self.motions.swings, self._time, False
+            cycle, smallest = self.motions.chatter.cycle, settings.position_step
+            self.probe.before = Sighting(cycle, smallest, 0.0, self._time)
+            self._alarm(Cause.STOPPED)
+        elif self._step < self._tuning.steps:
+            self._shared.asking = self
+            self._soften_further()
+        else:
+            self.alarm = self.failed = True
 
     def _own(self, seen: Regularity) -> bool:
         """Whether the wall certainly makes this motion."""
@@ -597,7 +522,7 @@ class Backstop:
     @property
     def _slowest(self) -> float:
         """Return the period of the slowest motion at K [s]; with links nobody knows it."""
-        stiffness = self._stiffness
+        stiffness = self.wall.stiffness
         if len(self._shared.axes) > 1 or stiffness <= 0.0:
             return 1e9
         return math.tau * math.sqrt(self._settings.heavy / stiffness)

@@ -82,7 +82,7 @@ class HalfCycles:
         self._direction = 0
         self._started = False
         self._position = self._start = self._extreme = self._since_extreme = 0.0
-        self._rested = 0.0
+        self._rested = self._early = 0.0
         # Integrals since the start of torque times distance from it, torque, and velocity squared:
         # to the present, and to the farthest position.
         self._now = [0.0, 0.0, 0.0]
@@ -150,7 +150,7 @@ class HalfCycles:
         if not self._started:
             self._started = True
             self._position = self._start = self._extreme = position
-            self._since_extreme = self.elapsed = self._rested = 0.0
+            self._since_extreme = self.elapsed = self._rested = self._early = 0.0
             self._clear()
             return False
         moved = position - self._position
@@ -170,6 +170,7 @@ class HalfCycles:
                 self._direction = 1 if away > 0.0 else -1
                 self._start = self._extreme
                 self.elapsed = self._since_extreme
+                self._early = now[1]  # its time counts, too
                 self._clear()
                 self._reach(position)
             return False
@@ -209,7 +210,7 @@ class HalfCycles:
                 amplitude,
                 -virial / square if square > 0.0 else 0.0,
                 -virial / (duration * max(amplitude, self._least)),
-                impulse,
+                impulse + self._early,
                 start,
                 end,
             )
@@ -219,6 +220,7 @@ class HalfCycles:
         left = now[1] - impulse
         self._now = [now[0] - moment - (end - start) * left, left, now[2] - square]
         self._start = end
+        self._early = 0.0
         self.interval = duration
         self.elapsed = self._since_extreme
         self._direction = -self._direction

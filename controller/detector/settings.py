@@ -46,6 +46,12 @@ class WatchSettings:
         """Whether the watch may change the wall, or end the run."""
         return self.answer != "report"
 
+    def elongated(self, away: float) -> float:
+        """Return the elongation of the spring at a distance from the law's position [rad]."""
+        if self.side:
+            return away if away * self.side > 0.0 else 0.0
+        return away if self.elongation is None else self.elongation(away)
+
     @property
     def threshold(self) -> float:
         """Return the amplitude from which a motion is probed [rad]."""

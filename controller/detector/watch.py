@@ -102,11 +102,11 @@ class Watch:
     def _judge(self) -> None:
         """Set the state, and answer an alarm."""
         backstop, settings = self.backstop, self._settings
-        swings = backstop.swings
+        swings = backstop.motions.swings
         early = swings.grows and settings.answer != "reduce" and not settings.passive
         self.alarm = alarm = backstop.alarm or early
         if alarm or backstop.steady:
-            last = backstop.half_cycles.last
+            last = backstop.motions.half_cycles.last
             grows = len(last) > 1 and last[-1].amplitude > _STILL_GROWS * last[-2].amplitude
             self.current = State.GROWING if alarm and grows else State.SUSTAINED
         else:
@@ -168,7 +168,7 @@ class Watch:
         A growing and a sustained motion are one oscillation: where it has grown is part of it.
         """
         worse, least = state > self.state, min(self.state, State.SUSTAINED)
-        if state < least or (not worse and self.backstop.derating.scale < 1.0):
+        if state < least or (not worse and self.backstop.wall.derating.scale < 1.0):
             return
         frequency_hz, amplitude = self.seen
         if (worse and least < State.SUSTAINED) or amplitude > self.amplitude:

@@ -128,7 +128,8 @@ def run_bus(
         for each in ids
     ]
     if plan.hand is not None:
-        servos[0].take_hand(SharedHand(plan.hand))
+        for axis, servo in enumerate(servos):
+            servo.take_hand(SharedHand(plan.hand, axis))
     timer_ns = plan.latency_timer * _MS_NS
     with ExitStack() as stack:
         try:

@@ -91,17 +91,16 @@ def views_of(orders: Mapping[str, Any]) -> tuple[dict[str, View], News, Telemetr
     telemetry = Telemetry(orders["telemetry"], axes=len(config.each))
     hand = None if orders["hand"] is None else SharedHand(orders["hand"])
     dead_man = DeadMan(telemetry.words) if orders["dead_man"] else None
-    first = next(iter(config.each))
     views = {
         name: View(
             each,
             orders["name"],
             RunningSource(telemetry, config.period_ns, [*config.each], name),
             recorded=False,
-            hand=hand if name == first else None,
+            hand=None if hand is None else hand.of(index),
             dead_man=dead_man,
             now_ns=lambda: time.monotonic_ns() - telemetry.words[Word.OFFSET_NS],
         )
-        for name, each in config.each.items()
+        for index, (name, each) in enumerate(config.each.items())
     }
     return views, News(socket.socket(fileno=orders["news"]), telemetry, views), telemetry

@@ -73,18 +73,18 @@ def values(rows: NDArray[np.void], column: str, origin_ns: int) -> NDArray[Any]:
 
 
 def rows_of(table: Mapping[str, NDArray[Any]], origin_ns: int) -> NDArray[np.void]:
-    """Return the rows that have these values, shape (n,), dtype ``telemetry.ROW``.
+    """Return the rows that have these values, shape (n, axes), dtype ``telemetry.ROW``.
 
     It is the inverse of ``values``, exact for runs of up to 26 days.
 
     Args:
-        table: Values of each of ``COLUMNS``, shape (n,).
+        table: Values of each of ``COLUMNS``, shape (n, axes), or (n, 1) of the ``SHARED`` ones.
         origin_ns: As for ``values`` [ns].
 
     Raises:
         ValueError: A time is not known, or too large.
     """
-    rows = np.empty(len(table["seq"]), ROW)
+    rows = np.empty(table["position_rad"].shape, ROW)
     for name, field in COLUMNS.items():
         value = table[name]
         if field.endswith("_ns"):

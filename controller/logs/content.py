@@ -39,10 +39,10 @@ def fault_of_rows(rows: NDArray[np.void], before: np.void | None) -> str | None:
     """Name an implausible value in rows; None: all are plausible.
 
     Args:
-        rows: Shape (n,), n > 0, dtype ``telemetry.ROW``.
-        before: The row before them.
+        rows: Shape (n, axes), n > 0, dtype ``telemetry.ROW``.
+        before: The row before them, of the first axis.
     """
-    numbers = rows.view(np.int64).reshape(rows.size, -1)
+    numbers = rows.reshape(-1).view(np.int64).reshape(rows.size, -1)
     whole, real = np.split(numbers, [len(INT_FIELDS)], axis=1)
     wrong = np.argwhere((whole < _LOW) | (whole > _HIGH))
     if wrong.size:
@@ -54,9 +54,8 @@ def fault_of_rows(rows: NDArray[np.void], before: np.void | None) -> str | None:
         row, at = wrong[0]
         return f"{FLOAT_FIELDS[at]} is {real[row, at]:g} in it, which is too large"
     for name in ("seq", "deadline_ns"):
-        if (np.diff(rows[name]) <= 0).any() or (
-            before is not None and rows[name][0] <= before[name]
-        ):
+        times = rows[name][:, 0]
+        if (np.diff(times) <= 0).any() or (before is not None and times[0] <= before[name]):
             return f"{name} does not increase in it"
     return None
 

@@ -23,10 +23,11 @@ def write_csv(path: Path, log: LogReader) -> None:
         writer = csv.writer(file)
         columns = columns_of(log.axes)
         writer.writerow(columns)
-        # Not strict: a running log grows meanwhile.
-        for rows in zip(*(log.axis(name).blocks() for name in log.axes), strict=False):
-            texts = [_column(values(rows[k], name, log.origin_ns)) for name, k in columns.values()]
-            writer.writerows(zip(*texts, strict=False))
+        for rows in log.ticks():
+            texts = [
+                _column(values(rows[:, k], name, log.origin_ns)) for name, k in columns.values()
+            ]
+            writer.writerows(zip(*texts, strict=True))
 
 
 def _column(numbers: NDArray[Any]) -> list[str]:

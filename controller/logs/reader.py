@@ -13,7 +13,7 @@ import sqlite3
 import time
 from array import array
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -73,8 +73,8 @@ class LogReader:
     stretch: TimeSpan = ALL
     axes: tuple[str, ...] = ONE_AXIS
     """Names of the axes; one empty name: the log of one servo"""
-    columns: tuple[str, ...] = tuple(COLUMNS)
-    """Columns that are read: those of the first axis until ``axis`` chooses one"""
+    columns: Mapping[str, tuple[str, int]] = field(default_factory=lambda: columns_of(ONE_AXIS))
+    """Columns that are read, as from ``columns_of``"""
 
     @classmethod
     def open(cls, path: Path, stretch: TimeSpan = ALL) -> LogReader:
@@ -101,7 +101,7 @@ class LogReader:
         if why is not None:
             raise refusal(path, why)
         changes = tuple(_UNKNOWN | change for change in told)
-        return cls(path, metadata, changes, end, stretch, axes, _of_axis(axes, 0))
+        return cls(path, metadata, changes, end, stretch, axes, columns_of(axes))
 
     def axis(self, name: str | None) -> LogReader:
         """Return the log of one axis, as if it had run alone.
@@ -143,7 +143,11 @@ class LogReader:
             changes=tuple(changes),
             end=end,
             axes=ONE_AXIS,
-            columns=_of_axis(self.axes, self.axes.index(name)),
+            columns={
+                column: (each, 0)
+                for column, (each, place) in self.columns.items()
+                if each in SHARED or self.axes[place] == name
+            },
         )
 
     @property
@@ -154,9 +158,20 @@ class LogReader:
     def blocks(self) -> Iterator[NDArray[np.void]]:
         """Yield the rows of the stretch, shape (n,), n > 0, dtype ``telemetry.ROW``.
 
+        Those of the first axis, if there are several.
+
         Raises:
             LogFormatError: Some are not what a run writes.
             OSError: The file cannot be read.
+        """
+        return (rows[:, 0] for rows in self.ticks())
+
+    def ticks(self) -> Iterator[NDArray[np.void]]:
+        """Yield the rows of the stretch, shape (n, axes), n > 0, dtype ``telemetry.ROW``.
+
+        Raises:
+            LogFormatError: As ``blocks``.
+            OSError: As ``blocks``.
         """
         where, values = self._where()
         last = None
@@ -166,10 +181,10 @@ class LogReader:
                 f"SELECT {', '.join(some)} FROM rows NOT INDEXED {where} ORDER BY seq", values
             )
             while chunk := found.fetchmany(_ROWS):
-                rows = _typed(self.path, chunk, self.origin_ns)
+                rows = self._typed(chunk)
                 if (why := fault_of_rows(rows, last)) is not None:
                     raise refusal(self.path, why)
-                last = rows[-1]
+                last = rows[-1, 0]
                 yield rows
 
     def _where(self) -> tuple[str, tuple[float, ...]]:
@@ -201,17 +216,38 @@ class LogReader:
         """
         return np.concatenate([np.empty(0, ROW), *self.blocks()])
 
+    def _typed(self, chunk: list[tuple[Any, ...]]) -> NDArray[np.void]:
+        """Return rows of SQLite as an array; texts and blobs are refused."""
+        found: dict[str, list[NDArray[Any]]] = {}
+        for (name, _), column in zip(self.columns.values(), zip(*chunk, strict=True), strict=True):
+            try:
+                found.setdefault(name, []).append(_numbers(column, whole=name in WHOLE))
+            except TypeError:
+                why = f"its column {name} holds something else than numbers"
+                raise refusal(self.path, why) from None
+        table = {name: np.stack(columns, axis=1) for name, columns in found.items()}
+        try:
+            return rows_of(table, self.origin_ns)
+        except ValueError as error:
+            raise refusal(self.path, str(error)) from None
+
 
 _UNKNOWN: Final = dict.fromkeys(("at_s", "row", "changed", "why"))
 
 
-def _of_axis(axes: tuple[str, ...], index: int) -> tuple[str, ...]:
-    """Return the columns of one axis, in the order of ``COLUMNS``."""
-    return tuple(
-        column
-        for column, (name, place) in columns_of(axes).items()
-        if place == index or name in SHARED
-    )
+def _numbers(column: tuple[Any, ...], *, whole: bool) -> NDArray[Any]:
+    """Return the numbers of a column, NaN for those that are missing.
+
+    Raises:
+        TypeError: There is something else in it.
+    """
+    if whole:
+        return np.frombuffer(array("q", column), np.int64)
+    try:
+        return np.frombuffer(array("d", column), np.float64)
+    except TypeError:
+        known = [math.nan if each is None else each for each in column]
+        return np.frombuffer(array("d", known), np.float64)
 
 
 def _alone(config: Mapping[str, Any], name: str) -> dict[str, Any]:
@@ -319,24 +355,3 @@ def _parsed(path: Path, text: bytes) -> Any:  # noqa: ANN401 - JSON
         return json_text.parse(text)
     except (ValueError, RecursionError):
         raise refusal(path, "a text in it is no JSON") from None
-
-
-def _typed(path: Path, chunk: list[tuple[Any, ...]], origin_ns: int) -> NDArray[np.void]:
-    """Return rows of SQLite as an array; texts and blobs are refused."""
-    table: dict[str, NDArray[Any]] = {}
-    for name, column in zip(COLUMNS, zip(*chunk, strict=True), strict=True):
-        try:
-            if name in WHOLE:
-                table[name] = np.frombuffer(array("q", column), np.int64)
-                continue
-            try:
-                numbers = array("d", column)
-            except TypeError:
-                numbers = array("d", [math.nan if each is None else each for each in column])
-            table[name] = np.frombuffer(numbers, np.float64)
-        except TypeError:
-            raise refusal(path, f"its column {name} holds something else than numbers") from None
-    try:
-        return rows_of(table, origin_ns)
-    except ValueError as error:
-        raise refusal(path, str(error)) from None

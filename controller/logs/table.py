@@ -53,7 +53,7 @@ def read_log(
     """
     try:
         log = LogReader.open(Path(path), TimeSpan(start_s, end_s))
-        raw = [log.axis(name).rows() for name in log.axes]
+        blocks = [*log.ticks()]
     except OSError as error:
         raise UserError(
             f"cannot be read: {error.strerror or error}",
@@ -62,7 +62,8 @@ def read_log(
         ) from None
     columns = columns_of(log.axes)
     kinds = [(column, _kind(name)) for column, (name, _) in columns.items()]
-    rows = np.empty(min(map(len, raw)), np.dtype(kinds))  # a running log grows meanwhile
+    raw = np.concatenate([np.empty((0, len(log.axes)), ROW), *blocks])
+    rows = np.empty(len(raw), np.dtype(kinds))
     for column, (name, axis) in columns.items():
-        rows[column] = values(raw[axis][: len(rows)], name, log.origin_ns)
+        rows[column] = values(raw[:, axis], name, log.origin_ns)
     return Log(rows=rows, metadata=log.metadata, end=log.end, changes=log.changes)

@@ -91,7 +91,7 @@ class LogWriter:
             undo.pop_all()
 
     def append(self, rows: NDArray[np.void]) -> None:
-        """Write rows, shape (ticks, axes), or (ticks,) of one axis, dtype ``telemetry.ROW``.
+        """Write rows, shape (ticks, axes), dtype ``telemetry.ROW``.
 
         Raises:
             OSError: They could not be written (a full disk); the log is as before, and ``append``
@@ -99,7 +99,7 @@ class LogWriter:
         """
         if not len(rows):
             return
-        rows, origin_ns = rows.reshape(len(rows), -1), self._origin_ns
+        origin_ns = self._origin_ns
         with as_os_error(self._path), self._whole():
             if origin_ns is None:
                 origin_ns = int(rows[0, 0]["deadline_ns"])

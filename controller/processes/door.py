@@ -38,7 +38,7 @@ class Door:
     Attributes:
         changes: The last changes, as events.
         unlogged: Those that the log does not have yet.
-        hand: A person's hand on a servo that is not real; None: no page has one.
+        hand: A person's hand on servos that are not real; None: no page has one.
         trouble: Why a dead man on the page is gone; empty: it is not.
     """
 
@@ -65,8 +65,8 @@ class Door:
                 self._news, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
                 inherited["news"] = handed.enter_context(theirs).fileno()
                 if plan.config.servo.kind != "hardware" and live.token:
-                    (held, *_) = plan.config.servos()  # the first
-                    self.hand = SharedHand.create(held.sign, held.offset)
+                    servos = plan.config.servos()
+                    self.hand = SharedHand.create([(each.sign, each.offset) for each in servos])
                     inherited["hand"] = self.hand.descriptor
             shown = {
                 "name": plan.metadata["name"],
@@ -147,7 +147,8 @@ class Door:
         if self._news is not None:
             self._news.close()
         if self.hand is not None:
-            self.hand.release()
+            for axis in range(len(self._plan.axes)):
+                self.hand.of(axis).release()
             self.hand.close()
             self.hand = None
 

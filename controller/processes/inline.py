@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 
 from haptic_wall.controller.processes.plan import Ended, Plan, Tell
-from haptic_wall.controller.processes.recorder import Recorder, begun_log, rows_lacking
+from haptic_wall.controller.processes.recorder import Recorder, rows_lacking
 from haptic_wall.controller.runtime.session import Surroundings, run_session
 from haptic_wall.controller.runtime.statistics import RunStatistics
 from haptic_wall.controller.runtime.telemetry import Telemetry
@@ -33,9 +32,8 @@ def run_inline(plan: Plan, telemetry: Telemetry, tell: Tell = lambda _text: None
         if counted and not warnings:
             try:
                 if recorder is None:
-                    begin = partial(begun_log, telemetry, plan.log, plan.metadata)
-                    log = begin(plan.axes, force=plan.force)
-                    recorder = Recorder(telemetry, log)
+                    files = plan.log, plan.metadata, plan.axes
+                    recorder = Recorder(telemetry, *files, force=plan.force)
                 recorder.drain()
             except OSError as error:
                 warnings.append(_log_warning(plan.log, error))

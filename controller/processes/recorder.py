@@ -43,55 +43,52 @@ def rows_lacking(words: memoryview[int]) -> int:
     return words[Word.HEAD] - words[Word.TAIL] + words[Word.LACKING]
 
 
-def begun_log(
-    telemetry: Telemetry,
-    path: Path,
-    metadata: Mapping[str, Any],
-    axes: Sequence[str],
-    *,
-    force: bool,
-) -> LogWriter:
-    """Begin a log, and note in the control words which file it is.
+class Recorder:
+    """Moves rows from the ring into a log, from the log's last row on.
+
+    It continues the log of a dead recorder if that is in its place, and else begins a new one; a
+    control word holds which file it is.
+
+    Args:
+        telemetry: Source of the rows.
+        path: The file to write.
+        metadata: As ``LogWriter``.
+        axes: Names of the axes.
+        force: Replace a file; else one that exists is refused.
+        events: Source of the changes of the running wall; None: it takes none.
 
     Raises:
         OSError: As ``LogWriter``.
     """
 
-    def note(number: int) -> None:
-        telemetry.words[Word.LOG_FILE] = number
-
-    return LogWriter(path, metadata, axes, force=force, begun=note)
-
-
-class Recorder:
-    """Moves rows from the ring into a log, from the log's last row on.
-
-    Args:
-        telemetry: Source of the rows.
-        log: Destination of the rows.
-        events: Source of the changes of the running wall; None: it takes none.
-        resumes: The log is that of a dead recorder.
-    """
-
     def __init__(
         self,
         telemetry: Telemetry,
-        log: LogWriter,
-        events: socket.socket | None = None,
+        path: Path,
+        metadata: Mapping[str, Any],
+        axes: Sequence[str],
         *,
-        resumes: bool = False,
+        force: bool = False,
+        events: socket.socket | None = None,
     ) -> None:
-        self._telemetry = telemetry
+        self._telemetry, self._words = telemetry, telemetry.words
         self._events = events
-        self._log = log
-        self._tail = 0
         self._most = max(1, BLOCK // telemetry.axes)
-        if resumes:
-            self._tail = telemetry.words[Word.TAIL]
-            # The writer of the last block may have died before it updated the control words.
-            self._count(log.seqs_from(self._tail))
-        else:
-            telemetry.words[Word.LACKING] = telemetry.words[Word.TAIL] = 0
+        ours = identity(path) == self._words[Word.LOG_FILE] != 0
+        log: LogWriter | None = None
+        if ours:
+            with contextlib.suppress(LogFormatError):  # its first lines were not finished
+                log = LogWriter(path, {}, axes, resume=True)
+        if log is None:
+            log = LogWriter(path, metadata, axes, force=force or ours, begun=self._note_file)
+            self._words[Word.LACKING] = self._words[Word.TAIL] = 0
+        self._log = log
+        self._tail = self._words[Word.TAIL]
+        # The writer of the last block may have died before it updated the control words.
+        self._count(log.seqs_from(self._tail))
+
+    def _note_file(self, number: int) -> None:
+        self._words[Word.LOG_FILE] = number
 
     def drain(self) -> bool:
         """Write all waiting events and rows; return whether there were any rows.
@@ -101,7 +98,7 @@ class Recorder:
         """
         if self._events is not None:
             take_events(self._events, self._log.event)
-        begin, end = self._tail, self._telemetry.words[Word.HEAD]
+        begin, end = self._tail, self._words[Word.HEAD]
         while self._tail < end:
             block, _ = self._telemetry.read(self._tail, self._most)
             self._log.append(block)
@@ -112,7 +109,7 @@ class Recorder:
         """Record that ticks are in the log, and how many earlier ones are lost."""
         if seqs.size == 0:
             return
-        words = self._telemetry.words
+        words = self._words
         words[Word.LACKING] += int(seqs[-1]) + 1 - words[Word.TAIL] - seqs.size
         words[Word.TAIL] = self._tail = int(seqs[-1]) + 1
 
@@ -137,8 +134,7 @@ class _Attempts:
     """Writes whenever possible; reports on standard output when it fails and when it works again.
 
     Unwritten rows wait, and such trouble may end. Rows lost after they were written do not come
-    back:
-    that is reported as a loss.
+    back: that is reported as a loss.
     """
 
     def __init__(self, telemetry: Telemetry, orders: Mapping[str, Any]) -> None:
@@ -157,7 +153,15 @@ class _Attempts:
             if self._recorder is None:
                 if not self._telemetry.words[Word.HEAD]:
                     return False  # a run that cannot start touches no file
-                self._recorder = self._begun()
+                orders = self._orders
+                self._recorder = Recorder(
+                    self._telemetry,
+                    Path(orders["log"]),
+                    orders["metadata"],
+                    orders["axes"],
+                    force=orders.get("force", False),
+                    events=self._events,
+                )
             wrote = self._recorder.drain()
         except OSError as error:
             self._trouble_is(self._text(error), full=is_full(error))
@@ -173,20 +177,6 @@ class _Attempts:
         if self._recorder is not None:
             self._keep(self._recorder.sync)
             self._keep(self._recorder.close)
-
-    def _begun(self) -> Recorder:
-        """Continue the log of a dead recorder if it is in its place; else begin a new one."""
-        orders = self._orders
-        path = Path(orders["log"])
-        begun = self._telemetry.words[Word.LOG_FILE]  # 0: the dead one had made no file
-        ours = orders["resume"] and begun != 0 and identity(path) == begun
-        with contextlib.suppress(LogFormatError):  # the dead one had not finished its first lines
-            if ours:
-                log = LogWriter(path, {}, orders["axes"], resume=True)
-                return Recorder(self._telemetry, log, self._events, resumes=True)
-        force = ours or orders.get("force", False)
-        log = begun_log(self._telemetry, path, orders["metadata"], orders["axes"], force=force)
-        return Recorder(self._telemetry, log, self._events)
 
     def _keep(self, keep: Callable[[], None]) -> None:
         """Call ``keep``, and report lost rows."""

@@ -26,17 +26,14 @@ LAST_ATTEMPTS = 3
 
 def recorder_starter(
     plan: Plan, telemetry: int, events: socket.socket, cores: set[int]
-) -> Callable[[bool], Child]:
-    """Return what starts a recorder of a run.
+) -> Callable[[], Child]:
+    """Return what starts a recorder of a run, the first one and others.
 
     Args:
         plan: The run.
         telemetry: Descriptor of the shared memory.
         events: Source of the changes of the running wall.
         cores: Cores on which it runs.
-
-    Returns:
-        A function; its argument: the recorder continues the log of a dead one.
     """
     orders = {
         "telemetry": telemetry,
@@ -50,28 +47,26 @@ def recorder_starter(
     }
     module = "haptic_wall.controller.processes.recorder"
     descriptors = (telemetry, events.fileno())
-    return lambda resume: Child(
-        "recorder", [module], {**orders, "resume": resume}, descriptors, cores
-    )
+    return lambda: Child("recorder", [module], orders, descriptors, cores)
 
 
 class RecorderMonitor:
     """Keeps a recorder running, during the run and until its last rows are written.
 
     Args:
-        start: Starts a recorder; True: it continues the log of a dead one.
+        start: Starts a recorder, which continues the log of a dead one.
         words: The control words.
         tell: Called at once with messages for a person.
         now: The present time [s].
     """
 
     def __init__(
-        self, start: Callable[[bool], Child], words: memoryview[int], tell: Tell, now: float
+        self, start: Callable[[], Child], words: memoryview[int], tell: Tell, now: float
     ) -> None:
         self._start = start
         self._words = words
         self._tell = tell
-        self._recorder: Child | None = start(False)
+        self._recorder: Child | None = start()
         self._begun = now
         self._trouble: str | None = None
         self._lost: str | None = None
@@ -153,7 +148,7 @@ class RecorderMonitor:
     def _start_another(self, now: float) -> None:
         self._begun = now
         try:
-            self._recorder = self._start(True)
+            self._recorder = self._start()
         except OSError as error:  # no memory or too many processes: tried again later
             self._bury(f"could not be started ({error.strerror})")
 

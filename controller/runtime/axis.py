@@ -138,7 +138,7 @@ class Axis:
 
     def __post_init__(self) -> None:
         self._raises = self.telemetry.words[Word.RAISE]
-        self.law.derating = self.watch.backstop.derating
+        self.law.derating = self.watch.backstop.wall.derating
 
     def wall_on(self) -> None:
         """End the warm-up: the guard's decision for the measured ages is in force at once."""

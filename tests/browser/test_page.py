@@ -37,9 +37,9 @@ def program(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
 
 
 @contextmanager
-def running(folder: Path, *more: str) -> Iterator[str]:
+def running(folder: Path, *more: str, config: str = "simulated") -> Iterator[str]:
     """A wall that is pushed, and the address of its page."""
-    run = ["run", "simulated", "--no-plot", "--log", str(folder / "a.hwlog"), "--duration", "120"]
+    run = ["run", config, "--no-plot", "--log", str(folder / "a.hwlog"), "--duration", "120"]
     with program(*run, "--set", "servo.hand=push", "--live", *more) as (_, address):
         yield address
 
@@ -201,6 +201,29 @@ def test_a_hand_drags_the_shaft_into_the_wall_and_lets_go(tab: Tab, tmp_path: Pa
         tab.wait(f"{position} > 0.02")
         tab.mouse("mouseReleased", box["x"] + 0.9 * box["width"], begin[1])
         tab.wait(f"{position} < 0.05")
+
+
+def test_the_hand_holds_the_axis_that_is_shown(tab: Tab, tmp_path: Path) -> None:
+    arm = tmp_path / "arm.yaml"
+    one = Path(__file__).parents[2] / "config" / "simulated.yaml"
+    arm.write_text(f"{one.read_text()}\naxes: {{elbow: {{}}, wrist: {{}}}}\n")
+    more = "--live-control", "--set", "servo.hand=none"
+    with running(tmp_path, *more, config=str(arm)) as address:
+        tab.open(address)
+        tab.wait(SHOWN)
+        tab.wait("document.querySelectorAll('#strip button').length === 2")
+        elbow, wrist = (f"document.querySelectorAll('#strip button')[{k}]" for k in (0, 1))
+        tab.value(f"{wrist}.click()")
+        tab.wait(f"{wrist}.getAttribute('aria-pressed') === 'true'")
+        box = place(tab, "#hand")
+        position = "parseFloat(document.querySelector('.label b').textContent)"
+        begin = box["x"] + 0.45 * box["width"], box["y"] + 0.5 * box["height"]
+        tab.mouse("mousePressed", *begin)
+        tab.mouse("mouseMoved", box["x"] + 0.9 * box["width"], begin[1])
+        tab.wait(f"{position} > 0.02")
+        tab.value(f"{elbow}.click()")
+        tab.wait(f"{position} < 0.01")
+        tab.mouse("mouseReleased", box["x"] + 0.9 * box["width"], begin[1])
 
 
 def test_a_run_that_trips_has_no_wall(tab: Tab, tmp_path: Path) -> None:

@@ -141,7 +141,7 @@ def hostile_logs(name: str) -> Iterator[Path]:
         for config, events in (({**good, "wall": {**good["wall"], **wall}}, []), (good, [applied])):
             path = Path("hostile.hwlog")
             with LogWriter(path, {"name": "hostile", "config": config}, force=True) as log:
-                log.append(rows(200))
+                log.append(rows(200)[:, None])
             append_end(path, REPORT | {"rows": 200}, events)
             yield path
 
@@ -161,7 +161,7 @@ def test_a_log_names_no_file(canary: str) -> None:
     config = load_config("simulated").config.model_dump(mode="json")
     config["wall"] |= {"law": "profile", "profile": "profile.csv"}
     with LogWriter(Path("a.hwlog"), {"config": config}) as log:
-        log.append(rows(200))
+        log.append(rows(200)[:, None])
     assert call("detect", "a.hwlog") == 2
     assert left() == set() and canary
 

@@ -47,7 +47,7 @@ def log(tmp_path: Path) -> Path:
     path = tmp_path / "run.hwlog"
     with LogWriter(path, metadata) as writer:
         for start in range(0, 1001, 250):
-            writer.append(rows[start : start + 250])
+            writer.append(rows[start : start + 250, None])
     return path
 
 

@@ -105,7 +105,7 @@ def test_the_log_of_a_living_run_is_not_replaced(cli: Cli, folder: Path) -> None
     rows = np.zeros(3, ROW)
     rows["seq"] = rows["deadline_ns"] = np.arange(3)
     with LogWriter(folder / "a.hwlog", {}) as log:
-        log.append(rows)
+        log.append(rows[:, None])
         told = cli.refused("run", *BRIEF, "--log", "a.hwlog", "--force")
         assert "another program has a.hwlog open" in told
     assert len(LogReader.open(folder / "a.hwlog").rows()) == 3

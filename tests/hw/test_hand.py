@@ -59,6 +59,24 @@ def test_it_brings_the_shaft_to_where_it_is(hand: SharedHand, load: float) -> No
     assert position == pytest.approx(0.3, abs=1e-3)
 
 
+def test_each_shaft_has_its_own_hand() -> None:
+    hand = SharedHand.create([(1, 0.0), (1, 0.0)])
+    true = TrueServo(inertia=0.01, damping=0.01, counts_per_rev=0)
+    clock = SimulatedClock(5_000_000_000)
+    bus = SimulatedBus([true, true], clock)
+    bus.take_hand(SharedHand(hand.descriptor))
+    bus.start()
+    hand.of(1).hold(0.3, 4.0, 0.0, clock.now_ns())
+    bus.request()
+    bus.write([0.0, 0.0])
+    clock.wait_until(clock.now_ns() + EVERY_NS)
+    bus.request()
+    first, second = bus.collect(0)
+    hand.close()
+    assert first.position == 0.0
+    assert second.position > 0.01
+
+
 def test_silence_lets_go(hand: SharedHand) -> None:
     held = Held(hand)
     hand.hold(0.3, 4.0, 0.0, held.clock.now_ns())

@@ -50,7 +50,7 @@ def test_another_zero_of_the_servo_moves_no_wall() -> None:
 
 
 def test_a_hand_is_told_positions_of_the_joint() -> None:
-    hand = SharedHand.create(-1, 0.5)
+    hand = SharedHand.create([(-1, 0.5)])
     hand.hold(1.5, 3.0, 1.4, 0)
     grasp = SharedHand(hand.descriptor).look(0)
     assert grasp is not None

@@ -166,7 +166,7 @@ def run_arm(
         )
         law = Wall(k, b, at, side)
         watch = Watch(settings, shared)
-        law.derating = watch.backstop.derating
+        law.derating = watch.backstop.wall.derating
         axes.append((law, watch, truth, round(truth.delay / PERIOD * _STEPS)))
     arm = Arm(case)
     reach = sum(case.lengths)

@@ -2,7 +2,7 @@
 
 import { colour, torqueAt } from "./backdrop.js";
 
-const EVERY_MS = 50, HEIGHT = 64, ROOM_RAD = 1; // what is seen on each side of the wall
+const EVERY_MS = 50, HEIGHT = 64, ROOM_RAD = 1; // what is seen on each side of the law
 
 export class Hand {
   // send(object): to the server; state: {laws}
@@ -15,8 +15,8 @@ export class Hand {
   }
 
   get range() {
-    const middle = this.state.laws.at(-1)?.surface ?? 0;
-    return [middle - ROOM_RAD, middle + ROOM_RAD];
+    const edges = this.state.laws.at(-1)?.edges ?? [0];
+    return [Math.min(...edges) - ROOM_RAD, Math.max(...edges) + ROOM_RAD];
   }
 
   position(event) {

@@ -39,6 +39,7 @@ function greet(hello) {
   state.laws.length = 0;
   map.show(null);
   strip.greet(hello);
+  hand.release(); // it held another axis
   knobs.turn = null; // the range of another axis
   element("grip").hidden = !(hello.hand && hello.controls);
   element("held").hidden = !(hello.dead_man && hello.controls);

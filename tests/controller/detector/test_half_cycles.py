@@ -8,7 +8,6 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 import pytest
-from hypothesis import strategies as st
 
 from haptic_wall.controller.detector.half_cycles import HalfCycles
 from haptic_wall.controller.detector.regularity import lasts, same_period
@@ -97,8 +96,13 @@ def test_a_mass_on_a_spring_seems_as_heavy_as_it_is(inertia: float, stiffness: f
     assert seen.last[-2].inertia == pytest.approx(inertia, rel=0.03)
 
 
-moves = st.floats(-0.5, 0.5, allow_subnormal=False)
-spans = st.integers(1, 5)
+@pytest.mark.parametrize("rest_s", [0.0, 0.2])
+def test_the_first_half_cycle_has_the_torque_of_all_its_time(rest_s: float) -> None:
+    """The mean torque is the load that is held in a probe: one without its begin is too low."""
+    rest = np.full(round(rest_s / PERIOD), 0.1)
+    seen, _ = watched(np.concatenate([rest, cosine(5.0, 0.1, 0.15)]), [-2.0] * 1000)
+    assert len(seen.last) == 1
+    assert seen.load == pytest.approx(-2.0, rel=0.02)
 
 
 @pytest.mark.parametrize("count", [0.0, COUNT])

@@ -84,7 +84,7 @@ def run(
     laws = [Wall(stiffness, damping, float(at), side) for at in POSE]
     watches = [Watch(settings, shared) for _ in laws]
     for law, watch in zip(laws, watches, strict=True):
-        law.derating = watch.backstop.derating
+        law.derating = watch.backstop.wall.derating
     late, ticks = round(delay / PERIOD * STEPS), round(seconds / PERIOD)
     sent = np.zeros((ticks * STEPS + late + STEPS, len(laws)))
     angles, last = np.zeros((ticks, len(laws))), np.round(data.qpos / COUNT) * COUNT

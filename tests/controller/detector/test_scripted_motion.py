@@ -31,7 +31,7 @@ def swing(own: Backstop, amplitude: float, seconds: float, hertz: float = 5.0) -
 
 
 def held(own: Backstop, away: float) -> float:
-    now = own.derating
+    now = own.wall.derating
     return held_torque(now.carried, now.carried_to, away, 10.0, now.scale)
 
 
@@ -41,9 +41,9 @@ def leaned_on(own: Backstop, place: float, amplitude: float, seconds: float) -> 
     for k in range(round(seconds * 1e3)):
         away = place + amplitude * math.sin(math.tau * 5.0 * k * 1e-3)
         away = round(away / COUNT) * COUNT
-        torque = -10.0 * own.derating.scale * away + held(own, away)
+        torque = -10.0 * own.wall.derating.scale * away + held(own, away)
         own.update(away, torque, 1e-3, 10.0)
-        scales.append(own.derating.scale)
+        scales.append(own.wall.derating.scale)
     return scales
 
 
@@ -55,6 +55,20 @@ def test_a_wall_comes_back_to_somebody_who_leans_where_it_changes_no_torque(side
     softer = scales.count(0.25) * 1e-3
     assert 0.1 < softer < 0.4, "for two half-cycles, and half of one"
     assert own.probed_s == pytest.approx(softer, abs=2e-3)
+
+
+def test_a_load_that_goes_while_readings_are_lost_takes_its_motion_with_it() -> None:
+    """The shaft has turned around and passed the surface between two samples."""
+    own = Backstop(SETTINGS)
+    for k in range(2000):
+        away = round((0.2 + 0.1 * math.sin(math.tau * 5.0 * k * 1e-3)) / COUNT) * COUNT
+        own.update(away, -10.0 * away, 1e-3, 10.0)
+        if own.wall.derating.carried and k % 200 == 49:
+            break
+    own.update(-0.02, 0.0, 0.04, 10.0)
+    assert own.wall.derating.carried == 0.0
+    assert own.wall.derating.scale == 1.0
+    swing(own, 0.0, 0.5)
 
 
 @pytest.mark.parametrize(("side", "middle"), [(0, 0.0), (1, 0.2), (1, 0.0)])
@@ -72,7 +86,7 @@ def test_a_wall_that_is_moved_again_and_again_is_probed_all_the_same(
         position = middle + size * math.sin(math.tau * 5.0 * k * 1e-3)
         away = round(position / COUNT) * COUNT - surface
         own.update(away, torque, 1e-3, 10.0)
-        torque = -10.0 * own.derating.scale * (away if not side else max(away, 0.0))
+        torque = -10.0 * own.wall.derating.scale * (away if not side else max(away, 0.0))
         if own.probes:
             break
     assert own.probes == 1
@@ -87,7 +101,34 @@ def test_where_it_may_not_act_it_neither_probes_nor_reduces() -> None:
     swing(own, 0.1, 1.0, 20.0)
     assert own.alarm, "no hand is so fast"
     assert own.probes == 0
-    assert own.derating.scale == 1.0
+    assert own.wall.derating.scale == 1.0
+
+
+def jump(own: Backstop, hertz: float, seconds: float) -> None:
+    """Jump with the torque between its limits, on a shaft that rests."""
+    for k in range(round(seconds * 1e3)):
+        own.update(0.0, math.copysign(4.1, math.sin(math.tau * hertz * (k + 0.5) * 1e-3)), 1e-3, 10)
+
+
+@pytest.mark.parametrize(("hertz", "found"), [(14.0, False), (17.0, True), (170.0, True)])
+def test_a_torque_that_jumps_is_an_alarm_for_as_long_as_it_jumps(hertz: float, found: bool) -> None:
+    own = Backstop(replace(SETTINGS, answer="report"))
+    jump(own, hertz, 30.0 / hertz)
+    assert own.alarm == found
+    if found:
+        assert 1.0 / own.probe.before.cycle == pytest.approx(hertz, rel=0.05)
+    swing(own, 0.0, 0.1)
+    assert not own.alarm
+
+
+def test_a_torque_that_jumps_on_softer_walls_ends_the_run_in_the_end() -> None:
+    own = Backstop(SETTINGS)
+    scales = []
+    for _ in range(5):
+        jump(own, 170.0, 0.13)
+        scales.append((own.wall.derating.scale, own.wall.derating.damping_scale))
+    assert scales[:3] == [(1 / 4, 1 / 4), (1 / 16, 1 / 4), (1 / 64, 1 / 16)]
+    assert own.failed
 
 
 def test_a_hands_motion_is_probed_again_after_ten_seconds_or_if_it_goes_on_regularly() -> None:
@@ -96,7 +137,7 @@ def test_a_hands_motion_is_probed_again_after_ten_seconds_or_if_it_goes_on_regul
     for k in range(12_000):
         size = 0.1 * (1.0 + 0.01 * math.sin(k * 2e-3))
         away = round(size * math.sin(math.tau * 2.0 * k * 1e-3) / COUNT) * COUNT
-        own.update(away, -10.0 * own.derating.scale * away, 1e-3, 10.0)
+        own.update(away, -10.0 * own.wall.derating.scale * away, 1e-3, 10.0)
         if own.probes > len(asked):
             asked.append(k)
     assert own.alarms == 0

@@ -26,7 +26,7 @@ from tests.support.told_logs import EVENTS, metadata, rows
 def log(tmp_path: Path) -> Path:
     path = tmp_path / "a.hwlog"
     with LogWriter(path, metadata()) as writer:
-        writer.append(rows(6_000))
+        writer.append(rows(6_000)[:, None])
         writer.event(EVENTS[0])
     append_end(path, REPORT | {"rows": 6_000})
     return path

@@ -32,7 +32,7 @@ def rows(count: int, start: int = 0) -> NDArray[np.void]:
 def write(path: Path, *blocks: NDArray[np.void]) -> Path:
     with LogWriter(path, METADATA) as log:
         for block in blocks:
-            log.append(block)
+            log.append(block[:, None])
     return path
 
 
@@ -79,7 +79,7 @@ def test_a_file_is_replaced_only_when_it_is_said(tmp_path: Path) -> None:
     for end, magic in (("-wal", "377f0682"), ("-journal", "d9d505f920a163d7"), ("-shm", "")):
         (tmp_path / f"a.hwlog{end}").write_bytes(bytes.fromhex(magic))  # of an earlier log
     with LogWriter(path, METADATA, force=True) as log:
-        log.append(rows(2))
+        log.append(rows(2)[:, None])
     assert len(LogReader.open(path).rows()) == 2
     with pytest.raises(OSError, match="No such file"):
         LogWriter(tmp_path / "nowhere" / "a.hwlog", METADATA)
@@ -88,26 +88,26 @@ def test_a_file_is_replaced_only_when_it_is_said(tmp_path: Path) -> None:
 def test_a_full_disk_costs_only_what_did_not_fit(tmp_path: Path) -> None:
     path = tmp_path / "a.hwlog"
     with LogWriter(path, METADATA) as log:
-        log.append(rows(10))
+        log.append(rows(10)[:, None])
         (pages,) = log._db.execute("PRAGMA page_count").fetchone()
         log._db.execute(f"PRAGMA max_page_count={pages + 1}").fetchall()
         for _ in range(2):
             with pytest.raises(OSError, match="No space left"):
-                log.append(rows(300, 10))
+                log.append(rows(300, 10)[:, None])
             np.testing.assert_array_equal(LogReader.open(path).rows(), rows(10))
         log._db.execute("PRAGMA max_page_count=10000").fetchall()
-        log.append(rows(300, 10))
+        log.append(rows(300, 10)[:, None])
     np.testing.assert_array_equal(LogReader.open(path).rows(), rows(310))
 
 
 def test_a_reader_that_stays_costs_no_row_and_sees_its_own_time(tmp_path: Path) -> None:
     path = tmp_path / "a.hwlog"
     with LogWriter(path, METADATA) as log:
-        log.append(rows(10))
+        log.append(rows(10)[:, None])
         reader = sqlite3.connect(path, isolation_level=None)
         reader.execute("BEGIN")
         assert reader.execute("SELECT count(*) FROM rows").fetchone() == (10,)
-        log.append(rows(90, 10))
+        log.append(rows(90, 10)[:, None])
         log.sync()
         assert len(LogReader.open(path).rows()) == 100
         assert reader.execute("SELECT count(*) FROM rows").fetchone() == (10,)
@@ -124,7 +124,7 @@ from haptic_wall.controller.logs.writer import LogWriter
 from tests.controller.logs.test_file import METADATA, rows
 log = LogWriter(Path(sys.argv[1]), METADATA)
 for k in range(40):
-    log.append(rows(25, 25 * k))
+    log.append(rows(25, 25 * k)[:, None])
     if k % 3 == 2:
         log.sync()
 os.kill(os.getpid(), signal.SIGKILL)
@@ -139,7 +139,7 @@ def test_another_writer_goes_on_where_one_was_killed(tmp_path: Path) -> None:
     np.testing.assert_array_equal(LogReader.open(path).rows(), rows(1000))
     with LogWriter(path, {}, resume=True) as log:
         assert log.seqs_from(990).tolist() == [*range(990, 1000)]
-        log.append(rows(5, 1000))
+        log.append(rows(5, 1000)[:, None])
     np.testing.assert_array_equal(LogReader.open(path).rows(), rows(1005))
 
 

@@ -52,7 +52,7 @@ def rows(start: int, count: int) -> NDArray[np.void]:
 def written(path: Path, count: int) -> Path:
     with LogWriter(path, METADATA) as log:
         for start in range(0, count, 250):
-            log.append(rows(start, min(250, count - start)))
+            log.append(rows(start, min(250, count - start))[:, None])
     return path
 
 

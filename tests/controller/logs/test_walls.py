@@ -76,7 +76,7 @@ def swung(tmp_path_factory: pytest.TempPathFactory) -> Swung:
 def written(path: Path, run: ChangedRun, rows: NDArray[np.void], *, tells: bool = True) -> None:
     with LogWriter(path, {"config": run.config.model_dump(mode="json")}) as log:
         for start in range(0, len(rows), 250):
-            log.append(rows[start : start + 250])
+            log.append(rows[start : start + 250, None])
             for asked in run.asked if tells else ():
                 if start <= asked.row < start + 250 and asked.new is not None:
                     log.event(event(asked.row, dict(difference(asked.before, asked.new))))
@@ -121,7 +121,7 @@ def test_a_log_of_an_absent_law_says_so(
     path = tmp_path / "run.hwlog"
     config = {**METADATA["config"], "wall": {**METADATA["config"]["wall"], "law": law}}
     with LogWriter(path, {"config": config}) as log:
-        log.append(swung[2][:50])
+        log.append(swung[2][:50, None])
     found, text = told(capsys, "detect", path)
     assert found == status and said in text
     assert told(capsys, "log", path, "--plot", tmp_path / "a.png")[0] == status
@@ -134,7 +134,7 @@ def test_changes_come_in_the_order_of_their_rows(
     rows = np.zeros(20, ROW)
     rows["seq"] = rows["deadline_ns"] = np.arange(20)
     with LogWriter(path, METADATA) as log:
-        log.append(rows)
+        log.append(rows[:, None])
         for each in (
             event(9, {"wall.position": 0.3}),
             event(9, {"wall.position": 0.3}),

@@ -39,7 +39,7 @@ class Recording:
             self.start, self.telemetry.words, self.told.append, time.monotonic()
         )
 
-    def start(self, resume: bool) -> Child:
+    def start(self) -> Child:
         orders = {
             "telemetry": self.telemetry.descriptor,
             "axes": [""],
@@ -47,7 +47,6 @@ class Recording:
             "log": str(self.path),
             "metadata": {"name": "simulated"},
             "period_ns": 1_000_000,
-            "resume": resume,
         }
         descriptors = [self.telemetry.descriptor]
         self.recorders.append(

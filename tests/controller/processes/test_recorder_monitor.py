@@ -11,7 +11,6 @@ import pytest
 from numpy.typing import NDArray
 
 from haptic_wall.controller.logs.reader import LogReader
-from haptic_wall.controller.logs.writer import LogWriter
 from haptic_wall.controller.processes import children, recorder_monitor
 from haptic_wall.controller.processes.recorder import Recorder
 from haptic_wall.controller.processes.recorder_monitor import RecorderMonitor
@@ -29,9 +28,8 @@ def next_row() -> list[float]:
 class Child:
     """A recorder without a process: it writes when it is let, and ends as it is told."""
 
-    def __init__(self, telemetry: Telemetry, path: Path, resume: bool) -> None:
-        log = LogWriter(path, {}, resume=resume)
-        self._recorder = Recorder(telemetry, log, resumes=resume)
+    def __init__(self, telemetry: Telemetry, path: Path) -> None:
+        self._recorder = Recorder(telemetry, path, {}, ("",))
         self._words = telemetry.words
         self._said: list[dict[str, object]] = []
         self.writes = True
@@ -88,13 +86,13 @@ class Run:
         self.recorders: list[Child] = []
         self.refused: OSError | None = None
         self.now = 0.0
-        start = cast(Callable[[bool], children.Child], self.start)
+        start = cast(Callable[[], children.Child], self.start)
         self.monitor = RecorderMonitor(start, self.words, self.told.append, self.now)
 
-    def start(self, resume: bool) -> Child:
+    def start(self) -> Child:
         if self.refused is not None:
             raise self.refused
-        self.recorders.append(self._child(self.telemetry, self.path, resume))
+        self.recorders.append(self._child(self.telemetry, self.path))
         return self.recorders[-1]
 
     def go(self, seconds: float, rows_per_s: int = 1000, step: float = 0.25) -> None:

@@ -306,9 +306,9 @@ def test_stiffer_again_only_where_that_loads_the_spring_with_no_more_than_a_smal
 
 def reduced(rig: Rig, scale: float, damping_scale: float) -> Rig:
     """The watch scales the wall from now on."""
-    now = rig.watch.backstop.derating
+    now = rig.watch.backstop.wall.derating
     now.scale, now.damping_scale = scale, damping_scale
-    rig.watch.backstop._hold.deep = math.inf
+    now.soft_to = math.inf
     now.elastic_limit = scale * min(5.0, rig.wall.clip)
     return rig
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.detector.half_cycles import HalfCycles
-from haptic_wall.controller.detector.load_hold import LoadHold
 from haptic_wall.controller.detector.settings import WatchSettings
+from haptic_wall.controller.detector.soft_wall import SoftWall
 from haptic_wall.controller.detector.tuning import TUNING
+from haptic_wall.controller.laws.wall import held_torque
 
 STIFFNESS, LIMIT = 10.0, 4.0
 
@@ -24,47 +25,60 @@ def swung(place: float, amplitude: float, cycles: float = 3.2, friction: float =
     return seen
 
 
-def holding(seen: HalfCycles, *, one_sided: bool = False) -> LoadHold:
-    hold = LoadHold(seen, WatchSettings(1e-3, side=int(one_sided), torque_limit=LIMIT))
-    hold.begin(STIFFNESS)
-    return hold
+def holding(seen: HalfCycles, *, one_sided: bool = False) -> SoftWall:
+    wall = SoftWall(seen, WatchSettings(1e-3, side=int(one_sided), torque_limit=LIMIT))
+    wall.take(0.0, 0.0, STIFFNESS, 0.0)
+    wall.hold(moves=True)
+    return wall
+
+
+def acts(wall: SoftWall, away: float) -> float:
+    """What is added at a quarter of the stiffness [N·m]."""
+    return held_torque(wall.derating.carried, wall.derating.carried_to, away, STIFFNESS, 0.25)
 
 
 @pytest.mark.parametrize("place", [0.2, -0.2, 0.05])
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 def test_the_load_is_the_mean_torque_of_whole_cycles(place: float, friction: float) -> None:
     hold = holding(swung(place, 0.1, friction=friction))
-    assert hold.torque == pytest.approx(-STIFFNESS * place, abs=0.02)
-    assert hold.acts(place, STIFFNESS, 0.25) == pytest.approx(0.75 * hold.torque)
+    assert hold.derating.carried == pytest.approx(-STIFFNESS * place, abs=0.02)
+    assert acts(hold, place) == pytest.approx(0.75 * hold.derating.carried)
 
 
 def test_it_ends_a_quarter_of_the_swing_beyond_the_turning_points() -> None:
     hold = holding(swung(0.2, 0.1))
-    assert hold.reach == pytest.approx(0.075, abs=1e-3)
-    assert hold.deep == pytest.approx(0.325, abs=1e-3)
-    assert hold.acts(0.1, STIFFNESS, 0.25) == hold.acts(0.3, STIFFNESS, 0.25)
-    assert abs(hold.acts(0.0, STIFFNESS, 0.25)) < abs(hold.acts(0.1, STIFFNESS, 0.25))
-    assert hold.acts(-0.2, STIFFNESS, 0.25) == 0.0
+    assert hold.derating.carried_to == pytest.approx(0.075, abs=1e-3)
+    assert hold.derating.soft_to == pytest.approx(0.325, abs=1e-3)
+    assert acts(hold, 0.1) == acts(hold, 0.3)
+    assert abs(acts(hold, 0.0)) < abs(acts(hold, 0.1))
+    assert acts(hold, -0.2) == 0.0
+
+
+def loses_load(wall: SoftWall, away: float, *, soft: bool = False) -> bool:
+    wall.take(away, 0.0, STIFFNESS, 0.0)
+    return wall.loses_load(soft=soft)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_whoever_passes_the_surface_has_taken_the_load_away(side: float) -> None:
     clear, near = holding(swung(0.2 * side, 0.1)), holding(swung(0.1 * side, 0.1))
-    assert clear.left(-0.001 * side, soft=False)
-    assert not clear.left(0.001 * side, soft=False)
-    assert not clear.left(-0.001 * side, soft=True), "the wall does not come back there"
-    assert not near.left(-0.001 * side, soft=False), "the load itself swings there"
-    outside = holding(swung(0.1 * side, 0.1), one_sided=True)
-    assert outside.left(0.0, soft=True), "outside nothing is held"
+    assert not loses_load(clear, 0.001 * side)
+    assert not loses_load(clear, -0.001 * side, soft=True), "the wall does not come back there"
+    assert loses_load(clear, -0.001 * side)
+    assert not loses_load(near, -0.001 * side), "the load itself swings there"
+    outside = holding(swung(0.1, 0.1), one_sided=True)
+    assert loses_load(outside, 0.0, soft=True), "outside nothing is held"
 
 
 def followed(
-    hold: LoadHold, away: float, torque: float, seconds: float, *, returning: bool = False
+    wall: SoftWall, away: float, torque: float, seconds: float, *, returning: bool = False
 ) -> float:
     """What is held after a time at rest, on a wall with a sixteenth of its stiffness [N·m]."""
+    wall.derating.scale = 1 / 16
     for _ in range(round(1e3 * seconds)):
-        hold.follow(away, torque, 1e-3, STIFFNESS, 1 / 16, ended=False, returning=returning)
-    return hold.torque
+        wall.take(away, torque, STIFFNESS, 0.0)
+        wall.follow(1e-3, ended=False, returning=returning)
+    return wall.derating.carried
 
 
 def at_rest(seen: HalfCycles, place: float) -> None:
@@ -87,10 +101,12 @@ def test_a_heavy_load_that_begins_to_swing_slowly_does_not_rest_where_it_turns(
 ) -> None:
     """What is held followed the torque there, and fed the swing."""
     hold = holding(seen := swung(0.2, 0.1))
-    last, rate = hold.torque, 8.0 * math.sqrt(scale)
+    last, rate = hold.derating.carried, 8.0 * math.sqrt(scale)
+    hold.derating.scale = scale
     for k in range(round(1e3 * math.pi / rate)):
         swing = 0.2 * math.cos(rate * k * 1e-3)
         torque = -2.0 - scale * STIFFNESS * swing
         ended = seen.update(0.2 + swing, torque, 1e-3)
-        hold.follow(0.2 + swing, torque, 1e-3, STIFFNESS, scale, ended=ended, returning=True)
-    assert abs(hold.torque - last) < 0.02
+        hold.take(0.2 + swing, torque, STIFFNESS, 0.0)
+        hold.follow(1e-3, ended=ended, returning=True)
+    assert abs(hold.derating.carried - last) < 0.02
