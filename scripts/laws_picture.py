@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from haptic_wall.controller.laws.several import Sum
-from haptic_wall.controller.laws.shape import Grid, Memoryless
+from haptic_wall.controller.laws.friction import Friction
+from haptic_wall.controller.laws.shape import Grid
 from haptic_wall.controller.laws.table import EXAMPLES, shape_of
 from haptic_wall.controller.report.style import BLUE, GREEN, INK, PAGE, grid, picture
 from haptic_wall.controller.settings.model import Wall
@@ -35,7 +35,7 @@ def drawn(path: Path) -> None:
             shape = shape_of(Wall.model_validate({"law": law, **numbers}), Grid(1e-3, 0.0))
             stiffness = getattr(shape, "stiffness", STIFFNESS)
             shape.settle(way[0])
-            moved = way if isinstance(shape, Memoryless | Sum) else np.concatenate([way, way[::-1]])
+            moved = np.concatenate([way, way[::-1]]) if isinstance(shape, Friction) else way
             torque = [-stiffness * shape.elongation(x, 0.0, stiffness) for x in moved.tolist()]
             ax.axhline(0.0, color=INK, linewidth=0.5)
             ax.plot(moved, torque, color=GREEN if shape.lowest_slope < 0.0 else BLUE, linewidth=1.2)

@@ -400,6 +400,7 @@ class GainSchedule:
         self._interval = ServedInterval(intervals_ns, run * period_ns, window * period_ns)
         self._beyond = len(ages_ns) * len(intervals_ns)
         self.index = 0
+        self._bins = 0, 0
         self.take(table)
 
     def take(self, table: GainTable) -> None:
@@ -433,7 +434,7 @@ class GainSchedule:
         if may_raise:
             age.take_raise()
             interval.take_raise()
-        return self._move()
+        return (age.bin, interval.bin) != self._bins and self._move()
 
     def settle(self) -> None:
         """End the warm-up: take the bins that its observations ask for, and restart.
@@ -446,7 +447,7 @@ class GainSchedule:
 
     def _move(self) -> bool:
         """Take the bin; return whether its gains differ: long ages share those of one decision."""
-        age, interval = self._age.bin, self._interval.bin
+        self._bins = age, interval = self._age.bin, self._interval.bin
         is_within = age < len(self._ages) and interval < len(self._intervals)
         index = interval * len(self._ages) + age if is_within else self._beyond
         if index == self.index:

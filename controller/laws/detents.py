@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from haptic_wall.controller.laws.shape import Grid, LawError, Memoryless, Numbers, Shape
+from haptic_wall.controller.laws.shape import Grid, LawError, Numbers, Shape
 
 WIDTH_COUNTS = 16.0
 """Least distance between detents [encoder counts]"""
@@ -12,7 +12,7 @@ SNAPS = 0.05, 0.45
 """Range of ``wall.snap``: at 0.5 the torque would jump from one side to the other"""
 
 
-class Detents(Memoryless):
+class Detents(Shape):
     """Torque rises from each detent to a peak, and falls to zero midway to the next one.
 
     Both parts are straight, the steeper one of slope 1. At a snap of 0.25 both are equally steep; a

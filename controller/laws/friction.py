@@ -10,7 +10,7 @@ TRAVEL_COUNTS = 4.0
 """Least travel of the bristle before it slips [encoder counts]"""
 
 
-class Friction:
+class Friction(Shape):
     """A spring to an anchor, which is dragged along where the spring would exceed the friction.
 
     It gives back only the energy of the bent bristle, which is lost when it slips.
@@ -20,10 +20,8 @@ class Friction:
     """
 
     lowest_slope, highest_slope = 0.0, 1.0
-    damped_everywhere = True
     stores_work = False
     steepest = "its bristle"
-    lowest = 0.0, 0.0
 
     def __init__(self, torque: float) -> None:
         self._torque = torque
@@ -50,10 +48,6 @@ class Friction:
         """Return that of the bristle as it would be bent there [rad²]."""
         bent = abs(away - self._anchor)
         return 0.5 * min(bent, self._most) ** 2 if bent > 0.0 else 0.0
-
-    def in_contact(self, away: float) -> bool:  # noqa: ARG002
-        """Return true: friction acts at every position."""
-        return True
 
     def settle(self, away: float) -> None:
         """Straighten the bristle at this position."""

@@ -6,7 +6,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from itertools import pairwise
 
-from haptic_wall.controller.laws.shape import Grid, LawError, Memoryless, Numbers, Shape
+from haptic_wall.controller.laws.shape import Grid, LawError, Numbers, Shape
 
 ROUNDING = 1e-12
 """Torques below this fraction of the largest count as zero"""
@@ -14,7 +14,7 @@ STEEPEST = 1e12
 """Highest slope between two rows [N·m/rad], as of ``wall.stiffness``"""
 
 
-class Profile(Memoryless):
+class Profile(Shape):
     """Torque over position; beyond the table's ends the torque stays.
 
     Its steepest slope is the stiffness that it asks for. Where the guard allows less, all torques

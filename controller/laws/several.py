@@ -10,7 +10,7 @@ PLACES = 2048
 """Places between which the lowest point of a sum is sought"""
 
 
-class Sum:
+class Sum(Shape):
     """The weighted sum of several shapes, scaled to a steepest slope of one.
 
     The bound of its slope is the sum of the parts' bounds, wherever these are steepest.

@@ -14,8 +14,10 @@ from typing import Any, Protocol
 from haptic_wall.controller.laws.wall import Side
 
 
-class Shape(Protocol):
+class Shape:
     """Elongation over position; positions count from ``wall.position`` [rad].
+
+    What is not overridden is that of a shape without state that any encoder resolves.
 
     Attributes:
         lowest_slope: Lowest slope of the elongation, from -1 to 1 [1].
@@ -29,23 +31,12 @@ class Shape(Protocol):
         lowest: Two positions with a lowest point of the potential between them [rad].
     """
 
-    @property
-    def lowest_slope(self) -> float: ...  # noqa: D102
-
-    @property
-    def highest_slope(self) -> float: ...  # noqa: D102
-
-    @property
-    def damped_everywhere(self) -> bool: ...  # noqa: D102
-
-    @property
-    def stores_work(self) -> bool: ...  # noqa: D102
-
-    @property
-    def steepest(self) -> str: ...  # noqa: D102
-
-    @property
-    def lowest(self) -> tuple[float, float]: ...  # noqa: D102
+    lowest_slope: float
+    highest_slope: float
+    damped_everywhere: bool = True
+    stores_work: bool = True
+    steepest: str = ""
+    lowest: tuple[float, float] = 0.0, 0.0
 
     def elongation(self, away: float, speed: float, stiffness: float) -> float:
         """Return the elongation e [rad]; call it once a tick, because the shape may have state.
@@ -55,23 +46,22 @@ class Shape(Protocol):
             speed: Estimated velocity [rad/s].
             stiffness: Present K [N·m/rad].
         """
-        ...
+        raise NotImplementedError
 
     def potential(self, away: float) -> float:
         """Return the integral of e, >= 0 [rad²]; K times this is the stored energy."""
-        ...
+        raise NotImplementedError
 
-    def in_contact(self, away: float) -> bool:
+    def in_contact(self, away: float) -> bool:  # noqa: ARG002 - at every position
         """Whether the law acts at this position."""
-        ...
+        return True
 
     def settle(self, away: float) -> None:
         """Reset the shape's state to rest at this position."""
-        ...
 
-    def resolved(self, step: float) -> float:
+    def resolved(self, step: float) -> float:  # noqa: ARG002 - whatever the step
         """Return the highest K [N·m/rad] at which this encoder step [rad] resolves the shape."""
-        ...
+        return float("inf")
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,23 +133,3 @@ class LawError(ValueError):
     def __init__(self, field: str, found: str, wanted: str) -> None:
         super().__init__(f"{field}: {found}, wanted {wanted}")
         self.field, self.found, self.wanted = field, found, wanted
-
-
-class Memoryless:
-    """Base of shapes that have no state and that any encoder resolves."""
-
-    damped_everywhere: bool = True
-    stores_work: bool = True
-    steepest: str = ""
-    lowest: tuple[float, float] = 0.0, 0.0
-
-    def in_contact(self, away: float) -> bool:  # noqa: ARG002 - whatever the position
-        """Return true: the law acts at every position."""
-        return True
-
-    def settle(self, away: float) -> None:
-        """Do nothing: there is no state."""
-
-    def resolved(self, step: float) -> float:  # noqa: ARG002 - whatever the step
-        """Return infinity: no stiffness is too high for the encoder."""
-        return float("inf")

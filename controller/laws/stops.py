@@ -1,26 +1,29 @@
-"""Renders stops: a wall at each end of a free range."""
+"""Renders stops: a wall at each end of a free range, or at one end of an endless one."""
 
 from __future__ import annotations
 
-from haptic_wall.controller.laws.shape import Grid, LawError, Memoryless, Numbers, Shape
+import math
+
+from haptic_wall.controller.laws import linear
+from haptic_wall.controller.laws.shape import Grid, LawError, Numbers, Shape
 
 
-class Stops(Memoryless):
+class Stops(Shape):
     """Zero between two ends, and beyond each a wall that never pulls.
 
     Args:
-        low: Lower end of the free range [rad].
-        high: Upper end, above ``low`` [rad].
+        low: Lower end of the free range [rad]; -inf: it has none.
+        high: Upper end, above ``low`` [rad]; inf: it has none.
     """
 
     damped_everywhere = False
-    stores_work = True
     lowest_slope, highest_slope = 0.0, 1.0
 
     def __init__(self, low: float, high: float) -> None:
         self._low = low
         self._high = high
-        self.lowest = low, high
+        ends = [end for end in (low, high) if math.isfinite(end)]
+        self.lowest = ends[0], ends[-1]
 
     def elongation(self, away: float, speed: float, stiffness: float) -> float:  # noqa: ARG002
         """Return the penetration of the nearest end, signed [rad]."""
@@ -36,6 +39,13 @@ class Stops(Memoryless):
     def in_contact(self, away: float) -> bool:
         """Whether the shaft is beyond an end."""
         return away > self._high or away < self._low
+
+
+def wall(numbers: Numbers, grid: Grid) -> Shape:
+    """Make the shape of a wall on ``wall.side``, for sums; a law of its own is a ``Wall``."""
+    if numbers.side == "both":
+        return linear.spring(numbers, grid)
+    return Stops(-math.inf, 0.0) if numbers.side == "above" else Stops(0.0, math.inf)
 
 
 def make(numbers: Numbers, grid: Grid) -> Shape:

@@ -7,17 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from haptic_wall.controller.laws import (
-    damper,
-    detents,
-    friction,
-    one_sided,
-    own,
-    profile,
-    spring,
-    stops,
-    texture,
-)
+from haptic_wall.controller.laws import detents, friction, linear, own, profile, stops, texture
 from haptic_wall.controller.laws.profile import Profile
 from haptic_wall.controller.laws.several import Sum
 from haptic_wall.controller.laws.shape import Grid, LawError, Numbers, Shape
@@ -40,15 +30,15 @@ class Kind:
 
 SUM: Final = "sum"
 LAWS: Final[dict[str, Kind]] = {
-    "wall": Kind("a wall at a position", ("side",), one_sided.make, {}),
+    "wall": Kind("a wall at a position", ("side",), stops.wall, {}),
     "stops": Kind(
         "a wall at each end of a free range",
         ("low", "high"),
         stops.make,
         {"low": -0.5, "high": 0.3},
     ),
-    "spring": Kind("a spring to a centre", (), spring.make, {}),
-    "damper": Kind("viscous friction", (), damper.make, {}),
+    "spring": Kind("a spring to a centre", (), linear.spring, {}),
+    "damper": Kind("viscous friction", (), linear.damper, {}),
     "detents": Kind(
         "positions that hold the shaft",
         ("count", "width", "snap"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from haptic_wall.controller.laws.shape import Grid, LawError, Memoryless, Numbers, Shape
+from haptic_wall.controller.laws.shape import Grid, LawError, Numbers, Shape
 
 PERIOD_COUNTS = 8.0
 """Least period of a grating [encoder counts]"""
@@ -12,7 +12,7 @@ FULL_TICKS = 8.0
 """Ticks in a grating period from which it is rendered in full; with half as many it is zero"""
 
 
-class Texture(Memoryless):
+class Texture(Shape):
     """A sinusoidal elongation, faded out at speeds at which the ticks do not resolve it.
 
     Args:

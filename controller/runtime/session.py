@@ -330,72 +330,68 @@ class _Session:
 
     def finish(self) -> Result:
         """Return the outcome; the servo is closed."""
-        trouble = self.bus.trouble if isinstance(self.bus, HasTrouble) else ""
-        number = self._telemetry.words[Word.STOP_AXIS]
-        found = next(filter(None, (axis.safety.found for axis in self._axes)), "")
-        if number:
-            found = self._axes[number - 1].safety.found
-        message = self._message or found or trouble
-        if trouble and trouble != message and len(self._axes) > 1:  # of another one perhaps
-            message += f"; {trouble}"
-        result = Result(
-            stop_reason=self._reason,
-            stop_axis=list(self._configs)[number - 1] if number else None,
-            message=message,
-            ticks=self._loop.cycle.ticks,
-            missed=self._loop.missed,
-            elapsed_s=self._loop.elapsed_s,
-            real_s=self._real_s,
-            grid_hz=1e9 / self._loop.period_ns,
-            guard=None,
-            oscillation=None,
-            delay=None,
-            bus=None,
-            torque_off=self._torque_off,
-            checks=self._checks,
-            waited_for=self._waiting.lacking(),
-            stalled=self._stalled,
-            stalled_s=self._loop.stalled_s if isinstance(self._clock, ElasticClock) else None,
-        )
-        known = [
-            {
-                "bus": _counts(servo.traffic, index, axis.safety.refused),
-                "wall_came_on": axis.came_on,
-                "servo": _facts(servo.facts),
-            }
-            for index, (axis, servo) in enumerate(zip(self._axes, self._servos, strict=True))
-        ]
-        result = self._with_parts(result, known)
+        reason, defect, loop = self._reason, "", self._loop
+        parts = [self._known(index) for index in range(len(self._axes))]
         try:
             self._around.on_block()
-            parts = [self._reported(index, part) for index, part in enumerate(known)]
+            parts = [part | self._computed(index, part) for index, part in enumerate(parts)]
         except Exception as error:  # noqa: BLE001 - it must not cost what is known of the run
-            return _with_defect(result, error)
-        return self._with_parts(result, parts)
-
-    def _with_parts(self, result: Result, parts: list[dict[str, Any]]) -> Result:
-        """Add the parts on each axis to a result, and what they say together."""
-        told = all_axes(parts)
+            defect = f"after the run: {defect_text(error)}"
+            reason = reason if isinstance(reason, Trip) else Trip.INTERNAL_ERROR
+        told, number = all_axes(parts), self._telemetry.words[Word.STOP_AXIS]
         if (bus := told["bus"]) is not None:
             bus = bus | {"schedule": "pipelined" if self._pipelined else "immediate"}
+        stalled_s = loop.stalled_s if isinstance(self._clock, ElasticClock) else None
         worst_missed = max(axis.safety.worst_missed for axis in self._axes)
-        return replace(
-            result,
+        return Result(
+            stop_reason=reason,
+            stop_axis=list(self._configs)[number - 1] if number else None,
+            message="; ".join(filter(None, (self._told(number), defect))),
+            ticks=loop.cycle.ticks,
+            missed=loop.missed,
+            elapsed_s=loop.elapsed_s,
+            real_s=self._real_s,
+            grid_hz=1e9 / loop.period_ns,
             guard=told.get("guard"),
             oscillation=told.get("oscillation"),
             delay=told.get("delay_s"),
             bus=bus,
+            torque_off=self._torque_off,
+            axes={} if "" in self._configs else dict(zip(self._configs, parts, strict=True)),
+            checks=self._checks,
             facts=told.get("servo"),
             wall_came_on=told["wall_came_on"],
-            axes={} if "" in self._configs else dict(zip(self._configs, parts, strict=True)),
-            warnings=[
-                *missed_warnings(self._config, worst_missed),
-                *stall_warnings(result.stalled_s),
-            ],
+            waited_for=self._waiting.lacking(),
+            warnings=[*missed_warnings(self._config, worst_missed), *stall_warnings(stalled_s)],
+            stalled=self._stalled,
+            stalled_s=stalled_s,
         )
 
-    def _reported(self, index: int, known: dict[str, Any]) -> dict[str, Any]:
-        """Return the report's part on an axis, with what has to be computed."""
+    def _told(self, number: int) -> str:
+        """Return why the run ended, as loop, safety and bus say it.
+
+        Args:
+            number: Of the axis that ended it, from 1; 0: none did.
+        """
+        trouble = self.bus.trouble if isinstance(self.bus, HasTrouble) else ""
+        axes = [self._axes[number - 1]] if number else self._axes
+        found = next(filter(None, (axis.safety.found for axis in axes)), "")
+        message = self._message or found or trouble
+        if trouble and trouble != message and len(self._axes) > 1:  # of another one perhaps
+            message += f"; {trouble}"
+        return message
+
+    def _known(self, index: int) -> dict[str, Any]:
+        """Return the report's part on an axis, without what has to be computed."""
+        axis, servo = self._axes[index], self._servos[index]
+        return {
+            "bus": _counts(servo.traffic, index, axis.safety.refused),
+            "wall_came_on": axis.came_on,
+            "servo": _facts(servo.facts),
+        }
+
+    def _computed(self, index: int, known: dict[str, Any]) -> dict[str, Any]:
+        """Return the rest of the report's part on an axis."""
         axis, servo = self._axes[index], self._servos[index]
         config, schedule = list(self._configs.values())[index], axis.gains.schedule
         if axis.made is not None:
@@ -403,7 +399,7 @@ class _Session:
         situation, decided = situation_of(config, servo), self._decided[index]
         decision = decision_in_force(config, servo, decided, schedule.index, self._work)
         missed = self._loop.cycle.missed
-        return known | {
+        return {
             "guard": guard_report(config, decision, axis, missed, situation, known["bus"]),
             "oscillation": oscillation_report(axis.watch),
             "delay_s": delay_report(situation, decision, schedule.age_ns),
@@ -443,16 +439,6 @@ def defect_text(error: Exception) -> str:
     code = frame.f_code
     file = Path(code.co_filename).name
     return f"{type(error).__name__}: {error} (in {code.co_name}, {file} line {line})"
-
-
-def _with_defect(result: Result, error: Exception) -> Result:
-    """Add an unexpected error of the report to a result; an earlier trip stays the reason."""
-    tripped = isinstance(result.stop_reason, Trip)
-    return replace(
-        result,
-        stop_reason=result.stop_reason if tripped else Trip.INTERNAL_ERROR,
-        message="; ".join(filter(None, (result.message, f"after the run: {defect_text(error)}"))),
-    )
 
 
 def _run(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Final
 
 from haptic_wall.hw.dynamixel.registers import TICK_MODULUS
 from haptic_wall.hw.servo import BusCounts
@@ -17,16 +17,6 @@ _TRUST_NS: Final = 10_000_000_000
 _NEVER_NS: Final = -1 << 62
 _PROOFS: Final = 3
 """Samples that prove that the last accepted one was a late one"""
-
-
-class _Seen(NamedTuple):
-    """A tick, and the time in which the servo has read it."""
-
-    tick: int
-    since_ns: int
-    """Earliest instant: its request was sent [ns]"""
-    until_ns: int
-    """Latest instant: its reply had been received [ns]"""
 
 
 class Station:
@@ -54,8 +44,9 @@ class Station:
         """Two servos have replied to one request"""
         self.longest_ns = 0
         """Longest time that an answer took [ns]"""
-        self._last = _Seen(0, _NEVER_NS, _NEVER_NS)
-        """The last accepted sample"""
+        self._tick = 0
+        """Of the last accepted sample; the servo has read it between these two [ns]:"""
+        self._since_ns = self._until_ns = _NEVER_NS
         self._ahead = 0
         """How many samples since then are newer than that one allows"""
         self._ahead_ns = 0  # when the last of these was requested [ns]
@@ -72,29 +63,28 @@ class Station:
             sent_ns: When it was requested [ns].
             now_ns: The present time, after the reply was received [ns].
         """
-        last_tick, since_ns, until_ns = self._last
-        passed_ns = sent_ns - since_ns
-        ahead_ns = (tick - last_tick) % TICK_MODULUS * 1_000_000 - passed_ns
+        passed_ns = sent_ns - self._since_ns
+        ahead_ns = (tick - self._tick) % TICK_MODULUS * 1_000_000 - passed_ns
         if -_SLACK_NS <= ahead_ns <= _SLACK_NS >= passed_ns and not self._ahead:
-            self._last = _Seen(tick, sent_ns, sent_ns)  # the usual case
+            self._tick, self._since_ns, self._until_ns = tick, sent_ns, sent_ns  # the usual case
             return True
         if passed_ns > _TRUST_NS:
-            return self._take(_Seen(tick, sent_ns, now_ns))
-        advance_ns = ((tick - last_tick + _HALF) % TICK_MODULUS - _HALF) * 1_000_000
-        first_ns, end_ns = since_ns + advance_ns, until_ns + advance_ns
+            return self._take(tick, sent_ns, now_ns)
+        advance_ns = ((tick - self._tick + _HALF) % TICK_MODULUS - _HALF) * 1_000_000
+        first_ns, end_ns = self._since_ns + advance_ns, self._until_ns + advance_ns
         slack_ns = _SLACK_NS + _DRIFT * passed_ns
         if first_ns > sent_ns + slack_ns:
             if sent_ns != self._ahead_ns:
                 self._ahead += 1
                 self._ahead_ns = sent_ns
-            return self._ahead >= _PROOFS and self._take(_Seen(tick, sent_ns, now_ns))
+            return self._ahead >= _PROOFS and self._take(tick, sent_ns, now_ns)
         if advance_ns < 0 or sent_ns > end_ns + slack_ns:
             return False
         # The tick was read between the bounds that both samples give.
         begin_ns = min(max(sent_ns, first_ns), now_ns)
-        return self._take(_Seen(tick, begin_ns, max(begin_ns, min(now_ns, end_ns))))
+        return self._take(tick, begin_ns, max(begin_ns, min(now_ns, end_ns)))
 
-    def _take(self, seen: _Seen) -> bool:
-        self._last = seen
+    def _take(self, tick: int, since_ns: int, until_ns: int) -> bool:
+        self._tick, self._since_ns, self._until_ns = tick, since_ns, until_ns
         self._ahead = 0
         return True

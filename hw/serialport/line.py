@@ -138,7 +138,7 @@ class FdLine:
             remaining = deadline_ns - now_ns()
             pause = max(0, remaining - _SPIN_NS) * 1e-9
             try:
-                if ready(self._only, pause):
+                if select.select(self._only, (), (), pause)[0]:
                     self._arrived = True
                     return True
             except (OSError, ValueError) as error:

@@ -4,32 +4,18 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from haptic_wall.controller.laws.velocity import (
-    BackwardDifference,
-    Biquad,
-    SampleDifference,
-    velocity_estimator,
-)
+from haptic_wall.controller.laws.velocity import Biquad, SampleDifference, velocity_estimator
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 T = 0.001
 
 
-def test_the_first_value_is_zero_whatever_the_position() -> None:
-    assert BackwardDifference(T).update(123.0, 1) == 0.0
-    assert SampleDifference(T, 4).update(123.0, 1) == 0.0
-
-
-def test_backward_difference() -> None:
-    estimator = BackwardDifference(T)
-    estimator.update(1.0, 1)
-    assert estimator.update(1.002, 1) == pytest.approx(2.0)
-
-
-def test_after_losses_the_difference_is_divided_by_the_periods_that_passed() -> None:
-    estimator = BackwardDifference(T)
-    estimator.update(1.0, 1)
-    assert estimator.update(1.006, 3) == pytest.approx(2.0)
+@pytest.mark.parametrize("samples", [1, 4])
+@pytest.mark.parametrize("periods", [1, 3])
+def test_the_difference_is_divided_by_the_periods_that_passed(samples: int, periods: int) -> None:
+    estimator = velocity_estimator(T, samples)
+    assert estimator.update(123.0, 1) == 0.0, "the first value, whatever the position"
+    assert estimator.update(123.0 + 2.0 * periods * T, periods) == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize("samples", [1, 3])

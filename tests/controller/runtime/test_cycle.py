@@ -210,14 +210,9 @@ def test_warm_up_sends_zero() -> None:
     assert rig.run(2).bus.sent == [0.0, 0.0]
 
 
-def test_delay_counts_periods() -> None:
-    rig = on(Rig([0.1, 0.2, 0.3, 0.4], steps=2, stiffness=10.0)).run(4)
-    assert rig.bus.sent == pytest.approx([0.0, 0.0, -1.0, -2.0])
-
-
-def test_skipped_periods_shift_the_delay() -> None:
-    rig = on(Rig([0.1, 0.2, 0.3], steps=2, stiffness=10.0)).run(2).run(1, missed=1)
-    assert rig.bus.sent == pytest.approx([0.0, 0.0, -2.0]), "what was rendered two periods ago"
+def test_the_delay_counts_periods_the_skipped_ones_too() -> None:
+    rig = on(Rig([0.1, 0.2, 0.3, 0.4], steps=2, stiffness=10.0)).run(3).run(1, missed=1)
+    assert rig.bus.sent == pytest.approx([0.0, 0.0, -1.0, -3.0]), "rendered two periods ago"
 
 
 def test_skipped_periods_divide_the_difference() -> None:
@@ -242,20 +237,6 @@ def test_before_the_first_reading_nothing_acts() -> None:
     for _ in range(3):
         assert rig.run(1).cycle.trip is None
     assert rig.bus.sent == pytest.approx([0.0, 0.0, -1.0])
-
-
-def test_losses_trip_with_torque_off() -> None:
-    rig = on(Rig([0.1] + [LOST] * 4, stiffness=10.0)).run(5)
-    assert rig.cycle.trip is Trip.LOSSES_IN_ROW
-    assert rig.bus.sent[-1] == 0.0
-
-
-def test_a_broken_torque_trips_with_torque_off() -> None:
-    rig = on(Rig([0.1, 0.1], stiffness=10.0)).run(1)
-    rig.wall.stiffness = math.nan
-    rig.run(1)
-    assert rig.cycle.trip is Trip.NOT_A_NUMBER
-    assert rig.bus.sent[-1] == 0.0
 
 
 def test_the_cut_flag_stops_every_write() -> None:
@@ -437,7 +418,7 @@ def test_a_jump_that_goes_away_is_refused_and_one_that_stays_trips_after_three_p
 # Several axes
 
 
-@pytest.mark.parametrize("count", [2, 6])
+@pytest.mark.parametrize("count", [1, 2, 6])
 def test_each_axis_renders_its_own_wall_in_one_frame(count: int) -> None:
     rig = on(Rig(*([0.01 * n, 0.02 * n] for n in range(1, 1 + count)), stiffness=10.0)).run(2)
     assert rig.bus.calls == ["request", "collect", "write"] * 2

@@ -3,6 +3,8 @@
 import gc
 import json
 import math
+from collections.abc import Callable
+from itertools import count
 from pathlib import Path
 from typing import NoReturn
 
@@ -33,17 +35,39 @@ from tests.typed import not_none, status_of
 
 Rows = NDArray[np.void]
 LINEAR = ["servo.coulomb=0", "servo.hand=none", "wall.side=both", "servo.counts_per_rev=0"]
-LINEAR += ["servo.torque_step=0", "servo.torque_limit=100", "loop.clock=simulated"]
+LINEAR += ["servo.torque_step=0", "servo.torque_limit=100"]
 
 
 def session(
-    preset: str, *sets: str, duration: float = 2.0, telemetry: Telemetry | None = None
+    preset: str,
+    *sets: str,
+    duration: float = 2.0,
+    telemetry: Telemetry | None = None,
+    tell: Callable[[str], None] = lambda _: None,
+    clock: SimulatedClock | None = None,
+    warm_up: bool = False,
 ) -> tuple[Result, Rows]:
-    config = load_config(preset, sets).config
+    """Run on the simulated clock; the rows, those of the warm-up if asked for."""
+    config = load_config(preset, ("loop.clock=simulated", *sets)).config
     telemetry = telemetry or Telemetry.create()
-    result = run_session(config, SimulatedClock(), telemetry, duration)
+    clock, around = clock or SimulatedClock(), Surroundings(tell=tell)
+    result = run_session(config, clock, telemetry, duration, surroundings=around)
     rows = telemetry.read(0)[0][:, 0]
-    return result, rows[(rows["flags"] & FLAG_WARM_UP) == 0]
+    return result, rows if warm_up else rows[(rows["flags"] & FLAG_WARM_UP) == 0]
+
+
+def stalls(
+    clock: SimulatedClock, after: int, seconds: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Let a tick last so long, after so many others."""
+    plain, ticks = Gains.follow, count()
+
+    def follow(self: Gains, age_ns: int, interval_ns: int, may_raise: bool) -> bool:
+        if next(ticks) == after:
+            clock.wait_until(clock.now_ns() + round(seconds * 1e9))
+        return plain(self, age_ns, interval_ns, may_raise)
+
+    monkeypatch.setattr(Gains, "follow", follow)
 
 
 def heights(rows: Rows, wall: float = 0.0) -> tuple[float, float]:
@@ -117,8 +141,8 @@ def test_the_guard_keeps_an_absurd_wall_stable() -> None:
 
 
 def test_the_driver_on_a_bus_in_memory_renders_the_same_wall() -> None:
-    _, plain = session("simulated", "loop.clock=simulated", "servo.kick=-0.1", duration=5.0)
-    result, bus = session("emulated-ideal", "loop.clock=simulated", "servo.kick=-0.1", duration=2.7)
+    _, plain = session("simulated", "servo.kick=-0.1", duration=5.0)
+    result, bus = session("emulated-ideal", "servo.kick=-0.1", duration=2.7)
     assert (
         not_none(result.bus)["lost"]
         == not_none(result.bus)["late"]
@@ -135,7 +159,6 @@ def test_the_driver_on_a_bus_in_memory_renders_the_same_wall() -> None:
 def test_rates_and_schedules_on_a_bus_in_memory(rate: int, schedule: str) -> None:
     result, rows = session(
         "emulated-ideal",
-        "loop.clock=simulated",
         f"loop.rate_hz={rate}",
         f"servo.schedule={schedule}",
         duration=0.4,
@@ -159,7 +182,7 @@ def test_a_stop_before_the_start_never_switches_the_torque_on(
     monkeypatch.setattr(DynamixelGroup, "start", start)
     telemetry = Telemetry.create()
     telemetry.words[Word.STOP] = 1
-    result, _ = session("emulated-ideal", "loop.clock=simulated", telemetry=telemetry)
+    result, _ = session("emulated-ideal", telemetry=telemetry)
     assert result.stop_reason == "interrupted"
     assert result.torque_off, "and read back"
 
@@ -170,10 +193,7 @@ def test_an_end_in_the_warm_up_counts_no_ticks() -> None:
     def stop(_: object) -> None:
         telemetry.words[Word.STOP] = 1
 
-    config = load_config("emulated-ideal", ["loop.clock=simulated"]).config
-    result = run_session(
-        config, SimulatedClock(), telemetry, 2.0, surroundings=Surroundings(tell=stop)
-    )
+    result, _ = session("emulated-ideal", telemetry=telemetry, tell=stop)
     assert (result.stop_reason, result.ticks, result.elapsed_s) == ("interrupted", 0, 0.0)
     assert telemetry.words[Word.TICKS] == 0
 
@@ -181,41 +201,19 @@ def test_an_end_in_the_warm_up_counts_no_ticks() -> None:
 @pytest.mark.parametrize("stalled", sampled([500, 499, 999, 700], 2))
 def test_every_period_is_a_tick_or_missed(stalled: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Wherever a stall falls: in the warm-up's last tick, the first or the last of the run."""
-    plain = Gains.follow
-    seen = []
-
-    def stalling(self: Gains, age_ns: int, interval_ns: int, may_raise: bool) -> bool:
-        seen.append(0)
-        if len(seen) == stalled + 1:
-            clock.wait_until(clock.now_ns() + 7_300_000)
-        return plain(self, age_ns, interval_ns, may_raise)
-
-    monkeypatch.setattr(Gains, "follow", stalling)
-    config = load_config("emulated-ideal", ["loop.clock=simulated"]).config
     clock = SimulatedClock()
-    telemetry = Telemetry.create()
-    result = run_session(config, clock, telemetry, 0.5)
+    stalls(clock, stalled, 7.3e-3, monkeypatch)
+    result, rows = session("emulated-ideal", duration=0.5, clock=clock, warm_up=True)
     assert result.ticks + result.missed == round(result.elapsed_s * result.grid_hz)
     assert (result.missed > 0) is (stalled >= 500)
-    rows = telemetry.read(0)[0][:, 0]
     assert [row for row in rows["missed"] if row] == [result.missed or 6]
 
 
 def test_a_torque_lost_in_a_stall_beyond_the_end_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    plain = Gains.follow
-    seen = []
-
-    def stalling(self: Gains, age_ns: int, interval_ns: int, may_raise: bool) -> bool:
-        seen.append(0)
-        if len(seen) == 2400:
-            clock.wait_until(clock.now_ns() + 3_000_000_000)
-        return plain(self, age_ns, interval_ns, may_raise)
-
-    monkeypatch.setattr(Gains, "follow", stalling)
-    config = load_config("emulated-ideal", ["loop.clock=simulated"]).config
     clock = SimulatedClock()
-    result = run_session(config, clock, Telemetry.create(), 2.0)
-    assert len(seen) == 2400 and result.missed > 2900
+    stalls(clock, 2399, 3.0, monkeypatch)
+    result, _ = session("emulated-ideal", clock=clock)
+    assert result.ticks == 1900 and result.missed > 2900
     assert result.stop_reason == "trip:torque_lost"
 
 
@@ -229,14 +227,10 @@ def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it() -> None:
         if "inside the wall" in text:
             telemetry.words[Word.STOP] = 1
 
-    sets = ["loop.clock=simulated", "loop.warm_up_s=3", "servo.hand=lean", "servo.kick=-0.001"]
-    config = load_config("emulated-ideal", sets).config
-    result = run_session(
-        config, SimulatedClock(), telemetry, 2.0, surroundings=Surroundings(tell=tell)
-    )
+    sets = ["loop.warm_up_s=3", "servo.hand=lean", "servo.kick=-0.001"]
+    result, rows = session("emulated-ideal", *sets, telemetry=telemetry, tell=tell, warm_up=True)
     assert "comes on when the shaft has been turned below 0.0° (0.00 turns)" in told[-1]
     assert (result.stop_reason, result.ticks) == ("interrupted", 0)
-    rows = telemetry.read(0)[0][:, 0]
     assert rows["position"][-1] > 0.0
     assert not np.any(rows["torque"])
     assert not result.wall_came_on
@@ -246,13 +240,8 @@ def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it() -> None:
 @pytest.mark.parametrize("turns", sampled([-3, 3], 2))
 def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset: str, turns: int) -> None:
     told: list[str] = []
-    sets = ["loop.clock=simulated", "wall.side=both", f"servo.kick={turns * math.tau}"]
-    config = load_config(preset, [*sets, "servo.hand=none"]).config
-    telemetry = Telemetry.create()
-    result = run_session(
-        config, SimulatedClock(), telemetry, 1.0, surroundings=Surroundings(tell=told.append)
-    )
-    rows = telemetry.read(0)[0][:, 0]
+    sets = ["wall.side=both", f"servo.kick={turns * math.tau}", "servo.hand=none"]
+    result, rows = session(preset, *sets, duration=1.0, tell=told.append, warm_up=True)
     assert len(rows) >= 1000
     assert not rows["torque"].any()
     assert (result.stop_reason, result.ticks, result.wall_came_on) == ("duration", 0, False)
@@ -263,13 +252,8 @@ def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset: str, turns: 
 @pytest.mark.parametrize("preset", sampled(["emulated-ideal", "simulated"], 2))
 def test_a_wall_from_the_start_is_on_the_turn_where_the_shaft_stands(preset: str) -> None:
     told: list[str] = []
-    sets = ["loop.clock=simulated", "wall.reference=start", "wall.position=0.3", "servo.kick=18.8"]
-    config = load_config(preset, sets).config
-    telemetry = Telemetry.create()
-    result = run_session(
-        config, SimulatedClock(), telemetry, 3.2, surroundings=Surroundings(tell=told.append)
-    )
-    rows = telemetry.read(0)[0][:, 0]
+    sets = ["wall.reference=start", "wall.position=0.3", "servo.kick=18.8"]
+    result, rows = session(preset, *sets, duration=3.2, tell=told.append, warm_up=True)
     assert result.wall_came_on
     surface = rows["position"][0] + 0.3
     pushed = rows[rows["torque"] < 0.0]
@@ -281,7 +265,7 @@ def test_a_wall_from_the_start_is_on_the_turn_where_the_shaft_stands(preset: str
 @pytest.mark.parametrize("reference", ["absolute", "start"])
 def test_travel_trips(reference: str) -> None:
     position = 0.0 if reference == "absolute" else 0.1
-    sets = ["loop.clock=simulated", f"wall.reference={reference}", f"wall.position={position}"]
+    sets = [f"wall.reference={reference}", f"wall.position={position}"]
     result, rows = session("simulated", *sets, "safety.travel=[-1.5, 0.2]", "servo.hand=none")
     assert result.stop_reason == "duration"
     result, rows = session(
@@ -295,7 +279,7 @@ def test_travel_trips(reference: str) -> None:
 
 def test_a_wall_that_waits_comes_on_without_a_blow_when_the_shaft_is_brought_to_it() -> None:
     """A hand brings the shaft from beyond a quarter turn, and goes slowly through the surface."""
-    sets = ["loop.clock=simulated", "wall.side=both", "wall.stiffness=2", "servo.kick=-1.6"]
+    sets = ["wall.side=both", "wall.stiffness=2", "servo.kick=-1.6"]
     result, rows = session("emulated-ideal", *sets, "safety.engage_torque=0.2", duration=1.8)
     assert result.wall_came_on
     assert result.ticks == 1800, "time counts from when the wall comes on"
@@ -331,8 +315,7 @@ def test_a_dead_man_let_go_inside_the_wall(
         plain(self, deadline_ns, woke_ns, missed)
 
     monkeypatch.setattr(Cycle, "run", run)
-    sets = ("loop.clock=simulated", *more)
-    result, rows = session(preset, *sets, duration=7.0, telemetry=telemetry)
+    result, rows = session(preset, *more, duration=7.0, telemetry=telemetry)
     assert result.stop_reason == "duration"
     off = (rows["flags"] & FLAG_OFF) != 0
     at = let_go[0]
@@ -376,13 +359,12 @@ def test_a_wall_that_never_came_on_is_the_first_line_of_the_report(
 
 
 def test_a_configured_sample_age_counts_where_it_is_the_larger() -> None:
-    settings = ("loop.clock=simulated", "delay.steps=2")
-    result, _ = session("emulated-ideal", *settings, "guard.sample_age=0.0015", duration=0.2)
+    result, _ = session("emulated-ideal", "delay.steps=2", "guard.sample_age=0.0015", duration=0.2)
     assert not_none(result.delay)["measured"] == 0.0015
     assert not_none(result.delay)["total"] == pytest.approx(
         0.002 + 0.0015 + not_none(result.delay)["device"]
     )
-    result, _ = session("emulated-ideal", *settings, "guard.sample_age=0.00001", duration=0.2)
+    result, _ = session("emulated-ideal", "delay.steps=2", "guard.sample_age=0.00001", duration=0.2)
     assert not_none(result.delay)["measured"] > 0.00001
 
 
@@ -393,13 +375,13 @@ def test_an_error_in_the_loop_ends_with_torque_off_and_a_name(
         raise ZeroDivisionError("boom")
 
     monkeypatch.setattr(Gains, "follow", broken)
-    result, _ = session("emulated-ideal", "loop.clock=simulated")
+    result, _ = session("emulated-ideal")
     assert result.stop_reason == "trip:internal_error"
     assert "ZeroDivisionError: boom (in broken, test_session.py line" in result.message
     assert result.torque_off
 
 
-FIRST = ("loop.clock=simulated", "wall.stiffness=7", "wall.damping=0.04")
+FIRST = ("wall.stiffness=7", "wall.damping=0.04")
 
 
 def test_the_clip_limits_the_wall_and_leaves_the_guard_its_stiffness() -> None:
@@ -418,12 +400,7 @@ def test_the_clip_limits_the_wall_and_leaves_the_guard_its_stiffness() -> None:
 
 def test_a_wall_that_drives_the_shaft_trips_near_the_models_no_load_speed() -> None:
     """Damping below zero, and friction believed so large that the detector sees nothing."""
-    sets: tuple[str, ...] = (
-        "loop.clock=simulated",
-        "wall.side=both",
-        "guard.mode=off",
-        "servo.hand=none",
-    )
+    sets: tuple[str, ...] = ("wall.side=both", "guard.mode=off", "servo.hand=none")
     sets += ("wall.damping=-0.1", "servo.kick=0.5", "servo.coulomb=0.001", "wall.stiffness=0.3")
     sets += ("model.coulomb={value: 0.5, low: 0, high: 0.5}",)
     sets += ("model.damping={value: 0.3, low: 0.01, high: 0.3}",)
