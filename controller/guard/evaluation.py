@@ -81,9 +81,13 @@ class Evaluation:
     @cached_property
     def rigid_ceiling(self) -> FloatArray:
         """Return the damping above which no stiffness is stable on a rigid servo [N·m·s/rad]."""
-        return self.work.once(
-            ("rigid", self._key), lambda: _ceiling(self.corners, self.request) / self.corners.gain
-        )
+        return self.least(self._ceilings / self._members.gain)
+
+    @cached_property
+    def _ceilings(self) -> FloatArray:
+        """Return the ceiling of each member, in acting units [N·m·s/rad]."""
+        members = self._members
+        return self.work.once(("rigid", self._key), lambda: _ceiling(members, self.request))
 
     @cached_property
     def vibration(self) -> FloatArray:
@@ -228,14 +232,12 @@ class Evaluation:
         samples = self.request.velocity_samples
         if self._simulated:
             return one_sided_limit(*loop, samples)
-        alone = self.box.size == 1
-        ceiling = p.gain * self.rigid_ceiling if alone else _ceiling(p, self.request)
         exact = self._exact_acting
         # longer differences are a tenth less timid, and simulated: only for the period itself
         situation, spans = self.situation, samples * p.period * p.damping
         if situation.period > _REGULAR * situation.sampled and np.all(spans <= LIGHT * p.inertia):
             samples = 1
-        return one_sided_limit_tabulated(*loop, samples, exact, ceiling)
+        return one_sided_limit_tabulated(*loop, samples, exact, self._ceilings)
 
     @cached_property
     def _members(self) -> Plants:

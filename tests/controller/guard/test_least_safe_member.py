@@ -344,3 +344,28 @@ def test_a_motor_with_a_load_of_any_size_gets_a_stiffness_that_is_stable() -> No
     assert wall.damping_ceiling < chain_ceiling(*servo, 1e-3, delay).min()
     limit = chain_boundary(*servo, wall.damping, 1e-3, delay).stiffness.min()
     assert 0.5 * limit < wall.stiffness < limit
+
+
+@pytest.mark.parametrize(
+    ("samples", "friction"), [(1, 1.0), (4, 1.0), (8, 0.4), (16, 0.1), (16, 1.0)]
+)
+def test_rigid_links_on_a_motor_with_a_long_velocity_difference_are_stable(
+    samples: int, friction: float
+) -> None:
+    """Friction is b T / m of the motor alone; links may be far heavier."""
+    motor = belief(
+        inertia=Bounded.exactly(0.01),
+        damping=Bounded.exactly(friction * 10.0),
+        delay=Bounded.exactly(0.0),
+        bare=True,
+    )
+    inertias = 0.01 * np.geomspace(1.0, 300.0, 200)
+    for age in (0.0, 1e-3, 2.5e-3):
+        for share in (-0.5 * friction, 0.1, 0.6, 10.0):
+            situation = Situation(motor, 1e-3, 4.1, 0.0)
+            request = Request(1e9, share * 10.0, "both", samples)
+            wall = decide(request, GuardSettings(), situation, [age], explained=False)[0]
+            loop = (1e-3, age, samples)
+            assert wall.damping < max_virtual_damping(inertias, friction * 10.0, *loop).min()
+            limits = critical_stiffness(inertias, friction * 10.0, wall.damping, *loop)
+            assert 0.0 < wall.stiffness < 0.85 * limits.min()
