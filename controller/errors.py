@@ -14,10 +14,21 @@ Hardware errors are ``haptic_wall.hw.errors.ServoError``. All carry the parts of
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Final
 
 from haptic_wall.hw.errors import ExplainedError, Problem
 
+EXIT_STATUSES: Final[Mapping[int, str]] = {
+    0: "done",
+    1: "`doctor` found something wrong",
+    2: "the input is wrong",
+    3: "a safety trip ended the run, or its wall never came on or has no stiffness at the end",
+    4: "the hardware could not be reached, is unfit, or was lost",
+    5: "the run went well, but its log is missing or incomplete",
+    130: "interrupted, by Ctrl-C or SIGTERM",
+}
+"""Of every command; 3, 4 and 130 take precedence over 5"""
 _MOST_TOLD = 30
 """Largest number of a configuration's problems in the message"""
 

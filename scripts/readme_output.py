@@ -15,9 +15,12 @@ log and picture are shown only of measured runs, as their names hold the date.
 """
 
 import argparse
+import ast
 import contextlib
 import csv
+import inspect
 import io
+import itertools
 import math
 import os
 import re
@@ -32,8 +35,11 @@ from typing import Any
 
 from haptic_wall.controller.cli.main import COMMANDS
 from haptic_wall.controller.cli.main import main as haptic_wall
+from haptic_wall.controller.errors import EXIT_STATUSES
 from haptic_wall.controller.guard.guard import Decision, Situation, decide
 from haptic_wall.controller.guard.limits import LIMITS as GUARD_LIMITS
+from haptic_wall.controller.report.report_keys import REPORT_KEYS
+from haptic_wall.controller.runtime.safety import EXPLANATIONS, Trip
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.fields import fields
 from haptic_wall.controller.settings.load import load_config
@@ -288,8 +294,48 @@ def settings() -> tuple[list[str], list[list[object]]]:
     return ["setting", "values", "meaning"], rows
 
 
+def exit_statuses() -> tuple[list[str], list[list[object]]]:
+    """Return the exit statuses of the commands."""
+    return ["status", "meaning"], [[status, text] for status, text in EXIT_STATUSES.items()]
+
+
+def report_keys() -> tuple[list[str], list[list[object]]]:
+    """Return the keys of a run's report."""
+    return ["key", "meaning"], [[f"`{key}`", text] for key, text in REPORT_KEYS.items()]
+
+
+def trips() -> tuple[list[str], list[list[object]]]:
+    """Return the trips, with the remedies that an explanation names."""
+    meanings = documented(Trip)
+    rows: list[list[object]] = [
+        [f"`{trip.label}`", meanings[trip.name].rstrip("."), EXPLANATIONS[trip].advice or None]
+        for trip in Trip
+    ]
+    return ["trip", "meaning", "remedy"], rows
+
+
+def documented(kind: type) -> dict[str, str]:
+    """Return the docstring below each member of a class."""
+    (of,) = ast.parse(inspect.getsource(kind)).body
+    assert isinstance(of, ast.ClassDef)
+    return {
+        member.targets[0].id: inspect.cleandoc(doc.value.value)
+        .replace("\n", " ")
+        .replace("``", "`")
+        for member, doc in itertools.pairwise(of.body)
+        if isinstance(member, ast.Assign)
+        and isinstance(member.targets[0], ast.Name)
+        and isinstance(doc, ast.Expr)
+        and isinstance(doc.value, ast.Constant)
+        and isinstance(doc.value.value, str)
+    }
+
+
 TABLES = {
     "commands": commands,
+    "exit_statuses": exit_statuses,
+    "report_keys": report_keys,
+    "trips": trips,
     "settings": settings,
     "limits": limits,
     "stiffness": stiffness,

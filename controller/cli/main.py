@@ -20,7 +20,12 @@ from haptic_wall import __version__
 from haptic_wall.controller.cli import interrupt
 from haptic_wall.controller.cli.failure import tell
 from haptic_wall.controller.cli.options import begin, forget_output, say
-from haptic_wall.controller.errors import HapticWallError, PlatformError, UserError
+from haptic_wall.controller.errors import (
+    EXIT_STATUSES,
+    HapticWallError,
+    PlatformError,
+    UserError,
+)
 from haptic_wall.hw.errors import ServoError
 from haptic_wall.hw.names import did_you_mean
 
@@ -91,16 +96,12 @@ class _Commands(click.Group):
 @click.command(
     cls=_Commands,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    epilog="Start with: haptic-wall run",
+    epilog="Start with: haptic-wall run. Exit status: "
+    + "; ".join(f"{status} {meaning}" for status, meaning in EXIT_STATUSES.items()),
 )
 @click.version_option(__version__, "-V", "--version", prog_name="haptic-wall")
 def haptic_wall() -> None:
-    """A virtual wall on a Dynamixel servo at a fixed rate, with a stability guard.
-
-    Exit status: 0 done; 1 doctor found something wrong; 2 the input is wrong; 3 ended by a safety
-    trip; 4 the hardware could not be reached, is unfit, or was lost; 5 the run's log is missing or
-    incomplete; 130 interrupted.
-    """
+    """A virtual wall on a Dynamixel servo at a fixed rate, with a stability guard."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -91,7 +91,7 @@ def line(fault: tuple[str, str]) -> list[str]:
     ended_ns = int(ticks["deadline_ns"][-1]) + (0 if trip in IN_TICK else PERIOD_NS)
     lasted = -((struck_ns - ended_ns) // PERIOD_NS)
     read_back = "torque off read back" if found.result.torque_off else "torque off not read back"
-    link = f"trips: [{trip}](../reference/trips.md#{trip}), {read_back}"
+    link = f"trips: [{trip}](../reference/trips.md), {read_back}"
     did = f"{link}; {counted}" if counted else link
     return [name, f"`{spec}`", did, f"{max(0, lasted)}", ending(found, struck_ns)]
 

@@ -6,7 +6,9 @@ from scripts import readme_output
 from tests.docs.test_commands import folder  # noqa: F401 - a fixture
 
 
-@pytest.mark.parametrize("name", ["commands", "limits", "settings"])
+@pytest.mark.parametrize(
+    "name", ["commands", "exit_statuses", "limits", "report_keys", "settings", "trips"]
+)
 def test_the_reference_is_the_program_s(name: str) -> None:
     made = readme_output.table(*readme_output.TABLES[name]())
     found = [page for page in readme_output.pages() if f": {name} -->\n{made}<" in page.read_text()]
