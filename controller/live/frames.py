@@ -31,13 +31,16 @@ def frame(rows: NDArray[np.void], origin_ns: int) -> bytes:
     """Return rows as one message.
 
     The message has, little-endian: the number of the first row as float64; the number of rows and
-    that of channels as uint32; the times [s] as float64; then each channel as float32.
+    that of channels as uint32; the times [s] as float64; then each channel as float32, and last the
+    positions of the other axes.
 
     Args:
-        rows: Shape (n,), n > 0, dtype ``telemetry.ROW``.
+        rows: Shape (n, axes), dtype ``telemetry.ROW``; first the axis that is shown.
         origin_ns: Zero of the time [ns].
     """
-    parts = [_HEAD.pack(float(rows["seq"][0]), len(rows), len(CHANNELS))]
-    parts.append(values(rows, "time_s", origin_ns).astype("<f8").tobytes())
-    parts += [values(rows, name, origin_ns).astype("<f4").tobytes() for name in CHANNELS]
+    shown, others = rows[:, 0], rows["position"][:, 1:].T
+    parts = [_HEAD.pack(float(shown["seq"][0]), len(rows), len(CHANNELS) + len(others))]
+    parts.append(values(shown, "time_s", origin_ns).astype("<f8").tobytes())
+    parts += [values(shown, name, origin_ns).astype("<f4").tobytes() for name in CHANNELS]
+    parts.append(others.astype("<f4").tobytes())
     return b"".join(parts)

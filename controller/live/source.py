@@ -23,11 +23,11 @@ class Source(Protocol):
 
     Attributes:
         capacity: Number of rows that a page keeps.
-        alone: There is no other axis.
+        others: Names of the other axes, whose rows come with them.
     """
 
     capacity: int
-    alone: bool
+    others: list[str]
 
     def origin_ns(self) -> int:
         """Return the zero of the time [ns]; 0: not known yet."""
@@ -46,7 +46,10 @@ class Source(Protocol):
         ...
 
     def read(self, tail: int, most: int) -> tuple[NDArray[np.void], int]:
-        """Return rows from ``tail`` on, shape (n,), and the next tail; see ``Telemetry.read``."""
+        """Return rows from ``tail`` on, and the next tail; see ``Telemetry.read``.
+
+        Their shape is (n, 1 + others): the axis of the view is the first.
+        """
         ...
 
 
@@ -64,8 +67,8 @@ class RunningSource:
         self, telemetry: Telemetry, period_ns: int, axes: Sequence[str] = ("",), axis: str = ""
     ) -> None:
         self._telemetry = telemetry
-        self.alone = len(axes) == 1
-        self._place = axes.index(axis)
+        self.others = [name for name in axes if name != axis]
+        self._order = [axes.index(name) for name in (axis, *self.others)]
         self.capacity = round(BACK_S * 1e9 / period_ns)
 
     def origin_ns(self) -> int:
@@ -80,7 +83,7 @@ class RunningSource:
 
     def stopped(self) -> bool:
         """Whether the axis of the view ended the run, as one of several."""
-        return bool(self._telemetry.words[Word.STOP_AXIS] == self._place + 1)
+        return bool(self._telemetry.words[Word.STOP_AXIS] == self._order[0] + 1)
 
     def first(self) -> int:
         """Return the number of the row a minute ago."""
@@ -89,7 +92,7 @@ class RunningSource:
     def read(self, tail: int, most: int) -> tuple[NDArray[np.void], int]:
         """Return rows from ``tail`` on, and the next tail; see ``Telemetry.read``."""
         rows, after = self._telemetry.read(tail, most)
-        return rows[:, self._place], after
+        return rows[:, self._order], after
 
 
 class LoggedSource:
@@ -120,7 +123,7 @@ class LoggedSource:
         self.rows = np.concatenate(blocks)
         self._origin_ns = log.origin_ns
         self.capacity = len(self.rows)
-        self.alone = True
+        self.others: list[str] = []
 
     def origin_ns(self) -> int:
         """Return the deadline of the log's first row [ns]."""
@@ -146,5 +149,5 @@ class LoggedSource:
 
     def read(self, tail: int, most: int) -> tuple[NDArray[np.void], int]:
         """Return rows from place ``tail`` on, and the next place."""
-        rows = self.rows[tail : tail + most]
+        rows = self.rows[tail : tail + most, np.newaxis]
         return rows, tail + len(rows)

@@ -74,7 +74,7 @@ class View:
         self._hello = {
             "kind": "hello",
             "name": name,
-            "channels": CHANNELS,
+            "channels": [*CHANNELS, *(f"{other}.position_rad" for other in source.others)],
             "rate_hz": config.loop.rate_hz,
             "capacity": source.capacity,
             "recorded": recorded,
@@ -229,9 +229,10 @@ class View:
     def look(self, most: int) -> None:
         """Process the new rows, at most ``most`` of them."""
         origin_ns = self.source.origin_ns()
-        rows, tail = self.source.read(self._tail, most)
-        if not origin_ns or not len(rows):
+        all_rows, tail = self.source.read(self._tail, most)
+        if not origin_ns or not len(all_rows):
             return
+        rows = all_rows[:, 0]
         self._tail = tail
         self.add(self._finder.look(rows, origin_ns))
         position = rows["position"][np.isfinite(rows["position"])]
@@ -323,7 +324,7 @@ class View:
     def _wall(self) -> dict[str, Any]:
         data = self.config.model_dump(mode="json")
         # Several axes share a delay, which cannot be changed: no knob.
-        steps = data["delay"]["steps"] if self.source.alone else None
+        steps = None if self.source.others else data["delay"]["steps"]
         return {"wall": data["wall"], "delay_steps": steps, "travel": data["safety"]["travel"]}
 
 
