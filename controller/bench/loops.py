@@ -10,9 +10,8 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,7 +19,7 @@ from haptic_wall.controller.emulated_bus.bus import PROGRAM
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.processes import emulator
 from haptic_wall.controller.processes.children import Child, first_line
-from haptic_wall.controller.processes.plan import Ended, Plan
+from haptic_wall.controller.processes.plan import Plan
 from haptic_wall.controller.processes.supervisor import Supervisor
 from haptic_wall.controller.runtime.realtime import pick_cores
 from haptic_wall.controller.runtime.telemetry import Telemetry
@@ -29,9 +28,7 @@ from haptic_wall.controller.settings.load import load_config
 BAUD: Final = 4_000_000
 START_S: Final = 20.0
 """Time allowed for a child to start, and to end [s]"""
-_TIMES: Final = ("lateness", "bus", "work")
 _WARM_UP_S: Final = 0.05
-"""Losses in it count as well"""
 FORGIVING: Final = (
     "realtime.profile=best-effort",
     "servo.watchdog_s=0.5",
@@ -45,23 +42,8 @@ AT_REST: Final = ("wall.side=both", "wall.reference=start", "wall.position=0")
 """A two-sided wall at the position of an emulated servo: always in contact, and at rest"""
 
 
-@dataclass(frozen=True, slots=True)
-class Ran:
-    """Result of one loop."""
-
-    ticks: int
-    missed: int
-    """Periods that it skipped"""
-    lost: int
-    """Ticks without a reply to their own request in time"""
-    late: int = 0
-    """Replies that came later"""
-    times_us: Mapping[str, Mapping[str, float | None]] = field(default_factory=dict)
-    """``lateness``, ``bus`` and ``work``, each with its ``p50`` and ``p99`` [µs]"""
-
-
-Loop = Callable[[str, float, float], Ran]
-"""Runs on the bus at a path, for so long [s], at a rate [Hz]"""
+Loop = Callable[[str, float, float], int]
+"""Runs on the bus at a path, for so long [s], at a rate [Hz]; returns its skipped periods"""
 
 
 @contextmanager
@@ -80,21 +62,15 @@ def emulated_bus(**plan: object) -> Iterator[str]:
         yield path
 
 
-def bare(path: str, seconds: float, rate_hz: float) -> Ran:
-    """Run the bare loop.
+def bare(path: str, seconds: float, rate_hz: float) -> int:
+    """Run the bare loop; return how many periods it skipped.
 
     Raises:
         PlatformError: It did not end by itself.
     """
     words = ["haptic_wall.controller.bench.bare_loop", path, str(seconds), "--rate", str(rate_hz)]
-    figures = told_by("the bare loop", words, None, seconds, os.sched_getaffinity(0))
-    return Ran(
-        figures["ticks"],
-        figures["missed_ticks"],
-        figures["lost"] + figures["stale"],
-        figures["late"],
-        {name: figures[f"{name}_us"] for name in _TIMES},
-    )
+    told = told_by("the bare loop", words, None, seconds, os.sched_getaffinity(0))
+    return int(told["missed_ticks"])
 
 
 def told_by(
@@ -120,54 +96,26 @@ def told_by(
     return figures
 
 
-def ours(path: str, seconds: float, rate_hz: float) -> Ran:
-    """Run the whole program: supervisor, loop with guard and detector, recorder.
+def ours(path: str, seconds: float, rate_hz: float) -> int:
+    """Run the whole program once: supervisor, loop with guard and detector, recorder.
+
+    Its log is discarded. A Ctrl-C ends it immediately: the handlers of ``haptic-wall run`` only ask
+    the run to stop, and would lose one that comes when the loop has just ended.
+
+    Returns:
+        How many periods it skipped. A run that a trip has ended, on a machine that is too slow, has
+        skipped all remaining periods.
 
     Raises:
         ServoError: The servo could not be started.
     """
-    ended = wall_run(
-        "xm430-w350",
-        seconds,
-        f"servo.port={path}",
-        f"loop.rate_hz={rate_hz!r}",
-        f"loop.warm_up_s={_WARM_UP_S}",
-        *AT_REST,
-    )
-    # A run that a trip has ended, on a machine that is too slow, has missed all remaining periods.
-    missed = max(ended.missed, round(seconds * rate_hz) - ended.ticks)
-    return replace(of_run(ended), missed=missed)
+    sets = (f"servo.port={path}", f"loop.rate_hz={rate_hz!r}", f"loop.warm_up_s={_WARM_UP_S}")
+    loaded = load_config("xm430-w350", (*FORGIVING, *AT_REST, *sets))
+    with tempfile.TemporaryDirectory() as folder, closing(Telemetry.create()) as telemetry:
+        log = Path(folder) / "run.hwlog"
+        plan = Plan(loaded.config, seconds, log, {"name": loaded.name}, None)
+        ended = Supervisor(plan, telemetry, lambda _text: None).run()
+    return max(ended.missed, round(seconds * rate_hz) - ended.ticks)
 
 
 LOOPS: Final[dict[str, Loop]] = {"bare loop": bare, "haptic-wall": ours}
-
-
-def of_run(ended: Ended) -> Ran:
-    """Return the result of a run of the whole program."""
-    statistics = ended.statistics
-    times = (statistics.lateness, statistics.bus, statistics.work)
-    reports = [each.as_report(50, 99) for each in times]
-    bus = (ended.result or {}).get("bus") or {"lost": 0, "corrupt": 0, "late": 0}
-    return Ran(
-        ended.ticks,
-        ended.missed,
-        bus["lost"] + bus["corrupt"],
-        bus["late"],
-        dict(zip(_TIMES, reports, strict=True)),
-    )
-
-
-def wall_run(preset: str, seconds: float, *sets: str) -> Ended:
-    """Run the whole program once on the monotonic clock, and discard its log.
-
-    A Ctrl-C ends it immediately: the handlers of ``haptic-wall run`` only ask the run to stop, and
-    would lose one that comes when the loop has just ended.
-
-    Raises:
-        ServoError: The servo could not be started.
-    """
-    loaded = load_config(preset, (*FORGIVING, *sets))
-    with tempfile.TemporaryDirectory() as folder, closing(Telemetry.create()) as telemetry:
-        log = Path(folder) / "run.hwlog"
-        plan = Plan(loaded.config, seconds, log, {"name": preset}, None)
-        return Supervisor(plan, telemetry, lambda _text: None).run()

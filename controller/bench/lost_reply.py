@@ -107,7 +107,7 @@ def _whole_program() -> list[Measurement]:
         record = Path(folder) / "bus.csv"
         fault = f"drop:every={_RARELY},way=reply"
         with emulated_bus(faults=[fault], record=str(record)) as path:
-            ran = ours(path, _RUN_S, 1e9 / _PERIOD_NS)
+            missed = ours(path, _RUN_S, 1e9 / _PERIOD_NS)
         seen = read_rows(record)
     torques = [row.time_s for row in seen if row.instruction == Instruction.SYNC_WRITE]
     begin_s = torques[-1] - _RUN_S + _START_S if torques else 0.0
@@ -122,7 +122,7 @@ def _whole_program() -> list[Measurement]:
         *_figures(what, periods),
         Measurement(
             f"haptic-wall run, periods skipped while {len(taken)} replies were lost",
-            ran.missed,
+            missed,
             "1",
             "whether the losses were the cause; a busy machine skips periods as well",
         ),

@@ -199,13 +199,15 @@ class Mechanism:
         self.take(acting, now_ns, braking)
         return acting
 
-    def take(self, acting: float, now_ns: int, braking: float = 0.0) -> None:
-        """Do the same with a torque that ``limited`` has returned [N·m]."""
-        if self._loop is None and self._delay_ns == 0:  # as ``_command``, for speed
-            self.advance(now_ns)
-            self._torque, self._braking = acting, braking
+    def take(self, acting: float, now_ns: int, braking: float | None = 0.0) -> None:
+        """Do the same with a torque that ``limited`` has returned [N·m]; braking None: limp."""
+        self.advance(now_ns)
+        taken_ns = now_ns if self._loop is None else self._loop.taken_over_ns(now_ns)
+        acts_ns = taken_ns + self._delay_ns
+        if acts_ns == now_ns:
+            self._act(acting, braking)
         else:
-            self._command(acting, braking, now_ns)
+            self._pending.append((acts_ns, acting, braking))
 
     def release(self, now_ns: int) -> None:
         """Switch the motor off at ``now_ns`` [ns]: after the servo's delay no current flows.
@@ -213,7 +215,7 @@ class Mechanism:
         Raises:
             ValueError: ``now_ns`` lies in the past.
         """
-        self._command(0.0, None, now_ns)
+        self.take(0.0, now_ns, None)
 
     def feed(self, stall_torque: float) -> None:
         """Change the supply, by what the motor makes of it at a standstill [N·m]."""
@@ -240,15 +242,12 @@ class Mechanism:
     def measured(self) -> tuple[float, int]:
         """Return the encoder's position [rad] and its counts; 0 if it does not count."""
         per_radian, errors = self._counts_per_radian, self._errors
+        seen, noise = self._followed, 0.0
         if errors is not None:
-            seen = errors.position(self._followed)
-            if per_radian == 0.0:
-                return seen, 0
-            counts = round(seen * per_radian + errors.noise(self.time_ns - self._origin_ns))
-            return counts / per_radian, counts
+            seen, noise = errors.position(seen), errors.noise(self.time_ns - self._origin_ns)
         if per_radian == 0.0:
-            return self._followed, 0
-        counts = round(self._followed * per_radian)
+            return seen, 0
+        counts = round(seen * per_radian + noise)
         return counts / per_radian, counts
 
     def begin(self) -> int:
@@ -288,15 +287,6 @@ class Mechanism:
         self._followed = min(max(self._followed, position - half), position + half)
         if self._loop is not None and now_ns >= self._loop.end_ns:
             self._loop.moved(velocity, now_ns)
-
-    def _command(self, torque: float, braking: float | None, now_ns: int) -> None:
-        self.advance(now_ns)
-        taken_ns = now_ns if self._loop is None else self._loop.taken_over_ns(now_ns)
-        acts_ns = taken_ns + self._delay_ns
-        if acts_ns == now_ns:
-            self._act(torque, braking)
-        else:
-            self._pending.append((acts_ns, torque, braking))
 
     def _act(self, torque: float, braking: float | None) -> None:
         """Let a commanded torque begin to act; braking None: the motor is limp."""

@@ -1,5 +1,5 @@
-"""Independent answers that the simulated servo is held against; nothing here uses
-``haptic_wall``."""
+"""Independent answers that the simulated servo is held against; nothing here uses ``haptic_wall``
+but the names of a servo's parameters."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import brentq
+
+from haptic_wall.hw.truth import TrueServo
 
 
 class Stretch(NamedTuple):
@@ -28,61 +30,86 @@ def _left(speed: float, stribeck: float) -> float:
     return math.exp(-abs(speed) / stribeck) if stribeck > 0.0 else 0.0
 
 
-class Uneven(NamedTuple):
-    """A servo with friction that depends on speed, direction and load, a weight and cogging."""
+class Body(NamedTuple):
+    """A servo with friction that depends on speed, direction and load, a weight and cogging.
 
-    inertia: float
-    forth: float
-    back: float
-    coulomb: float
-    static: float
-    stribeck: float
-    load: float
-    gravity: float
-    angle: float
-    cogging: float
-    periods: float
-    phase: float
+    With ``true.load_inertia`` it is the motor; a transmission is between it and the load.
+    """
+
+    true: TrueServo
     hand_stiffness: float = 0.0
     hand_damping: float = 0.0
-    braking: float = 0.0
+
+    def viscous(self, sign: float) -> float:
+        """Damping in this direction [N·m·s/rad]."""
+        back = self.true.damping_back
+        return self.true.damping if sign > 0.0 or back is None else back
+
+    def friction(self, load: float, left: float) -> float:
+        """Friction with so much left of that at rest, under this load [N·m]."""
+        true = self.true
+        excess = (true.static_friction or true.coulomb) - true.coulomb
+        return true.coulomb + left * excess + true.load_friction * abs(load)
+
+    def cogs(self, x: float) -> float:
+        """Torque of the cogging [N·m]."""
+        true = self.true
+        return -true.cogging * math.sin(true.cogging_periods * x + true.cogging_phase)
+
+    def outside(self, stretch: Stretch, time: float, x: float, v: float) -> float:
+        """Torque of the hand and the weight on the output [N·m]."""
+        reference = stretch.reference + stretch.slope * time
+        hand = self.hand_stiffness * (reference - x) + self.hand_damping * (stretch.slope - v)
+        return hand - self.true.gravity * math.sin(x - self.true.gravity_angle)
 
     def torques(
         self, stretch: Stretch, time: float, x: float, v: float, left: float
     ) -> tuple[float, float]:
-        """What pushes the shaft, and its friction with so much left of that at rest [N·m]."""
-        motor = stretch.torque - self.braking * v
-        reference = stretch.reference + stretch.slope * time
-        outside = (
-            self.hand_stiffness * (reference - x)
-            + self.hand_damping * (stretch.slope - v)
-            - self.gravity * math.sin(x - self.angle)
-        )
-        cogs = -self.cogging * math.sin(self.periods * x + self.phase)
-        friction = self.coulomb + left * (self.static - self.coulomb)
-        friction += self.load * abs(outside - motor)
-        return motor + outside + cogs, friction
+        """What pushes a rigid servo, and its friction with so much left of that at rest [N·m]."""
+        outside = self.outside(stretch, time, x, v)
+        push = stretch.torque + outside + self.cogs(x)
+        return push, self.friction(outside - stretch.torque, left)
+
+    def contact(self, x: float, v: float, y: float, w: float) -> int:
+        """Return the side on which the transmission pushes; 0: none."""
+        true, side = self.true, 1 if x > y else -1
+        deep = side * (x - y) - 0.5 * true.backlash
+        pushes = true.transmission_stiffness * deep + true.transmission_damping * side * (v - w) > 0
+        return side if true.backlash == 0.0 or (deep > 0.0 and pushes) else 0
+
+    def passed(self, side: int, x: float, v: float, y: float, w: float) -> float:
+        """Return the transmitted torque [N·m]."""
+        if side == 0:
+            return 0.0
+        twist = x - y - (0.5 * side * self.true.backlash)
+        return self.true.transmission_stiffness * twist + self.true.transmission_damping * (v - w)
+
+    def net(
+        self, stretch: Stretch, side: int, state: Sequence[float], left: float
+    ) -> tuple[float, float]:
+        """Return what pushes the motor, and its friction with so much left of that at rest."""
+        x, v, y, w = state
+        passed = self.passed(side, x, v, y, w)
+        push = stretch.torque + self.cogs(x) - passed
+        return push, self.friction(passed + stretch.torque, left)
 
 
-def integrate_uneven(
-    body: Uneven,
-    position: float,
-    velocity: float,
-    stretches: Sequence[Stretch],
-    tolerance: float = 1e-12,
-) -> list[tuple[float, float]]:
-    """Position and velocity at the end of every stretch, by Runge-Kutta 8(5,3) with events."""
+def integrate(
+    body: Body, state: Sequence[float], stretches: Sequence[Stretch]
+) -> list[Sequence[float]]:
+    """Position and velocity after every stretch, by Runge-Kutta 8(5,3) with events.
+
+    Of two masses those of the motor come first.
+    """
     states = []
     for stretch in stretches:
-        position, velocity = _integrate_uneven(body, position, velocity, stretch, tolerance)
-        states.append((position, velocity))
+        state = (_coupled if body.true.load_inertia else _rigid)(body, state, stretch)
+        states.append(state)
     return states
 
 
-def _integrate_uneven(
-    body: Uneven, position: float, velocity: float, stretch: Stretch, tolerance: float
-) -> tuple[float, float]:
-    time = 0.0
+def _rigid(body: Body, state: Sequence[float], stretch: Stretch) -> Sequence[float]:
+    (position, velocity), time = state, 0.0
     while time < stretch.duration:
         if velocity == 0.0:
             push, friction = body.torques(stretch, time, position, 0.0, 1.0)
@@ -108,10 +135,9 @@ def _integrate_uneven(
 
         def slope(t: float, state: NDArray[np.float64], sign: float = sign) -> list[float]:
             x, v = state.tolist()
-            push, friction = body.torques(stretch, t, x, v, _left(v, body.stribeck))
-            push -= (body.forth if sign > 0.0 else body.back) * v
-            push -= sign * friction
-            return [v, push / body.inertia]
+            push, friction = body.torques(stretch, t, x, v, _left(v, body.true.stribeck_speed))
+            push -= body.viscous(sign) * v + sign * friction
+            return [v, push / body.true.inertia]
 
         begun = time if velocity == 0.0 else -1.0
 
@@ -130,7 +156,7 @@ def _integrate_uneven(
             (time, stretch.duration),
             [position, velocity],
             method="DOP853",
-            rtol=tolerance,
+            rtol=1e-12,
             atol=1e-14,
             events=rest,
         )
@@ -182,68 +208,7 @@ def closed_loop_poles(
     return np.linalg.eigvals(matrix)
 
 
-class Coupled(NamedTuple):
-    """A motor and a load with a transmission between them, friction on the motor's side."""
-
-    inertia: float
-    forth: float
-    back: float
-    coulomb: float
-    static: float
-    stribeck: float
-    load: float
-    gravity: float
-    angle: float
-    cogging: float
-    periods: float
-    phase: float
-    load_inertia: float
-    stiffness: float
-    damping: float
-    gap: float
-    hand_stiffness: float = 0.0
-    hand_damping: float = 0.0
-
-    def contact(self, x: float, v: float, y: float, w: float, *_: float) -> int:
-        """Return the side on which the transmission pushes; 0: none."""
-        side = 1 if x > y else -1
-        deep = side * (x - y) - 0.5 * self.gap
-        pushes = self.stiffness * deep + self.damping * side * (v - w) > 0.0
-        return side if self.gap == 0.0 or (deep > 0.0 and pushes) else 0
-
-    def passed(self, side: int, x: float, v: float, y: float, w: float, *_: float) -> float:
-        """Return the transmitted torque [N·m]."""
-        if side == 0:
-            return 0.0
-        twist = x - y - (0.5 * side * self.gap)
-        return self.stiffness * twist + self.damping * (v - w)
-
-    def net(
-        self, stretch: Stretch, side: int, state: Sequence[float], left: float
-    ) -> tuple[float, float]:
-        """Return what pushes the motor, and its friction with so much left of that at rest."""
-        passed = self.passed(side, *state)
-        cogs = -self.cogging * math.sin(self.periods * state[0] + self.phase)
-        friction = self.coulomb + left * (self.static - self.coulomb)
-        friction += self.load * abs(passed + stretch.torque)
-        return stretch.torque + cogs - passed, friction
-
-
-def integrate_coupled(
-    body: Coupled, state: Sequence[float], stretches: Sequence[Stretch], tolerance: float = 1e-11
-) -> list[list[float]]:
-    """Positions and velocities, the motor's first, after every stretch; as ``integrate``."""
-    states = []
-    now = list(state)
-    for stretch in stretches:
-        now = _integrate_coupled(body, now, stretch, tolerance)
-        states.append(now)
-    return states
-
-
-def _integrate_coupled(
-    body: Coupled, state: list[float], stretch: Stretch, tolerance: float
-) -> list[float]:
+def _coupled(body: Body, state: Sequence[float], stretch: Stretch) -> Sequence[float]:
     time, breaks = 0.0, 0.0
     for _ in range(1000):
         v = state[1]
@@ -257,17 +222,11 @@ def _integrate_coupled(
             t: float, now: Sequence[float], sign: float = sign, side: int = side
         ) -> list[float]:
             v = now[1]
-            push, friction = body.net(stretch, side, now, _left(v, body.stribeck))
-            push -= (body.forth if sign > 0.0 else body.back) * v + sign * friction
-            reference = stretch.reference + stretch.slope * t
-            z, u = now[2:]
-            outside = body.hand_stiffness * (reference - z) + body.hand_damping * (
-                stretch.slope - u
-            )
-            outside -= body.gravity * math.sin(z - body.angle)
-            rates = [v if sign else 0.0, push / body.inertia if sign else 0.0]
-            rates += u, (body.passed(side, *now) + outside) / body.load_inertia
-            return rates
+            push, friction = body.net(stretch, side, now, _left(v, body.true.stribeck_speed))
+            push -= body.viscous(sign) * v + sign * friction
+            pull = body.passed(side, *now) + body.outside(stretch, t, *now[2:])
+            rates = [v if sign else 0.0, push / body.true.inertia if sign else 0.0]
+            return [*rates, now[3], pull / body.true.load_inertia]
 
         def motor(
             t: float,
@@ -284,12 +243,12 @@ def _integrate_coupled(
         def touch(
             t: float, now: NDArray[np.float64], side: int = side, begun: float = time
         ) -> float:
-            x, v, y, w = map(float, now[:4])
-            if body.gap == 0.0 or t == begun:
+            x, v, y, w = map(float, now)
+            if body.true.backlash == 0.0 or t == begun:
                 return 1.0
             if side:
                 return side * body.passed(side, x, v, y, w)
-            return 0.5 * body.gap - (x - y) * math.copysign(1.0, v - w)
+            return 0.5 * body.true.backlash - (x - y) * math.copysign(1.0, v - w)
 
         motor.terminal = touch.terminal = True  # type: ignore[attr-defined]
         motor.direction = touch.direction = -1.0  # type: ignore[attr-defined]
@@ -298,8 +257,8 @@ def _integrate_coupled(
             (time, stretch.duration),
             state,
             method="DOP853",
-            rtol=tolerance,
-            atol=tolerance * 1e-2,
+            rtol=1e-11,
+            atol=1e-13,
             events=(motor, touch),
         )
         assert found.success, found.message
@@ -312,9 +271,9 @@ def _integrate_coupled(
         if touched:  # a little beyond the contact's begin or end
             last = last + 1e-10 * np.array(slope(time, last.tolist()))
             time += 1e-10
-        state = last.tolist()
+        state = ended = last.tolist()
         if sign == 0.0 or stopped:
-            state[1] = 0.0
+            ended[1] = 0.0
         if time >= stretch.duration:
             return state
     raise AssertionError("the motion has too many events")

@@ -402,7 +402,7 @@ def test_polls_go_on_while_one_servo_never_answers_its_own_and_then_the_run_ends
     bench = started(48, 48, 48)
     real = bench.truths[1].read
     bench.truths[1].read = (  # type: ignore[method-assign]
-        lambda at, size, now_ns: real(at, size, now_ns) if size in LENGTHS else None
+        lambda address, size, now_ns: real(address, size, now_ns) if size in LENGTHS else None
     )
     bench.truths[2].memory["torque_enable"] = 0
     with pytest.raises(TorqueLostError, match="id 3 ") as caught:

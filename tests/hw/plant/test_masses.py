@@ -1,4 +1,4 @@
-"""A servo with a load behind a transmission: against an integrator, and its limits."""
+"""A servo with a load behind a transmission: its limits, and where its parts act."""
 
 from __future__ import annotations
 
@@ -12,9 +12,7 @@ from scipy.linalg import expm
 
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.truth import TrueServo
-from tests.cases import sampled
-from tests.hw.oracles import Coupled, Stretch, integrate_coupled
-from tests.support.exact_servo import Masses, PlantParameters, Pull, State, step
+from tests.support.exact_servo import State, step, step_masses
 
 MS = 1_000_000
 LINEAR = TrueServo(
@@ -25,116 +23,6 @@ LINEAR = TrueServo(
     transmission_stiffness=200.0,
     transmission_damping=0.03,
 )
-GROUPS = {
-    "linear": (),
-    "friction": ("coulomb",),
-    "gap": ("coulomb", "gap"),
-    "effects": ("coulomb", "effects"),
-    "all": ("coulomb", "gap", "effects"),
-}
-STATED = {"linear": 1e-11, "friction": 1e-7, "gap": 1e-6, "effects": 5e-5, "all": 3e-4}
-"""Bounds of the error that the page on the plant states [rad]"""
-
-
-def drawn(random: np.random.Generator, on: tuple[str, ...]) -> TrueServo:
-    """Draw a servo from half an XL330's inertia to twice an MX-64's; torques scale with it."""
-
-    def between(low: float, high: float) -> float:
-        return float(np.exp(random.uniform(math.log(low), math.log(high))))
-
-    inertia = between(5e-4, 3e-2)
-    scale = inertia / 0.012
-    load = inertia * between(0.05, 3.0)
-    moving = inertia * load / (inertia + load)
-    rate = math.tau * between(8.0, 120.0)
-    true = TrueServo(
-        inertia=inertia,
-        damping=0.012 * scale * random.uniform(0.2, 5.0),
-        counts_per_rev=0,
-        load_inertia=load,
-        transmission_stiffness=moving * rate**2,
-        transmission_damping=2.0 * random.uniform(0.002, 0.2) * moving * rate,
-    )
-    if "coulomb" in on:
-        true = replace(true, coulomb=0.09 * scale * random.uniform(0.2, 2.0))
-    if "gap" in on:
-        true = replace(true, backlash=random.uniform(0.0005, 0.01))
-    if "effects" in on:
-        true = replace(
-            true,
-            static_friction=true.coulomb * random.uniform(1.0, 3.0),
-            stribeck_speed=between(0.01, 3.0),
-            damping_back=true.damping * between(0.2, 5.0),
-            load_friction=random.uniform(0.0, 0.5),
-            gravity=scale * random.uniform(0.0, 1.0),
-            gravity_angle=random.uniform(-3.0, 3.0),
-            cogging=true.coulomb * random.uniform(0.0, 1.0),
-            cogging_periods=float(random.integers(1, 100)),
-        )
-    return true
-
-
-def friction(true: TrueServo) -> PlantParameters:
-    return PlantParameters(true.inertia, true.damping, true.coulomb)
-
-
-def error(random: np.random.Generator, on: tuple[str, ...], *, hand: bool, periods: int) -> float:
-    """Return the largest error of a position at the ends of periods [rad].
-
-    Args:
-        random: Draws servo and torques.
-        on: What the servo has.
-        hand: A hand moves the output.
-        periods: Periods of 1 ms.
-    """
-    true = drawn(random, on)
-    scale = true.inertia / 0.012
-    grip = (4.0 * scale, 0.2 * scale) if hand else (0.0, 0.0)
-    body = Coupled(
-        true.inertia,
-        true.damping,
-        true.damping if true.damping_back is None else true.damping_back,
-        true.coulomb,
-        true.static_friction or true.coulomb,
-        true.stribeck_speed,
-        true.load_friction,
-        true.gravity,
-        true.gravity_angle,
-        true.cogging,
-        true.cogging_periods,
-        true.cogging_phase,
-        true.load_inertia,
-        true.transmission_stiffness,
-        true.transmission_damping,
-        true.backlash,
-        *grip,
-    )
-    amplitude = scale * float(np.exp(random.uniform(*np.log((0.05, 2.0)))))
-    rate, reference = random.uniform(5.0, 60.0), 0.0
-    stretches = []
-    for k in range(periods):
-        slope = 3.0 * math.sin(k / 70) if hand else 0.0
-        torque = amplitude * (math.sin(k * 1e-3 * rate) + 0.3 * random.normal())
-        stretches.append(Stretch(1e-3, torque, reference, slope))
-        reference += slope * 1e-3
-    expected = integrate_coupled(body, [0.1, 0.4] * 2, stretches, 1e-11)
-    masses, largest = Masses(true), 0.0
-    states: tuple[State, ...] = (State(0.1, 0.4),) * 2
-    for stretch, right in zip(stretches, expected, strict=True):
-        pull = Pull(*grip, stretch.reference, stretch.slope) if hand else None
-        states = masses.step(states, friction(true), stretch.torque, MS, pull)
-        errors = (abs(a.position - b) for a, b in zip(states, right[::2], strict=True))
-        largest = max(largest, *errors)
-    return largest
-
-
-@pytest.mark.parametrize("hand", sampled([True, False], 2), ids=["hand", "alone"])
-@pytest.mark.parametrize("group", GROUPS)
-def test_random_motion_agrees_with_an_integrator(group: str, hand: bool, thorough: bool) -> None:
-    count, periods = (20, 200) if thorough else (2, 40)
-    random = np.random.default_rng(6)
-    found = [error(random, GROUPS[group], hand=hand, periods=periods) for _ in range(count)]
-    assert max(found) < STATED[group]
 
 
 def test_a_linear_step_of_any_length_is_the_matrix_exponential() -> None:
@@ -150,7 +38,7 @@ def test_a_linear_step_of_any_length_is_the_matrix_exponential() -> None:
     )
     start = (State(0.1, -0.3), State(0.12, 0.5))
     for length_ns in (1, 123_456_789, MS, 3 * MS // 7):
-        motor, output = Masses(LINEAR).step(start, friction(LINEAR), 0.2, length_ns)
+        motor, output = step_masses(start, LINEAR, 0.2, length_ns * 1e-9)
         expected = expm(rates * length_ns * 1e-9) @ [*start[0], *start[1], 0.2]
         assert [*motor, *output] == pytest.approx(expected[:4].tolist(), rel=1e-11, abs=1e-12)
 
@@ -169,18 +57,18 @@ def test_events_are_found_beside_a_motion_that_is_over_within_a_substep(
         transmission_damping=damping,
     )
     rigid = State(0.0, 0.0)
-    masses: tuple[State, ...] = (rigid, rigid)
-    plant, one = Masses(true), PlantParameters(0.01 + load, 0.01, 0.05)
+    masses = rigid, rigid
+    one = TrueServo(0.01 + load, 0.01, 0.05)
     for k in range(40):
         torque = 0.4 * math.sin(0.1 * k)
-        masses = plant.step(masses, friction(true), torque, MS)
+        masses = step_masses(masses, true, torque, 1e-3)
         rigid = step(rigid, one, torque, 1e-3)
         assert masses[0].position == pytest.approx(rigid.position, abs=1e-7)
 
 
 def test_without_friction_a_vibration_keeps_its_energy() -> None:
     true = replace(LINEAR, damping=0.0, transmission_damping=0.0)
-    two, motor, output = Masses(true), State(0.0, 1.0), State(0.0, -1.0)
+    motor, output = State(0.0, 1.0), State(0.0, -1.0)
 
     def energy(motor: State, output: State) -> float:
         twist = motor.position - output.position
@@ -189,7 +77,7 @@ def test_without_friction_a_vibration_keeps_its_energy() -> None:
 
     begin = energy(motor, output)
     for _ in range(5_000):
-        motor, output = two.step((motor, output), friction(true), 0.0, MS)
+        motor, output = step_masses((motor, output), true, 0.0, 1e-3)
     assert energy(motor, output) == pytest.approx(begin, rel=1e-9)
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.truth import TrueServo
-from tests.support.exact_servo import PlantParameters, State, step
+from tests.support.exact_servo import State, step
 
 MS = 1_000_000
 FREE = TrueServo(inertia=0.01, damping=0.0, counts_per_rev=0)
@@ -117,13 +117,11 @@ def test_backlash_hides_motion_within_the_play_and_follows_beyond_it() -> None:
 
 def test_a_turn_between_two_looks_moves_the_encoder_through_the_play() -> None:
     # Up and down again within one step: the encoder stays behind at the turn less half the play.
-    parameters = PlantParameters(0.01)
-    true = servo(backlash=0.002)
-    mechanism = Mechanism(true, 0)
+    mechanism = Mechanism(servo(backlash=0.002), 0)
     mechanism.command(1.0, 0)
     mechanism.command(-1.0, 10 * MS)
     mechanism.advance(30 * MS)
-    turn = step(step(State(0.0, 0.0), parameters, 1.0, 0.01), parameters, -1.0, 0.01).position
+    turn = step(step(State(0.0, 0.0), FREE, 1.0, 0.01), FREE, -1.0, 0.01).position
     assert mechanism.position == pytest.approx(turn - 0.005, abs=1e-12)
     assert mechanism.measured()[0] == pytest.approx(turn - 0.005 + 0.001, abs=1e-12)
     mechanism.command(1.0, 30 * MS)
