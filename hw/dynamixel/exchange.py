@@ -56,6 +56,9 @@ _GRACE_NS: Final = 200_000
 REFUSED: Final = 0x7F
 """Bits of the error byte that say why a request was refused"""
 _NO_TIME: Final = -1
+_ATTEMPTS: Final = 3
+_PATIENCE_NS: Final = 100_000_000
+"""Time allowed for each where no torque waits for it [ns]"""
 _OK: Final = Outcome.OK  # a lookup takes as long as making a sample
 
 
@@ -203,6 +206,15 @@ class Exchange:
         self._process(data)
         late = began_ns >= deadline_ns  # a bus without a servo may never be silent
         return self._search(_NO_TIME if late else deadline_ns)
+
+    def sampled(self) -> list[Sample]:
+        """Return samples of all, if need be after several attempts, as no torque waits for them."""
+        for _ in range(_ATTEMPTS):
+            self.request()
+            samples = self.collect(self._now_ns() + _PATIENCE_NS)
+            if all(sample.outcome is _OK for sample in samples):
+                break
+        return samples
 
     def send(self, goals: Sequence[int]) -> None:
         """Send each its goal current, in its model's unit, in one frame without a reply."""
