@@ -17,8 +17,7 @@ from haptic_wall.hw.dynamixel.registers import (
     WATCHDOG_TRIPPED,
     WATCHDOG_UNIT_NS,
 )
-from haptic_wall.hw.dynamixel.rules import error_names, what_to_do
-from haptic_wall.hw.dynamixel.startup import Ready, Startup
+from haptic_wall.hw.dynamixel.rules import Seen, error_names, what_to_do
 from haptic_wall.hw.dynamixel.station import Station
 from haptic_wall.hw.dynamixel.tables import MODELS, Model, model_by_number
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw, torque_law
@@ -26,14 +25,13 @@ from haptic_wall.hw.dynamixel.watchdog import rearm, watchdog_units
 from haptic_wall.hw.errors import (
     ServoHealthError,
     ServoLostError,
-    StrangeServoError,
     TorqueLostError,
     UnfitServoError,
 )
 from haptic_wall.hw.servo import Facts
 from haptic_wall.hw.settings import DriverSettings
 
-_NEVER_NS: Final = 1 << 62
+NEVER_NS: Final = 1 << 62
 _TWICE: Final = 2
 """Consecutive polls that confirm a fault of supply or temperature, because a current peak makes the
 supply voltage dip"""
@@ -82,13 +80,13 @@ class Driven:
 
     def __init__(self, settings: DriverSettings, station: Station, exchange: Exchange) -> None:
         model, constant = drivable(settings)
-        self._settings = settings
-        self._model = model
-        self._constant = constant
-        self._units = watchdog_units(settings.watchdog_s)
+        self.settings = settings
+        self.model = model
+        self.constant = constant
+        self.units = watchdog_units(settings.watchdog_s)
         self.station = station
-        where = settings.port or "the emulated bus in memory"
-        name = f"id {settings.id} at {settings.baud} baud on {where}"
+        self.where = settings.port or "the emulated bus in memory"
+        name = f"id {settings.id} at {settings.baud} baud on {self.where}"
         self.table = Table(exchange, station, name, model.registers)
         self._learn(torque_law(model, constant, model.voltage))
         self.unit, self.offset = settings.sign * POSITION_UNIT, settings.offset
@@ -107,7 +105,7 @@ class Driven:
         """The servo's limits; None until the start has read them"""
         self.heard_ns = 0
         """When the last answered request was sent [ns]"""
-        self.silence_ns = _NEVER_NS
+        self.silence_ns = NEVER_NS
         """Time since then after which the Bus Watchdog may have tripped [ns]; while the torque is
         off pauses may have any length"""
         self.facts = self._facts(model.current_limit, model.voltage)
@@ -134,36 +132,20 @@ class Driven:
         self.known = model_by_number(number) is not None
         return number
 
-    def start(self) -> Ready:
-        """Check and set up the servo; torque is on at a goal of zero then.
-
-        Raises:
-            ServoError: See ``DynamixelGroup.start``; the caller switches the torque off.
-        """
-        number = self.meet()
-        startup = Startup(self._settings, self._model, self.table, self._constant)
-        try:
-            ready = startup.run(number)
-        except UnfitServoError as error:
-            if self.known:
-                raise
-            raise StrangeServoError(error.problem) from error
-        seen = ready.seen
-        (firmware,) = (check.found for check in ready.checks if check.name == "firmware")
-        self.age = f" (firmware {firmware})"
+    def begin(self, seen: Seen) -> None:
+        """Take the limits that the start has read; from now on watch for pauses: torque is on."""
         self._learn(seen.law)
-        self.bounds = seen.bounds(self._units)
+        self.bounds = seen.bounds(self.units)
         self.heard_ns = self.table.clock.now_ns()
-        if self.table.read("bus_watchdog") != self._units:
+        if self.table.read("bus_watchdog") != self.units:
             self.look(0)  # a stall in the start has tripped it
         self.facts = self._facts(seen["current_limit"], seen.volts)
         # The watchdog counts whole units, so that one set to two may trip soon after the first.
-        self.silence_ns = round(max(self._units - 1, 0.75) * WATCHDOG_UNIT_NS)
-        return ready
+        self.silence_ns = round(max(self.units - 1, 0.75) * WATCHDOG_UNIT_NS)
 
     def _learn(self, law: TorqueLaw) -> None:
         self.law = law
-        self.turned = replace(law, step=self._settings.sign * law.step)
+        self.turned = replace(law, step=self.settings.sign * law.step)
         """The same with the servo's sign, between goals and torques of the joint"""
 
     def obeys_only_itself(self, ids: Collection[int]) -> None:
@@ -178,10 +160,6 @@ class Driven:
                 f"The {self._name} also obeys id {second}, which is another one of this bus",
                 advice="write 255 to its Secondary ID (12); `haptic-wall doctor --fix` does so.",
             )
-
-    def end(self) -> None:
-        """Stop watching for pauses: the torque is off from now."""
-        self.silence_ns = _NEVER_NS
 
     def limited(self, torque: float) -> float:
         """Return a torque within the servo's limit [N·m].
@@ -244,7 +222,7 @@ class Driven:
         if found is None:
             self.table.exchange.rest()  # none may hold its torque while this one is looked for
             found = self.table.try_read("bus_watchdog", QUICK_NS[1:])
-        if found == self._units:
+        if found == self.units:
             return
         if found is not None and found != WATCHDOG_TRIPPED:
             raise TorqueLostError(
@@ -257,10 +235,10 @@ class Driven:
         if found == WATCHDOG_TRIPPED and self.goal:
             raise TorqueLostError(
                 f"The {self._name} heard nothing for {silence}, so its Bus Watchdog "
-                f"({self._settings.watchdog_s * 1e3:.0f} ms) has dropped the torque",
+                f"({self.settings.watchdog_s * 1e3:.0f} ms) has dropped the torque",
                 advice="find the cause of this machine's stalls, or raise servo.watchdog_s.",
             )
-        if found is None or not rearm(self.table, self._units):
+        if found is None or not rearm(self.table, self.units):
             raise self.table.lost(
                 f"The {self._name} no longer answers, after {silence} without an answered request",
                 ": a servo that restarts is silent meanwhile",
@@ -282,13 +260,13 @@ class Driven:
     def _facts(self, current_limit: int, volts: float) -> Facts:
         """Return the facts; the torque limit is rounded down to a whole number of torque steps."""
         steps = current_limit
-        if self._settings.torque_limit > 0.0:
-            steps = min(steps, self.law.within(self._settings.torque_limit))
+        if self.settings.torque_limit > 0.0:
+            steps = min(steps, self.law.within(self.settings.torque_limit))
         return Facts(
             name=self._name,
             counts_per_rev=COUNTS_PER_REV,
             torque_limit=self.law.torque(steps),
             torque_step=self.law.step,
-            stall_torque=self._model.stall_torque or self.law.torque(self._model.current_limit),
-            no_load_speed=self._model.no_load_at(volts),
+            stall_torque=self.model.stall_torque or self.law.torque(self.model.current_limit),
+            no_load_speed=self.model.no_load_at(volts),
         )

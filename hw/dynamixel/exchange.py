@@ -15,8 +15,8 @@ Three cheap checks do it:
 3. **The servo's clock.** The block begins with the servo's millisecond tick, which must have
    advanced by the time that passed since the last accepted sample.
 
-Of two different answers of one servo neither is used: one of them has a wrong id. After an answer
-under an id that was not asked none is used: it is not known whose it was.
+None of a request's answers is used if one bears a wrong id: one servo has two that differ, or an id
+answers that was not asked, or one before its turn. It is not known whose they are.
 
 A request may ask for a wider block around the sample, of a length that no other request has.
 Registers are read in blocks of other sizes still; see ``register_access``.
@@ -56,6 +56,9 @@ _GRACE_NS: Final = 200_000
 REFUSED: Final = 0x7F
 """Bits of the error byte that say why a request was refused"""
 _NO_TIME: Final = -1
+_ATTEMPTS: Final = 3
+_PATIENCE_NS: Final = 100_000_000
+"""Time allowed for each where no torque waits for it [ns]"""
 _OK: Final = Outcome.OK  # a lookup takes as long as making a sample
 
 
@@ -89,8 +92,8 @@ class Exchange:
         """Servos whose answers it waits for"""
         self._found: dict[Station, Sample] = {}
         """Its answers"""
-        self._doubted: list[Station] = []
-        """Servos of which two answers have come that differ"""
+        self._doubted = False
+        """One of its answers bears a wrong id"""
         self.sent_ns = 0
         """When the last request was sent [ns]"""
         self._broken = 0
@@ -204,6 +207,15 @@ class Exchange:
         late = began_ns >= deadline_ns  # a bus without a servo may never be silent
         return self._search(_NO_TIME if late else deadline_ns)
 
+    def sampled(self) -> list[Sample]:
+        """Return samples of all, if need be after several attempts, as no torque waits for them."""
+        for _ in range(_ATTEMPTS):
+            self.request()
+            samples = self.collect(self._now_ns() + _PATIENCE_NS)
+            if all(sample.outcome is _OK for sample in samples):
+                break
+        return samples
+
     def send(self, goals: Sequence[int]) -> None:
         """Send each its goal current, in its model's unit, in one frame without a reply."""
         known = self._known
@@ -224,7 +236,7 @@ class Exchange:
             self._free(self._asked, QUARANTINE)
         self._asked = None
         self._missing = ()
-        self._found, self._doubted = {}, []
+        self._found, self._doubted = {}, False
 
     def _free(self, asked: SampleRequest, later: int) -> None:
         """Let the lengths of a request be used again, so many requests later."""
@@ -279,36 +291,36 @@ class Exchange:
             if frame.instruction != Instruction.STATUS:
                 continue
             station = self.by_id.get(frame.id)
-            if station is None:
-                if self._asked is not None and len(frame.params) == self._asked.length:
-                    self._doubt(self._order)  # one of them has said it under a wrong id
-            elif frame.error & REFUSED:  # it does not name its request
+            if station is not None and frame.error & REFUSED:  # it does not name its request
                 self._refusals += 1
-            elif station in self._found and self._contradicts(station, frame):
-                self._refusals += 1
-                self._doubt([station])  # one of the two came from another servo
+            elif self._is_misnamed(frame, station):
+                self._doubted = True
+                for one in self._found:
+                    one.counts.cycles -= 1
+                self._missing, self._found = [*self._found, *self._missing], {}
+            elif station is None:
+                continue
             elif station not in self._missing or not self._accepts(station, frame):
                 station.counts.late += len(frame.params) in self.blocks
 
-    def _doubt(self, stations: Sequence[Station]) -> None:
-        """Use no answer of these servos to the waiting request."""
-        self._doubted += stations
-        for station in stations:
-            if self._found.pop(station, None) is not None:
-                self._missing = [station, *self._missing]
-                station.counts.cycles -= 1
-
-    def _contradicts(self, station: Station, frame: Frame) -> bool:
-        """Whether a frame is a second answer of a servo to the waiting request, not a copy."""
-        asked = self._asked
-        answers = asked is not None and asked.unpack(station.id, frame.params) is not None
-        return answers and frame.params != station.block
+    def _is_misnamed(self, frame: Frame, station: Station | None) -> bool:
+        """Whether this answer to the waiting request, or one before it, bears a wrong id."""
+        asked, found = self._asked, self._found
+        if asked is None or len(frame.params) not in asked.used:
+            return False
+        if station is None or asked.unpack(frame.id, frame.params) is None:
+            return station is None
+        if station in found:
+            return frame.params != station.block  # else a copy
+        order = self._order
+        last = next(reversed(found), None) if self.way != "plain" else None
+        return last is not None and order.index(station) < order.index(last)
 
     def _accepts(self, station: Station, frame: Frame) -> bool:
         """Take a frame as a servo's answer to the waiting request, if it is that."""
         asked, data = self._asked, frame.params
         found = None if asked is None else asked.unpack(station.id, data)
-        if found is None or station in self._doubted:
+        if found is None or self._doubted:
             return False
         tick, current, position = found
         sent_ns = self.sent_ns
@@ -348,5 +360,5 @@ class Exchange:
             station.silent = 0
         self._calm = not missing
         self._order = (*heard, *missing[1:], *missing[:1])
-        found, self._found, self._doubted = self._found, {}, []
+        found, self._found, self._doubted = self._found, {}, False
         return [lost.get(each) or found[each] for each in self._selected]

@@ -14,10 +14,11 @@ from typing import Final
 
 from haptic_wall.hw.dynamixel.codec import SyncWrite
 from haptic_wall.hw.dynamixel.cut import torque_off
-from haptic_wall.hw.dynamixel.driven import Driven
+from haptic_wall.hw.dynamixel.driven import NEVER_NS, Driven
 from haptic_wall.hw.dynamixel.exchange import GOAL_CURRENT, Exchange
 from haptic_wall.hw.dynamixel.health import HealthPolls
 from haptic_wall.hw.dynamixel.register_access import Table
+from haptic_wall.hw.dynamixel.startup import Startup
 from haptic_wall.hw.dynamixel.wire import Read, asking_s
 from haptic_wall.hw.errors import (
     GivenUpError,
@@ -33,8 +34,6 @@ from haptic_wall.hw.settings import DriverSettings
 
 _OK: Final = Outcome.OK
 _NAN: Final = math.nan
-_TRIES: Final = 3
-_PATIENCE_NS: Final = 100_000_000
 
 
 @contextmanager
@@ -131,11 +130,11 @@ class DynamixelGroup:
                 self._go_on()
                 exchange.select([one.station])
                 with _about(one):
-                    ready.append(one.start())
+                    ready.append(Startup(one).run())
                     if count > 1:
                         one.obeys_only_itself(exchange.by_id)
                 self._keep(servos[: len(ready)])
-            longest_s = max(each.longest_ns for each in ready) * 1e-9
+            longest_s = max(longest_ns for _, longest_ns in ready) * 1e-9
             hold_s = longest_s - asking_s(self._baud)
             if count > 1:
                 chosen.append(self._choose_way())
@@ -164,7 +163,7 @@ class DynamixelGroup:
             traffic.counts.append(one.station.counts)
         self.running = True
         chosen.append(Check("watched while it runs", True, *self._polls.describe()))
-        return [[*each.checks, *chosen] for each in ready]
+        return [[*checks, *chosen] for checks, _ in ready]
 
     def request(self) -> None:
         """Request all positions, without waiting unless a Bus Watchdog may have tripped.
@@ -278,11 +277,8 @@ class DynamixelGroup:
         found = ""
         for way in ways:
             exchange.select(exchange.stations, way)
-            for _ in range(_TRIES):
-                exchange.request()
-                samples = exchange.collect(self._now_ns() + _PATIENCE_NS)
-                if all(sample.outcome is _OK for sample in samples):
-                    return Check("read", True, f"{way}{found}", wanted)
+            if all(sample.outcome is _OK for sample in exchange.sampled()):
+                return Check("read", True, f"{way}{found}", wanted)
             silent = [f"id {one.station.id}{one.age}" for one in self.servos if one.station.silent]
             found += f", as a {way} read is not answered by {' and '.join(silent)}"
         raise UnfitServoError(
@@ -304,12 +300,12 @@ class DynamixelGroup:
         known = [one for one in self.servos if one.known]
         left: Collection[Table] = [one.table for one in known]
         for one in self.servos:
-            one.end()
+            one.silence_ns = NEVER_NS
         with suppress(ServoLostError):
             if self.running:
                 self.running = False
                 with suppress(ServoLostError):  # torque off, which follows, is what counts
-                    self.exchange.send([0] * len(self.servos))
+                    self.exchange.rest()
             left = torque_off(list(left))
         self.left_on = [one for one in self.servos if not one.known or one.table in left]
 

@@ -14,15 +14,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from haptic_wall.hw.dynamixel.driven import Driven
 from haptic_wall.hw.dynamixel.register_access import UNHELD, Table
 from haptic_wall.hw.dynamixel.registers import WATCHDOG_TRIPPED
 from haptic_wall.hw.dynamixel.rules import Verdict
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
-from haptic_wall.hw.dynamixel.watchdog import rearm, watchdog_units
+from haptic_wall.hw.dynamixel.watchdog import rearm
 from haptic_wall.hw.dynamixel.wire import CYCLE_BYTES
 from haptic_wall.hw.errors import ServoLostError, UnfitServoError
 from haptic_wall.hw.servo import Check, Outcome
-from haptic_wall.hw.settings import DriverSettings
 
 _PUSHES: Final = 3
 """Largest number of attempts: without real-time settings a stall may exceed the Bus Watchdog"""
@@ -69,25 +69,23 @@ class Push:
         return self.moved * self.peak > 0
 
 
-def prove_the_sign(
-    settings: DriverSettings, law: TorqueLaw, current_limit: int, table: Table, name: str
-) -> Check:
+def prove_the_sign(servo: Driven, law: TorqueLaw, current_limit: int, name: str) -> Check:
     """Check that a small torque away from the wall moves the shaft away from the wall.
 
     A hand may be on the shaft: the push waits until the shaft rests, and one with the wrong result
     is repeated. So is one in which the line was silent, or the Bus Watchdog tripped.
 
     Args:
-        settings: Contains torque and direction of the push.
+        servo: The servo, with torque on at zero torque, which stays.
         law: Converts torque to goal current.
         current_limit: Current limit of the servo.
-        table: The servo, with torque on at zero torque, which stays.
         name: Name of the servo, for messages.
 
     Raises:
         UnfitServoError: The shaft does not rest.
         ServoLostError: The servo stops replying.
     """
+    settings, table = servo.settings, servo.table
     most = settings.probe_torque
     if most <= 0.0:
         return Check("torque sign", True, "not probed", "not asked for")
@@ -98,7 +96,7 @@ def prove_the_sign(
     for _ in range(_PUSHES):
         push = prober.attempt(limit if settings.sign * settings.probe_direction > 0 else -limit)
         tripped = not push.moved and table.read("bus_watchdog") == WATCHDOG_TRIPPED
-        armed = not tripped or rearm(table, watchdog_units(settings.watchdog_s))
+        armed = not tripped or rearm(table, servo.units)
         if push.sign_is_right or not armed:
             break
     torque = law.torque(push.peak)

@@ -8,14 +8,14 @@ verifies its sign.
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Final
 
+from haptic_wall.hw.dynamixel.driven import Driven
 from haptic_wall.hw.dynamixel.probe import prove_the_sign
-from haptic_wall.hw.dynamixel.register_access import UNHELD, Table
+from haptic_wall.hw.dynamixel.register_access import UNHELD
 from haptic_wall.hw.dynamixel.registers import CURRENT_MODE, POSITION_UNIT
 from haptic_wall.hw.dynamixel.rules import (
     STATUS_LEVEL,
-    Seen,
     Verdict,
     judge,
     judge_firmware,
@@ -23,71 +23,52 @@ from haptic_wall.hw.dynamixel.rules import (
     read_servo,
 )
 from haptic_wall.hw.dynamixel.samples import Sample
-from haptic_wall.hw.dynamixel.tables import Model
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
-from haptic_wall.hw.dynamixel.watchdog import watchdog_units
-from haptic_wall.hw.errors import Problem, UnfitServoError
+from haptic_wall.hw.errors import Problem, StrangeServoError, UnfitServoError
 from haptic_wall.hw.serialport.timer import describe, timer_file, timer_ms
 from haptic_wall.hw.servo import Check, Outcome
-from haptic_wall.hw.settings import DriverSettings
 
-_SAMPLE_PATIENCE_NS: Final = 100_000_000
-_SAMPLE_ATTEMPTS: Final = 3
 _REPLIES: Final = 5
 """Number of replies whose median decides whether replies come in time"""
 _IN_TIME: Final = 1.8
 """Periods that a reply may take: the one of its request, and 0.8 of the next"""
 
 
-class Ready(NamedTuple):
-    """A servo with torque enabled at zero torque."""
-
-    checks: list[Check]
-    seen: Seen
-    """What it is set to"""
-    longest_ns: int
-    """Usual time of a reply at the worst phase of an adapter's timer [ns]"""
-
-
 class Startup:
     """The start-up of one servo. The caller switches the torque off when it raises.
 
     Args:
-        settings: The wanted settings.
-        model: The configured model.
-        table: The servo; its exchange is with it alone.
-        constant: Torque per current of the motor [N·m/A].
+        servo: The servo; its exchange is with it alone.
     """
 
-    def __init__(
-        self, settings: DriverSettings, model: Model, table: Table, constant: float
-    ) -> None:
-        self._settings = settings
-        self._model = model
-        self._table = table
-        self._clock = table.clock
-        self._constant = constant
-        where = settings.port or "the emulated bus in memory"
-        self._name = f"servo with id {settings.id} on {where}"
+    def __init__(self, servo: Driven) -> None:
+        self._servo = servo
+        self._settings = servo.settings
+        self._table = servo.table
+        self._clock = servo.table.clock
+        self._name = f"servo with id {servo.settings.id} on {servo.where}"
         self._checks: list[Check] = []
 
-    def run(self, number: int) -> Ready:
+    def run(self) -> tuple[list[Check], int]:
         """Check everything, set what the driver may set, and enable torque at zero torque.
 
-        Args:
-            number: The model number.
+        Returns:
+            The checks, and the usual time of a reply at the worst phase of an adapter's timer [ns].
 
         Raises:
+            ServoMissingError: No reply.
             ServoLostError: It stops replying.
+            StrangeServoError: Its model is unknown; nothing was written to it.
             UnfitServoError: One or more checks failed; the message has a sentence for each.
         """
-        settings, table = self._settings, self._table
+        servo, settings, table = self._servo, self._settings, self._table
+        number = servo.meet()
         self._report_adapter()
         self._identify(number)
         table.be_alone()
         self._settle("torque_enable", 0, "torque at the start", advice="switch its power off")
         self._refuse_if_unfit()
-        seen = read_servo(table, self._model, self._constant, settings.torque_limit, start=True)
+        seen = read_servo(table, servo.model, servo.constant, settings.torque_limit, start=True)
         self._checks += (check for _, check in judge(seen, start=True))
         self._refuse_if_unfit()
         self._set_up()
@@ -99,11 +80,10 @@ class Startup:
         advice = "check its supply voltage and Hardware Error Status (70)"
         self._settle("torque_enable", 1, "torque", advice=advice)  # the goal is zero
         self._refuse_if_unfit()
-        self._checks.append(
-            prove_the_sign(settings, seen.law, seen["current_limit"], table, self._name)
-        )
+        self._checks.append(prove_the_sign(servo, seen.law, seen["current_limit"], self._name))
         self._refuse_if_unfit()
-        return Ready(self._checks, seen, longest_ns)
+        servo.begin(seen)
+        return self._checks, longest_ns
 
     def _report_adapter(self) -> None:
         """Report how long the adapter holds short replies; the samples' age shows the effect."""
@@ -118,16 +98,17 @@ class Startup:
     def _identify(self, number: int) -> None:
         """Check model and firmware, and have every instruction answered."""
         table = self._table
-        self._checks.append(judge_model(number, self._model.name))
+        self._checks.append(judge_model(number, self._servo.model.name))
         self._refuse_if_unfit()
         before = table.try_read("status_return_level")  # at 0 reads have no reply
         if before == STATUS_LEVEL:  # a silent second servo takes it
             before = table.write("status_return_level", STATUS_LEVEL)
         self._settle("status_return_level", STATUS_LEVEL, before=before or 0)
         firmware = table.read("firmware_version")
-        self._checks.append(judge_firmware(self._model, firmware))
+        self._servo.age = f" (firmware {firmware})"
+        self._checks.append(judge_firmware(self._servo.model, firmware))
         self._refuse_if_unfit()
-        table.registers = self._model.registers_at(firmware)
+        table.registers = self._servo.model.registers_at(firmware)
 
     def _set_up(self) -> None:
         """Set mode, return delay, goal and watchdog where they differ, and read them back."""
@@ -140,8 +121,7 @@ class Startup:
         self._settle("goal_current", 0, before=table.write("goal_current", 0))
         # It limits the current in this mode too, and keeps another program's value.
         self._settle("goal_pwm", table.read("pwm_limit"))
-        units = watchdog_units(self._settings.watchdog_s)
-        self._settle("bus_watchdog", units, before=watchdog)
+        self._settle("bus_watchdog", self._servo.units, before=watchdog)
 
     def _settle(
         self,
@@ -169,7 +149,7 @@ class Startup:
         """Check that the torque limit leaves a torque."""
         limit = self._settings.torque_limit
         origin = "configured" if self._settings.torque_constant else "stall torque over current"
-        if self._model.senses_supply_current:
+        if self._servo.model.senses_supply_current:
             origin += (
                 f"; of the motor's current: the servo senses that of its supply, so goals go with "
                 f"the square of the torque, in steps of at most {law.step:.2g} N·m"
@@ -181,7 +161,7 @@ class Startup:
                 f"servo.torque_limit, {limit:g} N·m",
                 "raise servo.torque_limit",
             )
-        found = f"{self._constant:.3g} N·m/A, {origin}"
+        found = f"{self._servo.constant:.3g} N·m/A, {origin}"
         self._checks.append(Verdict(found, "measured", *told).check("torque per current"))
 
     def _measure_reply(self) -> int:
@@ -214,16 +194,14 @@ class Startup:
         """Raise if any check failed so far, with a sentence for each."""
         if told := " ".join(f"{check.fix}." for check in self._checks if not check.ok):
             unfit = f"The {self._name} must not be driven as it is."
-            raise UnfitServoError(Problem(unfit, advice=told, mark=" "))
+            kind = UnfitServoError if self._servo.known else StrangeServoError
+            raise kind(Problem(unfit, advice=told, mark=" "))
 
     def _sample(self) -> Sample:
         """Return a position, over the same path as the running cycle."""
-        exchange = self._table.exchange
-        for _ in range(_SAMPLE_ATTEMPTS):
-            exchange.request()
-            (sample,) = exchange.collect(self._clock.now_ns() + _SAMPLE_PATIENCE_NS)
-            if sample.outcome is Outcome.OK:
-                return sample
+        (sample,) = self._table.exchange.sampled()
+        if sample.outcome is Outcome.OK:
+            return sample
         self._table.read("torque_enable")  # it may show how late replies are
         raise self._table.lost(
             f"The {self._name} answers single registers but not the block of its "

@@ -69,9 +69,9 @@ def open_port(path: str, baud: int) -> int:
     except termios.error as error:
         if error.args[0] != errno.EINVAL:  # it has disappeared since it was opened
             raise open_error(path, OSError(*error.args)) from error
-        raise _baud_error(path, baud, error) from error
+        raise _baud_error(f"Port {path} refuses {baud} baud ({error})") from error
     except ValueError as error:
-        raise _baud_error(path, baud, error) from error
+        raise _baud_error(f"Port {path} refuses {baud} baud ({error})") from error
     except OSError as error:
         raise open_error(path, error) from error
     try:
@@ -107,9 +107,9 @@ def device_number(path: str) -> int:
     return found.st_rdev
 
 
-def _baud_error(path: str, baud: int, error: Exception) -> BaudRefusedError:
+def _baud_error(what: str) -> BaudRefusedError:
     return BaudRefusedError(
-        f"Port {path} refuses {baud} baud ({error})",
+        what,
         advice="set servo.baud and the servo's Baud Rate (8) to a rate this adapter has.",
     )
 
@@ -198,10 +198,7 @@ def _check_baud(path: str, descriptor: int, baud: int) -> None:
     """Read the baud rate back: some adapters accept any rate and silently use another."""
     actual = baud_of(descriptor)
     if actual is not None and abs(actual - baud) > _BAUD_TOLERANCE * baud:
-        raise BaudRefusedError(
-            f"Port {path} has {actual} baud, wanted {baud}",
-            advice="set servo.baud and the servo's Baud Rate (8) to a rate this adapter has.",
-        )
+        raise _baud_error(f"Port {path} has {actual} baud, wanted {baud}")
 
 
 def _low_latency(path: str, port: serial.Serial) -> None:

@@ -28,7 +28,6 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.dynamixel.group import DynamixelGroup
-from haptic_wall.hw.dynamixel.startup import Ready
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
@@ -227,13 +226,13 @@ def test_no_further_servo_is_started_once_the_run_is_to_stop() -> None:
     def opener(servos: Sequence[ServoSettings], clock: Clock, _port: int | None) -> Bus:
         group, truths = opened(servos, clock, "XM430-W350", "XM430-W350")
         made.extend(truths)
-        start = group.servos[0].start
+        meet = group.servos[0].meet
 
-        def interrupted() -> Ready:
+        def interrupted() -> int:
             telemetry.words[Word.STOP] = 1
-            return start()
+            return meet()
 
-        group.servos[0].start = interrupted  # type: ignore[method-assign]
+        group.servos[0].meet = interrupted  # type: ignore[method-assign]
         return group
 
     around = Surroundings(open_bus=opener)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from operator import itemgetter
 
 import pytest
 
@@ -118,7 +119,7 @@ class TroubledLine:
     def read(self) -> bytes:
         self._pull()
         now = self.clock.now_ns()
-        here = b"".join(data for at, data in sorted(self._queue) if at <= now)
+        here = b"".join(data for at, data in sorted(self._queue, key=itemgetter(0)) if at <= now)
         self._queue = [(at, data) for at, data in self._queue if at > now]
         return here
 

@@ -250,13 +250,14 @@ def test_a_reply_of_another_servo_is_no_position() -> None:
     assert (bad(rows), rows[5]) == ([5], [Outcome.LOST])
 
 
-@pytest.mark.parametrize("first", [1, 2, 3])
-def test_with_an_answer_under_an_id_that_was_not_asked_none_is_used(first: int) -> None:
-    """Of three servos one's answer goes astray, and another answers in its name."""
-    names = {id_: id_ for id_ in (1, 2, 3)} | {first: 77, first % 3 + 1: first}
+@pytest.mark.parametrize(
+    "names", [(77, 2, 3), (2, 77, 3), (1, 3, 77), (2, 1, 3), (3, 2, 1), (2, 3, 1), (2, 3, 3)]
+)
+def test_no_answer_is_used_where_one_bears_a_wrong_id(names: tuple[int, int, int]) -> None:
+    """Of three servos, which answer in turn, under these ids: an answer may be another's."""
 
     def renamed(number: int, reply: bytes) -> list[tuple[int, bytes]]:
-        name = names[reply[4]] if number // 3 == 5 else reply[4]
+        name = names[reply[4] - 1] if number // 3 == 5 else reply[4]
         return [(0, encode_status(name, 0, reply[9:-2]))]
 
     rows = Bench(renamed, (3, "sync"), one_by_one=True).run(10)

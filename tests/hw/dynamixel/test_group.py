@@ -265,17 +265,6 @@ def test_a_damaged_reply_never_becomes_somebodys_position(way: Read, fault: str)
     assert 0 < bad < 250
 
 
-def test_stopping_switches_the_torque_of_all_off() -> None:
-    bench = started(48, 48, 48)
-    bench.cycle([0.5, 0.5, 0.5])
-    assert bench.group.stop() is True
-    assert [truth.memory["torque_enable"] for truth in bench.truths] == [0, 0, 0]
-    with pytest.raises(RuntimeError, match="torque is off"):
-        bench.group.write([0.1, 0.1, 0.1])
-    bench.group.close()
-    assert bench.line.closed == 1
-
-
 def test_a_start_that_fails_leaves_no_torque_on() -> None:
     bench = Bench([48, 48, 48])
     bench.truths[2].memory["drive_mode"] = 1
@@ -439,6 +428,11 @@ def test_the_torque_of_all_ends_in_one_frame_of_zero_and_one_of_torque_off() -> 
     (zero,), (off,), *_ = [Parser().feed(data) for data in bench.line.frames[frames:]]
     assert zero.params == bytes([102, 0, 2, 0, 1, 0, 0, 2, 0, 0, 3, 0, 0])
     assert off.params == bytes([64, 0, 1, 0, 1, 0, 2, 0, 3, 0])
+    assert [truth.memory["torque_enable"] for truth in bench.truths] == [0, 0, 0]
+    with pytest.raises(RuntimeError, match="torque is off"):
+        bench.group.write([0.1, 0.1, 0.1])
+    bench.group.close()
+    assert bench.line.closed == 1
 
 
 @pytest.mark.parametrize("lost", [None, 1, 6])

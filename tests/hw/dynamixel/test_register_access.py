@@ -32,10 +32,6 @@ def refused(error: int) -> Fate:
     return lambda _number, _reply: [(0, encode_status(1, error))]
 
 
-def test_the_model_is_found() -> None:
-    assert Bench().table.ping() == 1020
-
-
 @pytest.mark.parametrize(
     ("name", "value"), [("led", 1), ("goal_current", -3), ("goal_current", 1193), ("goal_pwm", -1)]
 )
