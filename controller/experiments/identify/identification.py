@@ -31,7 +31,6 @@ from haptic_wall.controller.experiments.identify.fit import Fit, Friction
 from haptic_wall.controller.experiments.identify.fitting import rounding_of
 from haptic_wall.controller.experiments.identify.misfit import misfit
 from haptic_wall.controller.experiments.identify.mode import Mode, find_mode
-from haptic_wall.controller.experiments.identify.motion import Motion, motion_of
 from haptic_wall.controller.experiments.identify.output_error import Prior
 from haptic_wall.controller.experiments.identify.torque_gain import torque_gain
 from haptic_wall.controller.experiments.identify.vibration import (
@@ -279,8 +278,3 @@ def _judged(
         played=played,
         logs=logs,
     )
-
-
-def whole_motion(identified: Identified) -> Motion:
-    """Return the motion of the model's fit."""
-    return motion_of(identified.played.rows)
