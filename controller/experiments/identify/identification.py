@@ -254,7 +254,7 @@ def _judged(
     if mode is not None:
         most = damping + _ERRORS * its_error
         vibration = vibration_of(mode, most, scale, heaviest, 1.0 / bounds.period)
-        if vibration.seen:  # a rigid shaft was fitted to what bends
+        if vibration.ratio is not None:  # a rigid shaft was fitted to what bends
             apart = abs(vibration.inertia - values[0])
             errors[0] = max(errors[0], _BENDS * vibration.inertia, 0.5 * apart)
             values[0] = vibration.inertia

@@ -271,7 +271,6 @@ def test_a_load_is_written_as_a_part_of_the_whole_inertia(usual: tuple[Config, I
     config, found = usual
     load = 1.01 * found.inertia.value
     heavy = Vibration(
-        True,
         Bounded(60.0, 50.0, 70.0),
         Bounded(0.02, 0.01, 0.04),
         Bounded(load, 0.8 * load, 1.2 * load),
