@@ -75,10 +75,12 @@ def test_the_files_and_the_report_hold_every_point(cli: Cli, tmp_path: Path) -> 
     ("arguments", "message"),
     [
         (["xm430-w350"], "CONFIG: found a real servo at"),
+        (["simulated", "--kick="], "--kick: found , wanted a number above 0 rad"),
         (["simulated", "--kick", "0"], "--kick: found 0, wanted a number above 0 rad"),
         (["simulated", "--delay-steps", "0.5"], "--delay-steps: found 0.5, wanted a whole number"),
         (["simulated", "--delay-steps=-1"], "--delay-steps: found -1"),
         (["simulated", "--virtual-damping", "a"], "--virtual-damping: found a, wanted a number"),
+        (["simulated", "--virtual-damping=nan"], "--virtual-damping: found nan, wanted a number"),
     ],
 )
 def test_what_cannot_be_mapped_is_refused_before_anything_is_written(

@@ -290,12 +290,6 @@ def test_a_reach_that_makes_no_sense_is_refused(reach: float) -> None:
         bounds_of(config_of(), reach)
 
 
-def test_a_real_servo_without_a_torque_limit_is_refused() -> None:
-    config = load_config("xm430-w350", ["servo.torque_limit=null"]).config
-    with pytest.raises(UserError, match=r"servo\.torque_limit: found none"):
-        bounds_of(config, 0.6)
-
-
 def test_the_configuration_holds_the_truth_and_little_else(
     usual: tuple[Config, Identified], tmp_path: Path
 ) -> None:

@@ -114,22 +114,6 @@ def test_the_servos_own_delay_comes_on_top_and_may_be_a_fraction() -> None:
 
 
 @pytest.mark.parametrize(
-    ("dampings", "steps", "kicks", "name"),
-    [
-        ([], [0], [0.1], "dampings"),
-        ([float("nan")], [0], [0.1], "dampings"),
-        ([0.0], [-1], [0.1], "delay_steps"),
-        ([0.0], [0], [0.0], "kicks"),
-    ],
-)
-def test_what_cannot_be_mapped_is_refused(
-    setting: MapSettings, dampings: list[float], steps: list[int], kicks: list[float], name: str
-) -> None:
-    with pytest.raises(ValueError, match=name):
-        MapQuestion(setting, dampings, steps, kicks)
-
-
-@pytest.mark.parametrize(
     ("preset", "given", "told"),
     [
         ("simulated", "servo.current_period=0.0007", r"servo\.current_period: found 0\.0007 s"),
