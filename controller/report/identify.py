@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from haptic_wall.controller.experiments.identify.identification import Identified, whole_motion
-from haptic_wall.controller.experiments.identify.motion import Motion, Pieces
+from haptic_wall.controller.experiments.identify.identification import Identified
+from haptic_wall.controller.experiments.identify.motion import Motion, Pieces, motion_of
 from haptic_wall.controller.experiments.identify.text import row_text
 from haptic_wall.controller.experiments.recorded.estimate import Recorded
 from haptic_wall.controller.experiments.recorded.text import UNITS
@@ -34,7 +34,7 @@ def plot_identification(found: Identified, name: str, path: Path) -> None:
     left = f"residual {1e3 * found.residual:.3g} mrad, {1e3 * found.noise:.3g} by noise"
     title = f"{style.titled(name)}: {rows[0]}, {rows[1]},\n{rows[2]}, {rows[3]}; {left}"
     half = np.sqrt(3.0) * found.rounding
-    _plot_fit(title, [whole_motion(found)], found.fit.pieces, found.fit.fitted, half, path)
+    _plot_fit(title, [motion_of(found.played.rows)], found.fit.pieces, found.fit.fitted, half, path)
 
 
 def plot_recorded(found: Recorded, name: str, path: Path) -> None:

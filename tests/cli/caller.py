@@ -1,5 +1,6 @@
 """Calls the command in this process."""
 
+import gc
 import json
 from typing import Any, NamedTuple
 
@@ -7,6 +8,16 @@ import pytest
 
 from haptic_wall.controller.cli.main import main
 from tests.typed import status_of
+
+
+def call(*words: object) -> int:
+    """Call the command with these words; return its exit status."""
+    try:
+        return main([str(word) for word in words])
+    except SystemExit as ended:
+        return status_of(ended)
+    finally:
+        gc.enable()  # a run switches it off
 
 
 class Answer(NamedTuple):
@@ -26,11 +37,7 @@ class Cli:
     def __call__(self, *words: object) -> Answer:
         """Call it, whatever has been said before."""
         self._capsys.readouterr()
-        try:
-            status = main([str(word) for word in words])
-        except SystemExit as ended:
-            status = status_of(ended)
-        return Answer(status, *self._capsys.readouterr())
+        return Answer(call(*words), *self._capsys.readouterr())
 
     def json(self, *words: object, status: int = 0) -> dict[str, Any]:
         """Return its answer with ``--json``, which holds no NaN."""

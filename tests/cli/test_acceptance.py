@@ -1,6 +1,5 @@
 """``haptic-wall acceptance``: two servos are measured and judged; one file is sent back."""
 
-import gc
 import json
 import socket
 import zipfile
@@ -10,7 +9,6 @@ from typing import Any, NoReturn
 
 import pytest
 
-from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.experiments import acceptance
 from haptic_wall.controller.experiments.commission import steps
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
@@ -19,7 +17,7 @@ from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
 )
 from haptic_wall.hw.errors import ServoLostError
-from tests.typed import status_of
+from tests.cli.caller import call
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -27,15 +25,6 @@ SIMULATED = ("simulated", "--set=loop.clock=simulated")
 EMULATED = ("emulated-ideal", "--set=loop.clock=simulated")
 SWEPT = (PlanePoint(0.0, 3), PlanePoint(0.09, 3))
 USER, HOST = "jane-roe-7", "janes-laptop"
-
-
-def call(*words: object) -> int:
-    try:
-        return main([str(word) for word in ("acceptance", *words)])
-    except SystemExit as ended:
-        return status_of(ended)
-    finally:
-        gc.enable()  # a run switches it off
 
 
 def named(patch: pytest.MonkeyPatch, home: Path) -> None:
@@ -64,7 +53,7 @@ def accepted(
     with pytest.MonkeyPatch.context() as patch:
         quicker(patch)
         named(patch, home)
-        assert call(*SIMULATED, "--yes", "--out", folder) == 0
+        assert call("acceptance", *SIMULATED, "--yes", "--out", folder) == 0
     return folder
 
 
@@ -74,7 +63,7 @@ def test_an_emulated_servo_is_accepted_to_the_end(tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
         quicker(patch)
         patch.setattr(acceptance, "short_sweep", lambda _config: SWEPT[:1])
-        assert call(*EMULATED, "--yes", "--out", tmp_path / "out") == 0
+        assert call("acceptance", *EMULATED, "--yes", "--out", tmp_path / "out") == 0
     report = report_of(tmp_path / "out")
     assert [s["step"] for s in report["steps"] if s["state"] != "done"] == ["doctor"]
     assert (tmp_path / "out" / "acceptance.zip").exists()
@@ -121,9 +110,9 @@ def test_the_same_command_measures_nothing_twice_and_others_are_refused(
     monkeypatch.setattr("haptic_wall.controller.experiments.testbed.Testbed.play", forbidden)
     quicker(monkeypatch)
     rows = report_of(accepted)["rows"]
-    assert call(*SIMULATED, "--yes", "--json", "--out", accepted) == 0
+    assert call("acceptance", *SIMULATED, "--yes", "--json", "--out", accepted) == 0
     assert json.loads(capsys.readouterr().out)["rows"] == rows
-    other = call(*SIMULATED, "--set=model.damping=0.5", "--yes", "--out", accepted)
+    other = call("acceptance", *SIMULATED, "--set=model.damping=0.5", "--yes", "--out", accepted)
     assert other == 2
     assert "found results with other settings" in capsys.readouterr().err
 
@@ -139,7 +128,7 @@ def test_the_same_command_measures_nothing_twice_and_others_are_refused(
 def test_what_cannot_be_is_refused_in_a_sentence(
     words: tuple[str, ...], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert call(*(word.format(out=tmp_path / "out") for word in words)) == 2
+    assert call("acceptance", *(word.format(out=tmp_path / "out") for word in words)) == 2
     assert told in capsys.readouterr().err
     assert not [*tmp_path.rglob("*.json")]
 
@@ -152,7 +141,7 @@ def test_ctrl_c_keeps_what_is_done_and_writes_no_bundle(
 
     monkeypatch.setitem(steps.RUN, "identify", interrupted)
     words = ("simulated", "--set=loop.clock=simulated", "--out", tmp_path / "out")
-    assert call(*words, "--json") == 130
+    assert call("acceptance", *words, "--json") == 130
     said = capsys.readouterr()
     assert f"--out {tmp_path / 'out'} continues" in said.err
     answer = json.loads(said.out)
@@ -169,7 +158,8 @@ def test_after_a_lost_servo_nothing_moves_and_the_bundle_says_why(
         raise ServoLostError("The servo is gone", advice="look at its cable.")
 
     monkeypatch.setitem(steps.RUN, "identify", lost)
-    assert call("simulated", "--set=loop.clock=simulated", "--out", tmp_path / "out") == 4
+    words = ("simulated", "--set=loop.clock=simulated", "--out", tmp_path / "out")
+    assert call("acceptance", *words) == 4
     report = report_of(tmp_path / "out")
     reasons = {step["step"]: step["reason"] for step in report["steps"]}
     assert "The servo is gone" in reasons["identify"]

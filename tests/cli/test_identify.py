@@ -3,7 +3,6 @@ import json
 import os
 import signal
 import threading
-from collections.abc import Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
@@ -11,13 +10,11 @@ from typing import Any, NamedTuple, NoReturn
 import pytest
 
 from haptic_wall.controller.cli.identify import _moved
-from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.experiments.identify.identification import Identified
 from haptic_wall.controller.experiments.testbed import Played, Testbed
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.settings.load import load_config
-from tests.cli.caller import Cli
-from tests.typed import status_of
+from tests.cli.caller import Cli, call
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -28,13 +25,6 @@ QUICK = [
     "--set=servo.coulomb=0.012833",
     "--set=servo.torque_limit=0.52",
 ]
-
-
-def call(words: Sequence[str]) -> int:
-    try:
-        return main(words)
-    except SystemExit as ended:
-        return status_of(ended)
 
 
 @pytest.fixture(autouse=True)
@@ -68,7 +58,7 @@ def done(tmp_path_factory: pytest.TempPathFactory, wholly: bool) -> Done:
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
         patch.chdir(folder)
         patch.setattr("haptic_wall.controller.cli.identify._moved", moved)
-        assert call(words) == 0
+        assert call(*words) == 0
     return Done(folder, json.loads(out.getvalue()), err.getvalue(), found[0])
 
 

@@ -9,11 +9,9 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -23,20 +21,12 @@ from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness
 from tests.cases import whole_only
 from tests.cli.caller import Cli
+from tests.support.executors import AtOnce
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
 ROWS = "map.rows"
 PNG = b"\x89PNG\r\n\x1a\n"
-
-
-class Here(Executor):
-    """Computes in this process, as soon as it is asked."""
-
-    def submit(self, task: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        done = Future[Any]()
-        done.set_result(task(*args, **kwargs))
-        return done
 
 
 def _computed_by(executor: Executor, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -46,7 +36,7 @@ def _computed_by(executor: Executor, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(autouse=True)
 def _here(monkeypatch: pytest.MonkeyPatch) -> None:
     """The pool of processes has tests of its own, and one takes half a second to start."""
-    _computed_by(Here(), monkeypatch)
+    _computed_by(AtOnce(), monkeypatch)
 
 
 def test_the_files_and_the_report_hold_every_point(cli: Cli, tmp_path: Path) -> None:
@@ -85,10 +75,12 @@ def test_the_files_and_the_report_hold_every_point(cli: Cli, tmp_path: Path) -> 
     ("arguments", "message"),
     [
         (["xm430-w350"], "CONFIG: found a real servo at"),
+        (["simulated", "--kick="], "--kick: found , wanted a number above 0 rad"),
         (["simulated", "--kick", "0"], "--kick: found 0, wanted a number above 0 rad"),
         (["simulated", "--delay-steps", "0.5"], "--delay-steps: found 0.5, wanted a whole number"),
         (["simulated", "--delay-steps=-1"], "--delay-steps: found -1"),
         (["simulated", "--virtual-damping", "a"], "--virtual-damping: found a, wanted a number"),
+        (["simulated", "--virtual-damping=nan"], "--virtual-damping: found nan, wanted a number"),
     ],
 )
 def test_what_cannot_be_mapped_is_refused_before_anything_is_written(
@@ -142,16 +134,6 @@ _FEW = (
 )
 
 
-class _Counting(Here):
-    """Counts the tasks."""
-
-    tasks = 0
-
-    def submit(self, task: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        self.tasks += 1
-        return super().submit(task, *args, **kwargs)
-
-
 def _unfinished(folder: Path) -> None:
     """Leave what a map that is killed in its third task leaves."""
     setting = MapSettings.of(load_config("simulated", ("servo.torque_step=0",)).config)
@@ -170,7 +152,7 @@ def test_a_killed_map_goes_on_and_ends_with_the_same_bytes(
     folder, whole = tmp_path / "killed", tmp_path / "whole"
     folder.mkdir()
     _unfinished(folder)
-    left = _Counting()
+    left = AtOnce()
     _computed_by(left, monkeypatch)
     assert cli("map", *_FEW, "--out", folder)[0] == 0
     assert left.tasks == 4

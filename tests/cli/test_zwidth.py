@@ -7,13 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.experiments import zwidth
 from haptic_wall.controller.experiments.testbed import Testbed
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
-from tests.cli.caller import Cli
-from tests.typed import status_of
+from tests.cli.caller import Cli, call
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -21,13 +19,6 @@ SIMULATED = ("simulated", "--set", "loop.clock=simulated")
 PLAIN = (*SIMULATED, "--set", "servo.coulomb=0", "--set", "servo.counts_per_rev=0")
 ONE = "--velocity-samples=1"
 PNG = b"\x89PNG\r\n\x1a\n"
-
-
-def call(*words: str | Path) -> int:
-    try:
-        return main([*map(str, ("zwidth", *words))])
-    except SystemExit as ended:
-        return status_of(ended)
 
 
 @pytest.fixture(autouse=True)
@@ -44,7 +35,7 @@ def frictionless(
 ) -> tuple[Path, dict[str, Any]]:
     """The measured Z-width of a servo without friction, so that theory is exact."""
     folder = tmp_path_factory.mktemp("zwidth") / "here"
-    assert call(*PLAIN, "--velocity-samples=1,3", "--out", folder) == 0
+    assert call("zwidth", *PLAIN, "--velocity-samples=1,3", "--out", folder) == 0
     return folder, json.loads((folder / "zwidth.json").read_text())
 
 
@@ -100,7 +91,7 @@ def test_a_length_of_no_sample_is_refused_in_a_sentence(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     given = (*SIMULATED, "--measure=none", "--velocity-samples=0")
-    assert call(*given, "--out", tmp_path / "out") == 2
+    assert call("zwidth", *given, "--out", tmp_path / "out") == 2
     said = capsys.readouterr().err
     assert "--velocity-samples: found 0, wanted a whole number from 1" in said
 
@@ -109,5 +100,5 @@ def test_ctrl_c_ends_it_and_says_how_to_go_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(zwidth, "sweep", lambda *_, **__: False)
-    assert call(*SIMULATED, ONE, "--measure=own", "--out", tmp_path / "out") == 130
+    assert call("zwidth", *SIMULATED, ONE, "--measure=own", "--out", tmp_path / "out") == 130
     assert f"--out {tmp_path / 'out'} continues" in capsys.readouterr().err

@@ -31,7 +31,6 @@ from haptic_wall.controller.experiments.identify.fit import Fit, Friction
 from haptic_wall.controller.experiments.identify.fitting import rounding_of
 from haptic_wall.controller.experiments.identify.misfit import misfit
 from haptic_wall.controller.experiments.identify.mode import Mode, find_mode
-from haptic_wall.controller.experiments.identify.motion import Motion, motion_of
 from haptic_wall.controller.experiments.identify.output_error import Prior
 from haptic_wall.controller.experiments.identify.torque_gain import torque_gain
 from haptic_wall.controller.experiments.identify.vibration import (
@@ -255,7 +254,7 @@ def _judged(
     if mode is not None:
         most = damping + _ERRORS * its_error
         vibration = vibration_of(mode, most, scale, heaviest, 1.0 / bounds.period)
-        if vibration.seen:  # a rigid shaft was fitted to what bends
+        if vibration.ratio is not None:  # a rigid shaft was fitted to what bends
             apart = abs(vibration.inertia - values[0])
             errors[0] = max(errors[0], _BENDS * vibration.inertia, 0.5 * apart)
             values[0] = vibration.inertia
@@ -279,8 +278,3 @@ def _judged(
         played=played,
         logs=logs,
     )
-
-
-def whole_motion(identified: Identified) -> Motion:
-    """Return the motion of the model's fit."""
-    return motion_of(identified.played.rows)

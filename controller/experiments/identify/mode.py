@@ -13,7 +13,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +29,7 @@ from haptic_wall.controller.experiments.identify.mode_fit import (
     cruises_of,
 )
 from haptic_wall.controller.experiments.identify.motion import motion_of
+from haptic_wall.controller.guard.belief import Bounded
 
 _WORSE, _BEYOND = 1.05, 1.02
 """Squares of what cannot be true, over the least: that there is no mode, or one; and that a mode
@@ -62,15 +63,10 @@ FEWEST_CRUISES = 6
 class Mode:
     """A vibration mode, or the frequency below which there is none."""
 
-    hertz: float | None
-    """With both ends free; None: not seen"""
-    low_hz: float
-    """Least possible frequency; not seen: below it there is none"""
-    high_hz: float
-    ratio: float
-    """Damping ratio; not seen: 0, and no bounds"""
-    low_ratio: float
-    high_ratio: float
+    hertz: Bounded
+    """With both ends free [Hz]; not seen: below the lower bound there is none"""
+    ratio: Bounded | None
+    """Damping ratio; None: not seen"""
     inertia: float
     """Inertia of motor and load, in commanded units [kg·m²]"""
     load_ratio: float | None
@@ -141,7 +137,7 @@ def mode_of(model: ModeModel) -> Mode:
     )
     low = min(next(possible, HIGHEST_HZ), _SEEN_HZ)
     inertia = 1.0 / float(model.solved(None).gains[0])
-    return Mode(None, low, HIGHEST_HZ, 0.0, 0.0, 0.0, inertia, None)
+    return Mode(Bounded(low, low, HIGHEST_HZ), None, inertia, None)
 
 
 def _points(
@@ -166,8 +162,9 @@ def _is_like(model: ModeModel, point: _Point) -> bool:
 
 
 def _seen(model: ModeModel, best: _Point) -> Mode:
-    (low_hz, high_hz), (low_ratio, high_ratio) = (
-        (
+    hertz, ratio = (
+        Bounded(
+            value,
             min(value * math.exp(low), value * (1.0 - floor)),
             max(value * math.exp(high), value * (1.0 + floor)),
         )
@@ -177,12 +174,8 @@ def _seen(model: ModeModel, best: _Point) -> Mode:
     )
     gains = model.solved(*best[1:]).gains
     return Mode(
-        best.hertz,
-        low_hz,
-        high_hz,
-        best.ratio,
-        low_ratio,
-        min(high_ratio, max(_RATIOS[-1], best.ratio)),
+        hertz,
+        replace(ratio, high=min(ratio.high, max(_RATIOS[-1], ratio.value))),
         1.0 / float(gains[0]),
         float(gains[1] / gains[0]) if model.on_motor else None,
     )

@@ -25,7 +25,6 @@ _LEAST_RATIO = 1e-4
 class Vibration:
     """The vibration of a load behind the gear's compliance, or its absence."""
 
-    seen: bool
     hertz: Bounded
     """With both ends free [Hz]; not seen: below the lower bound there is none"""
     ratio: Bounded | None
@@ -70,17 +69,17 @@ def vibration_of(
             mode.load_ratio * (1.0 + _LOAD_ERROR),
         )
     behind = Bounded(*(inertia * r / (1.0 + r) for r in (loads.value, loads.low, loads.high)))
-    if mode.hertz is None:
-        hertz = Bounded(math.sqrt(mode.low_hz * 0.5 * rate_hz), mode.low_hz, 0.5 * rate_hz)
-        return Vibration(False, hertz, None, behind, inertia, False)
+    if mode.ratio is None:
+        low, high = mode.hertz.low, 0.5 * rate_hz
+        hertz = Bounded(math.sqrt(low * high), low, high)
+        return Vibration(hertz, None, behind, inertia, False)
     # Friction on the motor damps the vibration too, and is counted by itself.
-    per_load = max(damping, 0.0) / (2.0 * math.tau * mode.hertz * mode.inertia)
-    low = max(mode.low_ratio - per_load * loads.high, _LEAST_RATIO)
-    value = max(mode.ratio - per_load * loads.value, low)
+    per_load = max(damping, 0.0) / (2.0 * math.tau * mode.hertz.value * mode.inertia)
+    low = max(mode.ratio.low - per_load * loads.high, _LEAST_RATIO)
+    value = max(mode.ratio.value - per_load * loads.value, low)
     return Vibration(
-        True,
-        Bounded(mode.hertz, mode.low_hz, mode.high_hz),
-        Bounded(value, low, max(mode.high_ratio, value)),
+        mode.hertz,
+        Bounded(value, low, max(mode.ratio.high, value)),
         behind,
         inertia,
         mode.load_ratio is not None,
@@ -94,7 +93,7 @@ def believed_vibration(found: Vibration, belief: Belief) -> dict[str, dict[str, 
         found: The result.
         belief: The belief before the measurement.
     """
-    if found.seen and found.ratio is not None:
+    if found.ratio is not None:
         return {
             "load_inertia": _entry(found.load_inertia),
             "flexible_hz": _entry(found.hertz),
@@ -119,7 +118,7 @@ def vibration_report(found: Vibration | None) -> dict[str, Any] | None:
     """Return a vibration for the report; None: it was not looked for."""
     if found is None:
         return None
-    seen = found.seen
+    seen = found.ratio is not None
     return {
         "seen": seen,
         "not_seen_below_hz": None if seen else found.hertz.low,

@@ -44,11 +44,7 @@ class Task(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class MapQuestion:
-    """All that the results of a map depend on.
-
-    Raises:
-        ValueError: A value is outside of its domain.
-    """
+    """All that the results of a map depend on: values that the command has checked."""
 
     setting: MapSettings
     dampings: Sequence[float]
@@ -59,18 +55,6 @@ class MapQuestion:
     """[rad]"""
     tolerance: float = TOLERANCE
     """Wanted relative accuracy"""
-
-    def __post_init__(self) -> None:
-        """Check the values."""
-        for name in ("dampings", "delay_steps", "kicks"):
-            values = getattr(self, name)
-            if len(values) == 0 or not np.all(np.isfinite(values)):
-                raise ValueError(f"{name}: wanted one finite number or more, got {values}")
-        if min(self.delay_steps) < 0:
-            raise ValueError(f"delay_steps: wanted 0 or more, got {min(self.delay_steps)}")
-        if min(self.kicks) <= 0.0 or not self.tolerance > 0.0:
-            given = f"{min(self.kicks):g}, {self.tolerance:g}"
-            raise ValueError(f"kicks and tolerance: wanted > 0, got {given}")
 
     @property
     def points(self) -> int:

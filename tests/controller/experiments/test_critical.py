@@ -7,7 +7,6 @@ from typing import Any, NoReturn
 import numpy as np
 import pytest
 
-from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.holding import without_hand
 from haptic_wall.controller.experiments.sweep.critical import PointSearch
 from haptic_wall.controller.experiments.sweep.decrement import Growth
@@ -222,9 +221,3 @@ def test_the_soft_spring_is_stable_in_the_worst_corner() -> None:
     gain = 1.35
     limit = critical_stiffness(0.008, 0.001, gain * hold.damping, 1e-3, 7e-3) / gain
     assert 0.0 < hold.stiffness < 0.45 * float(limit)
-
-
-def test_a_servo_without_a_known_torque_limit_is_refused() -> None:
-    effective = config("servo.torque_limit=null", "loop.clock=monotonic", preset="xm430-w350")
-    with pytest.raises(UserError, match=r"servo\.torque_limit: found none"):
-        Device.of(effective)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Callable
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, NoReturn
 
 import numpy as np
@@ -18,26 +17,10 @@ from haptic_wall.controller.experiments.maps.maps import (
 )
 from haptic_wall.controller.experiments.maps.servo import MapSettings
 from haptic_wall.controller.settings.load import load_config
+from tests.support.executors import AtOnce
 from tests.support.simulated_limits import simulated_critical_stiffness
 
 DAMPINGS, STEPS, KICKS = [0.0, 0.05], [0, 2], [0.01, 0.1]
-
-
-class AtOnce(Executor):
-    """The least there can be: each task is pickled there and back, and done when submitted."""
-
-    def __init__(self, most: int | None = None) -> None:
-        self.most = most
-        self.tasks = 0
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        future: Future[Any] = Future()
-        if self.most is not None and self.tasks >= self.most:
-            return future  # somebody will do it some day
-        self.tasks += 1
-        fn, args, kwargs = pickle.loads(pickle.dumps((fn, args, kwargs)))
-        future.set_result(pickle.loads(pickle.dumps(fn(*args, **kwargs))))
-        return future
 
 
 @pytest.fixture(scope="module")
@@ -130,32 +113,15 @@ def test_the_servos_own_delay_comes_on_top_and_may_be_a_fraction() -> None:
     assert not setting.kick_matters
 
 
-def test_a_real_servo_has_no_known_truth() -> None:
-    with pytest.raises(UserError, match="wanted a simulated or an emulated one"):
-        MapSettings.of(load_config("xm430-w350", ()).config)
-
-
 @pytest.mark.parametrize(
-    ("dampings", "steps", "kicks", "name"),
+    ("preset", "given", "told"),
     [
-        ([], [0], [0.1], "dampings"),
-        ([float("nan")], [0], [0.1], "dampings"),
-        ([0.0], [-1], [0.1], "delay_steps"),
-        ([0.0], [0], [0.0], "kicks"),
+        ("simulated", "servo.current_period=0.0007", r"servo\.current_period: found 0\.0007 s"),
+        ("emulated-ideal", "servo.back_emf=true", r"set servo\.backend=simulated"),
     ],
 )
-def test_what_cannot_be_mapped_is_refused(
-    setting: MapSettings, dampings: list[float], steps: list[int], kicks: list[float], name: str
+def test_a_servo_whose_effect_a_map_leaves_out_is_refused(
+    preset: str, given: str, told: str
 ) -> None:
-    with pytest.raises(ValueError, match=name):
-        MapQuestion(setting, dampings, steps, kicks)
-
-
-def test_a_current_loop_that_a_map_would_leave_out_is_refused() -> None:
-    with pytest.raises(UserError, match=r"servo\.current_period: found 0\.0007 s"):
-        MapSettings.of(load_config("simulated", ("servo.current_period=0.0007",)).config)
-
-
-def test_an_emulated_servo_with_back_emf_is_refused() -> None:
-    with pytest.raises(UserError, match=r"set servo\.backend=simulated"):
-        MapSettings.of(load_config("emulated-ideal", ("servo.back_emf=true",)).config)
+    with pytest.raises(UserError, match=told):
+        MapSettings.of(load_config(preset, (given,)).config)

@@ -21,6 +21,7 @@ from haptic_wall.controller.experiments.identify.vibration import (
 )
 from haptic_wall.controller.guard.belief import Belief, Bounded
 from tests.cases import sampled
+from tests.typed import not_none
 
 PERIOD, COUNT = 1e-3, math.tau / 4096
 WHOLE, FRICTION = 0.015, 0.0117
@@ -76,28 +77,29 @@ def believed(inertia: float) -> Belief:
 )
 def test_a_vibration_is_found_within_its_bounds(hertz: float, ratio: float, load: float) -> None:
     mode = found_in(moved(hertz, ratio, load))
-    assert mode.low_hz <= hertz <= mode.high_hz < 1.1 * mode.low_hz
+    assert mode.hertz.low <= hertz <= mode.hertz.high < 1.1 * mode.hertz.low
     by_motor = FRICTION * load / (2.0 * math.tau * hertz * WHOLE)
-    assert mode.low_ratio <= ratio + by_motor <= mode.high_ratio < 5.0 * ratio
+    damped = not_none(mode.ratio)
+    assert damped.low <= ratio + by_motor <= damped.high < 5.0 * ratio
     assert mode.inertia == pytest.approx(WHOLE, rel=0.02)
     assert mode.load_ratio is None  # the output does not show it
 
 
 def test_an_encoder_on_the_motor_tells_the_load() -> None:
     mode = found_in(moved(38.0, 0.02, 0.5, "motor"), "motor")
-    assert mode.low_hz <= 38.0 <= mode.high_hz
+    assert mode.hertz.low <= 38.0 <= mode.hertz.high
     assert mode.load_ratio == pytest.approx(0.5, rel=0.1)
 
 
 def test_of_a_rigid_servo_a_lower_bound_is_told_and_believed() -> None:
     mode = found_in(moved(5000.0, 0.05, 0.1))
-    assert mode.hertz is None
-    assert mode.low_hz > 100.0
+    assert mode.ratio is None
+    assert mode.hertz.low > 100.0
     found = vibration_of(mode, FRICTION, 1.0, 1.0, 1000.0)
     assert "below" in " ".join(vibration_lines(found))
     rigid = believed(WHOLE)
     told = believed_vibration(found, rigid)
-    assert told["flexible_hz"]["low"] == pytest.approx(mode.low_hz, rel=1e-5)
+    assert told["flexible_hz"]["low"] == pytest.approx(mode.hertz.low, rel=1e-5)
     assert told["flexible_damping_ratio"]["low"] == 0.005
     horn = replace(
         rigid, load_inertia=Bounded.exactly(1e-6), flexible_hz=Bounded(3000.0, 2000.0, 4000.0)
@@ -108,7 +110,7 @@ def test_of_a_rigid_servo_a_lower_bound_is_told_and_believed() -> None:
 
 
 def test_friction_on_the_motor_is_taken_from_the_damping_ratio() -> None:
-    mode = Mode(10.0, 9.9, 10.1, 0.02, 0.018, 0.022, WHOLE, None)
+    mode = Mode(Bounded(10.0, 9.9, 10.1), Bounded(0.02, 0.018, 0.022), WHOLE, None)
     found = vibration_of(mode, 0.03, 1.0, 2.0, 1000.0)
     assert found.ratio is not None
     by_motor = 0.03 * 2.0 / (2.0 * math.tau * 10.0 * WHOLE)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import gc
 import json
 import re
 from collections.abc import Callable, Mapping
@@ -14,7 +13,6 @@ from typing import Any, NoReturn
 
 import pytest
 
-from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.experiments.commission import plan, steps
 from haptic_wall.controller.experiments.commission.steps import Step, StepContext, StepResult
 from haptic_wall.controller.experiments.identify.bench import UnidentifiableError
@@ -28,7 +26,8 @@ from haptic_wall.controller.report.commission import picture
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.errors import ServoLostError
-from tests.typed import not_none, status_of
+from tests.cli.caller import call
+from tests.typed import not_none
 
 ROOT = Path(__file__).parents[4]
 SIMULATED = ("simulated", "--set=loop.clock=simulated")
@@ -38,15 +37,6 @@ PNG = b"\x89PNG\r\n\x1a\n"
 """How one begins"""
 SWEPT = (PlanePoint(0.0, 3), PlanePoint(0.09, 3), PlanePoint(0.18, 3))
 """Points that are measured in a few trials"""
-
-
-def call(*words: object) -> int:
-    try:
-        return main([str(word) for word in words])
-    except SystemExit as ended:
-        return status_of(ended)
-    finally:
-        gc.enable()  # a run switches it off
 
 
 def commission(folder: Path, *sets: str) -> None:
