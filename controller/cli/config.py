@@ -15,7 +15,7 @@ from haptic_wall.controller.cli.options import (
 )
 from haptic_wall.controller.settings.axes import OWN, RENAMED
 from haptic_wall.controller.settings.axis_names import split_path
-from haptic_wall.controller.settings.fields import Field, fields
+from haptic_wall.controller.settings.fields import fields
 from haptic_wall.controller.settings.load import Loaded, load_config
 from haptic_wall.controller.system.wrapping import wrapped
 
@@ -35,19 +35,19 @@ def command(config: str, sets: tuple[str, ...]) -> None:
     """
     loaded = load_config(config, sets)
     listed = {path: _entry(loaded, path) for path in _paths(loaded)}
-    report = {"name": loaded.name, "servo": _kind(loaded), "fields": listed}
-    answer(report, lambda: _listed(loaded))
+    report = {"name": loaded.name, "servo": loaded.config.servo.kind, "fields": listed}
+    answer(report, lambda: _listed(report))
 
 
-def _listed(loaded: Loaded) -> str:
-    lines = [f"{loaded.name} ({_kind(loaded)} servo)"]
+def _listed(report: dict[str, Any]) -> str:
+    lines = [f"{report['name']} ({report['servo']} servo)"]
     section = ""
-    for path in _paths(loaded):
+    for path, entry in report["fields"].items():
         name = path.rpartition(".")[0]
         if name != section:
             lines.append("")
             section = name
-        lines.append(_row(loaded, path))
+        lines += _row(path, entry)
     return "\n".join(lines)
 
 
@@ -63,10 +63,6 @@ def _paths(loaded: Loaded) -> Iterator[str]:
                 yield own
 
 
-def _kind(loaded: Loaded) -> str:
-    return loaded.config.servo.kind
-
-
 def _value(loaded: Loaded, path: str) -> Any:  # noqa: ANN401 - values are what they are
     axis, bare = split_path(path)
     section, key = bare.split(".")
@@ -80,31 +76,25 @@ def _value(loaded: Loaded, path: str) -> Any:  # noqa: ANN401 - values are what 
     return value
 
 
-def _field(path: str) -> Field:
-    return fields()[split_path(path)[1]]
-
-
 def _entry(loaded: Loaded, path: str) -> dict[str, Any]:
-    field = _field(path)
+    field = fields()[split_path(path)[1]]
     return {
         "value": _value(loaded, path),
         "unit": field.unit or None,
         "from": loaded.origins.get(path, "default"),
         "wanted": field.wanted,
         "meaning": field.meaning,
-        "used": _kind(loaded) in field.used_by,
+        "used": loaded.config.servo.kind in field.used_by,
     }
 
 
-def _row(loaded: Loaded, path: str) -> str:
+def _row(path: str, entry: dict[str, Any]) -> Iterator[str]:
     """Format a field: name, value, unit and origin; then, not of an axis, range and meaning."""
-    field, origin = _field(path), loaded.origins.get(path, "default")
-    value = f"{_text(_value(loaded, path))} {field.unit}"
-    mark = " " if _kind(loaded) in field.used_by else "-"
-    start = f"{mark} {path:<24}  "
-    head = f"{start}{value:<{_VALUE_WIDTH + 28 - len(start)}}  {origin}"
-    about = wrapped(f"{field.meaning} ({field.wanted})", " " * 6, " " * 6)
-    return "\n".join([head, *([] if path not in fields() else about)])
+    value = f"{_text(entry['value'])} {entry['unit'] or ''}"
+    start = f"{' ' if entry['used'] else '-'} {path:<24}  "
+    yield f"{start}{value:<{_VALUE_WIDTH + 28 - len(start)}}  {entry['from']}"
+    if path in fields():
+        yield from wrapped(f"{entry['meaning']} ({entry['wanted']})", " " * 6, " " * 6)
 
 
 def _text(value: Any) -> str:  # noqa: ANN401

@@ -58,6 +58,7 @@ class Asked:
     out: Path | None
     """Argument of ``--out``"""
     yes: bool
+    """Consent to move is already given"""
 
     @property
     def config(self) -> Config:
@@ -70,8 +71,19 @@ class Asked:
         return self.loaded.name
 
     def may_move(self) -> None:
-        """Ask for leave to move, as ``ask_to_move``."""
-        ask_to_move(self.config.servo, self.yes)
+        """Wait for a person's consent before a real servo moves by itself.
+
+        Raises:
+            click.Abort: Consent is refused.
+        """
+        servo = self.config.servo
+        if servo.kind != "hardware" or self.yes or not sys.stdin.isatty():
+            return
+        say(
+            "keep the shaft's way free and the power switch within reach; Ctrl-C ends the motion at"
+            " any time and switches the torque off"
+        )
+        click.confirm(f"May servo {servo.id} at {servo.port} move?", abort=True, err=True)
 
 
 def experiment(
@@ -242,25 +254,6 @@ def _write_table(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:
             writer.writerow(
                 {k: "; ".join(map(str, v)) if isinstance(v, list) else v for k, v in row.items()}
             )
-
-
-def ask_to_move(servo: Servo, yes: bool) -> None:
-    """Wait for a person's consent before a real servo moves by itself.
-
-    Args:
-        servo: Servo of the configuration.
-        yes: Consent is already given.
-
-    Raises:
-        click.Abort: Consent is refused.
-    """
-    if servo.kind != "hardware" or yes or not sys.stdin.isatty():
-        return
-    say(
-        "keep the shaft's way free and the power switch within reach; Ctrl-C ends the motion at any"
-        " time and switches the torque off"
-    )
-    click.confirm(f"May servo {servo.id} at {servo.port} move?", abort=True, err=True)
 
 
 def say_swing(servo: Servo, far: float) -> None:

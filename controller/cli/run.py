@@ -138,10 +138,14 @@ def command(
     say(f"{loaded.name}: {'until Ctrl-C' if seconds is None else f'{seconds:g} s'}")
     if shown_live is not None:
         say(f"live: {shown_live.address}")
+    rows = (seconds or math.inf) * effective.loop.rate_hz
+
+    def progress(telemetry: Telemetry) -> AbstractContextManager[object]:
+        return working("running", share=lambda: telemetry.words[Word.HEAD] / rows)
+
+    shown: Shown = progress
     if not wants_json() and is_shown(sys.stderr) and not memory:
-        shown: Shown = partial(live_line, axes=plan.axes)
-    else:
-        shown = partial(_progress, (seconds or math.inf) * effective.loop.rate_hz)
+        shown = partial(live_line, axes=plan.axes)
     ended = run(plan, say, shown)
     with on_signals(signal.SIG_IGN):  # a held Ctrl-C must not cost the report
         warning = "" if plot is None else "no picture: there is no log"
@@ -209,11 +213,6 @@ def _duration(config: Config, asked: float | None) -> float | None:
     if not asked > 0.0:
         raise UserError(f"found {asked:g}", field="--duration", wanted="a time above 0 s")
     return asked
-
-
-def _progress(rows: float, telemetry: Telemetry) -> AbstractContextManager[object]:
-    """Show the progress of a run of so many rows without a live line."""
-    return working("running", share=lambda: telemetry.words[Word.HEAD] / rows)
 
 
 def _places(

@@ -58,7 +58,12 @@ def command(port: str | None, bauds: list[float] | None, ids: str) -> int:
             "found nothing", field="--port", wanted="a serial device such as /dev/ttyUSB0"
         )
     path = only_adapter() if port is None else port
-    _refuse_no_port(path)
+    if not may_be_serial(path):  # the search reports a missing one
+        raise UserError(
+            f"found {path}, which is no serial port",
+            field="--port",
+            wanted="the adapter's device, such as /dev/ttyUSB0",
+        )
 
     def tell(baud: int) -> None:
         say(f"  {baud} bit/s ...")
@@ -68,16 +73,6 @@ def command(port: str | None, bauds: list[float] | None, ids: str) -> int:
     found = _report(path, searches)
     answer(found, lambda: _text(found))
     return 0 if found["servos"] else HARDWARE
-
-
-def _refuse_no_port(path: str) -> None:
-    """Refuse a path that exists and is no serial port; the search reports a missing one."""
-    if not may_be_serial(path):
-        raise UserError(
-            f"found {path}, which is no serial port",
-            field="--port",
-            wanted="the adapter's device, such as /dev/ttyUSB0",
-        )
 
 
 def _report(path: str, searches: list[BaudSearch]) -> dict[str, Any]:

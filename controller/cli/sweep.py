@@ -20,6 +20,7 @@ from haptic_wall.controller.cli.interrupt import INTERRUPTED
 from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import say
 from haptic_wall.controller.cli.places import is_forced
+from haptic_wall.controller.cli.working import length
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint
@@ -155,7 +156,7 @@ def _announce(config: Config, left: tuple[PlanePoint, ...], options: Options, do
         if config.servo.kind == "simulated":
             hint = "; --set loop.clock=simulated does the same in seconds"
         points = "1 point" if len(left) == 1 else f"{len(left)} points"
-        say(f"{points}, {_span(expected_s(config, left, options))} in real time{hint}")
+        say(f"{points}, about {length(expected_s(config, left, options))} in real time{hint}")
     if config.servo.kind == "hardware":
         say_swing(config.servo, excursion(config, left, options))
 
@@ -174,9 +175,5 @@ class _Progress:
         self._done += 1
         left = self._total - self._done
         pace = (time.monotonic() - self._began) / (self._done - self._before)
-        rest = f", {_span(pace * left)} left" if left else ""
+        rest = f", about {length(pace * left)} left" if left else ""
         say(f"{self._done}/{self._total}  {point_text(result)}{rest}")
-
-
-def _span(seconds: float) -> str:
-    return f"about {seconds:.0f} s" if seconds < 100 else f"about {seconds / 60:.0f} min"

@@ -73,7 +73,7 @@ class Timing:
         return (self.best or "immediate") if self.asked == "auto" else self.asked
 
     def sustainable_hz(self, schedule: Schedule) -> float:
-        """Return the rate [Hz] at which 99 % of the replies are in time and the cycle fits the wire.
+        """Return the rate [Hz] at which 99 % of the replies are in time and cycles fit the wire.
 
         A pipelined reply may take longer than a period, but delays the next request: apart from
         the fraction that may be missed, replies come one after the other. There must be replies.

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 _POINTS = 120
 _MOST_DELAYS = 3
 """Largest number of drawn delays, for legibility; the table has all of them."""
-_MANY_DAMPINGS = 6
 _LARGE = 1e3
 """A torque limit [N·m] from here on counts as none."""
 
@@ -62,25 +61,16 @@ def _over_damping(ax: Axes, found: CriticalMap, colours: dict[int, str]) -> None
         linear, exact, one_sided = (
             each[0] for each in setting.limits(damping, np.array([delay]), tolerance=0.01)
         )
-        dotted = (0, (1, 2))
-        _curve(ax, damping, linear, color=colour, linewidth=0.6, linestyle=dotted)
+        _curve(ax, damping, linear, color=colour, linewidth=0.6, linestyle=style.DOTTED)
         _curve(ax, damping, exact, color=colour, linewidth=0.9)
         if setting.one_sided:
             _curve(ax, damping, one_sided, color=colour, linewidth=0.9, linestyle="--")
         for k, look in _shown_kicks(found).items():
             ax.plot(found.virtual_damping, _drawn(found.stiffness[i, :, k]), color=colour, **look)
-    if not _root_scale(found):
-        ax.set_xlabel(style.VIRTUAL_DAMPING)
-        return
     # Near zero, where walls are used, the limits rise steeply: this part gets more room.
     ax.set_xscale("function", functions=(_signed_root, _signed_square))
     ax.locator_params(axis="x", nbins=5)
     ax.set_xlabel(f"{style.VIRTUAL_DAMPING}, square-root scale")
-
-
-def _root_scale(found: CriticalMap) -> bool:
-    """Whether there are enough dampings for a square-root scale."""
-    return np.unique(found.virtual_damping).size >= _MANY_DAMPINGS
 
 
 def _curve(ax: Axes, damping: FloatArray, stiffness: FloatArray, **look: Any) -> None:  # noqa: ANN401
@@ -112,27 +102,19 @@ def _shown_kicks(found: CriticalMap) -> dict[int, dict[str, Any]]:
 
 
 def _legend(found: CriticalMap, colours: dict[int, str]) -> list[Any]:
-    from matplotlib.lines import Line2D
-
-    setting = found.setting
-    handles = [
-        Line2D([], [], color=colour, linewidth=2.5, label=f"delay {ms(found.delay[i])}")
+    keys = [
+        style.key(f"delay {ms(found.delay[i])}", color=colour, linewidth=2.5)
         for i, colour in colours.items()
     ]
-    handles += [
-        Line2D([], [], color=style.INK, label=f"simulated, kick {found.kick[k]:.3g} rad", **look)
+    keys += [
+        style.key(f"simulated, kick {found.kick[k]:.3g} rad", **look)
         for k, look in _shown_kicks(found).items()
     ]
-    handles.append(Line2D([], [], color=style.INK, linewidth=0.9, label="exact, no friction"))
-    if setting.one_sided:
-        label = "one-sided, no friction"
-        handles.append(Line2D([], [], color=style.INK, linewidth=0.9, linestyle="--", label=label))
-    handles.append(
-        Line2D(
-            [], [], color=style.GREY, linewidth=0.6, linestyle=(0, (1, 2)), label="linear condition"
-        )
-    )
-    return handles
+    keys.append(style.key("exact, no friction", linewidth=0.9))
+    if found.setting.one_sided:
+        keys.append(style.key("one-sided, no friction", linewidth=0.9, linestyle="--"))
+    label = "linear condition"
+    return [*keys, style.key(label, color=style.GREY, linewidth=0.6, linestyle=style.DOTTED)]
 
 
 def _title(found: CriticalMap, name: str) -> str:

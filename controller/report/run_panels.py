@@ -228,22 +228,16 @@ def timing(ax: Axes, run: DrawnRun) -> None:
     )
     ax.set_ylim(_LEAST_US, max(3 * period_us, 2e-3 * float(rows["lateness_ns"].max())))
     if len(missed):
+        on, before = run.sketch.missed
         ax.plot(
             run.time[missed],
             np.full(len(missed), 1.6 * period_us),
             "v",
             color=_ALARM,
             markersize=5,
-            label=_missed_label(run),
+            label=f"missed: {on} ticks" + (f" (and {before} in the warm-up)" if before else ""),
         )
     ax.set_ylabel("time per tick [µs]")
-
-
-def _missed_label(run: DrawnRun) -> str:
-    """Return the legend's text: missed ticks of the run, and those of its warm-up."""
-    on, before = run.sketch.missed
-    apart = f" (and {before} in the warm-up)" if before else ""
-    return f"missed: {on} ticks{apart}"
 
 
 def _shade_contact(ax: Axes, run: DrawnRun) -> None:

@@ -23,7 +23,7 @@ def report_text(report: Mapping[str, Any], *, brief: bool = False) -> str:
     """Format the report of ``haptic-wall run`` in some 25 lines, or in about eight.
 
     The brief one has the guard's first reason and the last note; its line ``more`` counts the
-    others.
+    others, which the log has. Without a log that has them the report is not brief.
 
     Args:
         report: The report, as for ``--json``; fields that are None are omitted.
@@ -33,21 +33,15 @@ def report_text(report: Mapping[str, Any], *, brief: bool = False) -> str:
     reasons = [text for _, text in _of_guards(report, _reasons)]
     told = [*_ending(report), *_motion(report)]
     told += _axes(report) if report.get("axes") else _wall(report.get("guard"))
-    if brief:
+    if brief and str(report.get("log_state")) not in _WITHOUT_END:
         others = (len(notes) - 1, "note"), (len(changes), "change"), (len(reasons) - 1, "reason")
         more = [f"{count} {what}{'s' * (count > 1)}" for count, what in others if count > 0]
         log = report.get("log")
         where = f"haptic-wall log {shlex.quote(str(log))}" if log else "run -v"
-        if str(report.get("log_state")) in _WITHOUT_END:  # nothing else has them
-            told += [*_ticks(report), *_bus(report)]
-            told += [("why", text) for text in reasons]
-            told += [("change", _change(each)) for each in changes]
-            told += [("note", text) for text in notes]
-        else:
-            told += [("why", text) for text in reasons[:1]]
-            told += [*_ticks(report), *_bus(report)]
-            told += [("note", text) for text in notes[-1:]]
-            told += [("more", f"{', '.join(more)}: `{where}`")] if more else []
+        told += [("why", text) for text in reasons[:1]]
+        told += [*_ticks(report), *_bus(report)]
+        told += [("note", text) for text in notes[-1:]]
+        told += [("more", f"{', '.join(more)}: `{where}`")] if more else []
     else:
         told += _of_guards(report, _limits)
         told += [*_ticks(report), *_timing(report), *_bus(report)]

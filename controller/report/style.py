@@ -15,9 +15,12 @@ from numpy.typing import NDArray
 from haptic_wall.controller.system.printable import in_line
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+DOTTED, DASHED = (0, (1, 2)), (0, (3, 1.5))
+"""Line styles"""
 COLUMN = 3.5
 """Width of a journal's column [inch]"""
 PAGE = 7.16
@@ -136,6 +139,18 @@ def legend_above(ax: Axes, columns: int = 1) -> None:
         handlelength=1.4,
         columnspacing=1.2,
     )
+
+
+def key(label: str, **look: Any) -> Artist:  # noqa: ANN401
+    """Return an entry of a legend for something that is drawn several times.
+
+    Args:
+        label: Its text.
+        look: As ``ax.plot`` takes it; a line in ink unless it says otherwise.
+    """
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], label=label, **{"color": INK, **look})
 
 
 def shades(count: int) -> Sequence[str]:

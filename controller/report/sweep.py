@@ -73,7 +73,7 @@ def _one_delay(
     across = np.linspace(*ends, _POINTS)
     exact = np.asarray(device.loop.critical(across, delay).stiffness)
     linear = np.array([device.linear(value, delay) for value in across])
-    ax.plot(across, linear, color=colour, linewidth=0.6, linestyle=(0, (1, 2)))
+    ax.plot(across, linear, color=colour, linewidth=0.6, linestyle=style.DOTTED)
     ax.plot(across, np.where(exact > 0.0, exact, np.nan), color=colour, linewidth=1.0)
     found = [point for point in points if point.measured is not None]
     stiffness = _values([point.measured for point in found])
@@ -98,26 +98,20 @@ def _values(values: Sequence[float | None]) -> FloatArray:
 
 
 def _legend(points: Sequence[PointResult], colours: dict[int, str]) -> list[Any]:
-    from matplotlib.lines import Line2D
-
-    handles = []
+    keys = []
     for steps, colour in colours.items():
         delay = np.mean([point.delay_s for point in points if point.delay_steps == steps])
         label = f"{ms(float(delay))} ({steps} inserted)"
-        handles.append(Line2D([], [], color=colour, linewidth=2.5, label=label))
-    dot: dict[str, Any] = {"color": style.INK, "linestyle": " "}
-    handles.append(Line2D([], [], marker="o", ms=3.5, label="measured, ±2 s.e.", **dot))
+        keys.append(style.key(label, color=colour, linewidth=2.5))
+    keys.append(style.key("measured, ±2 s.e.", marker="o", ms=3.5, linestyle=" "))
     if any(point.predicted_with_friction not in (None, point.exact) for point in points):
         label = "expected with friction\nfor that kick"
-        handles.append(Line2D([], [], marker="_", ms=9, label=label, **dot))
+        keys.append(style.key(label, marker="_", ms=9, linestyle=" "))
     if any(point.measured is None for point in points):
-        handles.append(Line2D([], [], marker="x", ms=5, label="no figure: see reason", **dot))
-    handles.append(Line2D([], [], color=style.INK, linewidth=1.0, label="exact, no friction"))
-    dotted = (0, (1, 2))
-    handles.append(
-        Line2D([], [], color=style.GREY, linewidth=0.8, linestyle=dotted, label="linear")
-    )
-    return handles
+        keys.append(style.key("no figure: see reason", marker="x", ms=5, linestyle=" "))
+    keys.append(style.key("exact, no friction", linewidth=1.0))
+    linear = style.key("linear", color=style.GREY, linewidth=0.8, linestyle=style.DOTTED)
+    return [*keys, linear]
 
 
 def _title(device: Device, name: str) -> str:

@@ -46,7 +46,7 @@ def _plane(ax: Axes, widths: list[Width], wall: Wall) -> None:
     for width, colour in zip(widths, style.shades(len(widths)), strict=True):
         own = width.guard if np.isfinite(width.guard).any() else width.guard_two_sided
         ax.plot(width.virtual_damping, width.exact, color=colour, linewidth=0.9)
-        ax.plot(width.virtual_damping, own, color=colour, linewidth=1.4, linestyle=(0, (3, 1.5)))
+        ax.plot(width.virtual_damping, own, color=colour, linewidth=1.4, linestyle=style.DASHED)
         best = width.peak(own)
         top = max(top, best["virtual_damping"] if best is not None else 0.0)
         positive = [*width.exact[width.exact > 0.0], *own[np.isfinite(own) & (own > 0.0)]]
@@ -77,22 +77,13 @@ def _plane(ax: Axes, widths: list[Width], wall: Wall) -> None:
 
 
 def _legend(widths: list[Width]) -> list[Any]:
-    from matplotlib.lines import Line2D
-
     colours = style.shades(len(widths))
-    handles = [
-        Line2D([], [], color=colour, linewidth=2.5, label=width.velocity.label)
+    keys = [
+        style.key(width.velocity.label, color=colour, linewidth=2.5)
         for width, colour in zip(widths, colours, strict=True)
     ]
-    handles.append(
-        Line2D([], [], color=style.INK, linewidth=0.9, label="exact, two-sided, no friction")
-    )
-    dashed = (0, (3, 1.5))
-    handles.append(
-        Line2D([], [], color=style.INK, linewidth=1.4, linestyle=dashed, label="the guard")
-    )
-    dot: dict[str, Any] = {"color": style.INK, "linestyle": " "}
+    keys.append(style.key("exact, two-sided, no friction", linewidth=0.9))
+    keys.append(style.key("the guard", linewidth=1.4, linestyle=style.DASHED))
     if any(point.measured is not None for width in widths for point in width.points):
-        handles.append(Line2D([], [], marker="o", ms=3.5, label="measured, ±2 s.e.", **dot))
-    handles.append(Line2D([], [], marker="*", ms=7, label="the wall of CONFIG", **dot))
-    return handles
+        keys.append(style.key("measured, ±2 s.e.", marker="o", ms=3.5, linestyle=" "))
+    return [*keys, style.key("the wall of CONFIG", marker="*", ms=7, linestyle=" ")]

@@ -128,18 +128,15 @@ class Config(Sections):
         return wall.high if wall.law == "stops" and wall.high is not None else 0.0
 
     @property
-    def _inward(self) -> int:
-        """Direction in which a kick loads the spring; 0: either."""
-        return 1 if self.wall.law == "stops" else SIGNS[self.wall.acting_side]
-
-    @property
     def start_room(self) -> float:
         """Return the penetration up to which the wall comes on with a loaded spring [rad].
 
         It applies at the start only: 0 on a real servo; infinite where the wall comes on at once. A
         ``servo.kick`` into the spring is an intended impact, up to a quarter turn.
         """
-        servo, inward = self.servo, self._inward
+        servo = self.servo
+        # the direction in which a kick loads the spring; 0: either
+        inward = 1 if self.wall.law == "stops" else SIGNS[self.wall.acting_side]
         if self.safety.engage == "at-once":
             return math.inf
         if servo.kind == "hardware" or self.wall.reference == "start":

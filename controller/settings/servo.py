@@ -283,6 +283,7 @@ class Servo(_Truth):
         Raises:
             ValidationError: An option is unknown, missing or wrong.
         """
+        options = _options(backend(self.backend).options).validate_python(self.options)
         return ServoSettings(
             backend=self.backend,
             port=self.port or "",
@@ -297,7 +298,7 @@ class Servo(_Truth):
             offset=self.offset,
             faults=self.faults,
             fault_seed=self.fault_seed,
-            options=options_of(self),
+            options=options,
         )
 
     @model_serializer(mode="wrap")
@@ -313,17 +314,9 @@ class Servo(_Truth):
         return fields
 
 
-def options_of(servo: Servo) -> Any:  # noqa: ANN401 - whatever the backend declares
-    """Return the backend's own settings, as an instance of its ``options``.
-
-    Raises:
-        ValidationError: An option is unknown, missing or wrong.
-    """
-    return _options(backend(servo.backend).options).validate_python(servo.options)
-
-
 @cache
 def _options(model: type) -> TypeAdapter[Any]:
+    """Return what makes an instance of a backend's ``options``."""
     return TypeAdapter(model)
 
 

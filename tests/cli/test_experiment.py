@@ -12,11 +12,14 @@ from click.testing import CliRunner
 
 from haptic_wall.controller.cli import experiment
 from haptic_wall.controller.cli.main import main
-from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.settings.servo import Servo
+from haptic_wall.controller.settings.load import Loaded, load_config
 from tests.typed import not_none
 
-REAL = load_config("xm430-w350").config.servo
+REAL, EMULATED = load_config("xm430-w350"), load_config("emulated-ideal")
+
+
+def ask(loaded: Loaded, *, yes: bool) -> None:
+    experiment.Asked(loaded, None, None, yes).may_move()
 
 
 @pytest.fixture
@@ -35,15 +38,15 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 def test_who_sits_before_a_real_servo_is_asked(asked: list[str]) -> None:
     with pytest.raises(click.Abort):
-        experiment.ask_to_move(REAL, yes=False)
-    assert len(asked) == 1 and not_none(REAL.port) in asked[0]
+        ask(REAL, yes=False)
+    assert len(asked) == 1 and not_none(REAL.config.servo.port) in asked[0]
 
 
 def test_nobody_else_is(asked: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    experiment.ask_to_move(REAL, yes=True)
-    experiment.ask_to_move(load_config("emulated-ideal").config.servo, yes=False)
+    ask(REAL, yes=True)
+    ask(EMULATED, yes=False)
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: False))
-    experiment.ask_to_move(REAL, yes=False)
+    ask(REAL, yes=False)
     assert not asked
 
 
@@ -51,11 +54,11 @@ def test_nobody_else_is(asked: list[str], monkeypatch: pytest.MonkeyPatch) -> No
 def test_every_experiment_that_moves_asks_before_it_opens_the_port(
     command: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    def stop(servo: Servo, yes: bool) -> NoReturn:
-        assert servo.kind == "hardware" and not yes
+    def stop(asked: experiment.Asked) -> NoReturn:
+        assert asked.config.servo.kind == "hardware" and not asked.yes
         raise click.Abort
 
-    monkeypatch.setattr(experiment, "ask_to_move", stop)
+    monkeypatch.setattr(experiment.Asked, "may_move", stop)
     monkeypatch.setattr("haptic_wall.controller.experiments.zwidth._POINTS", 4)
     monkeypatch.chdir(tmp_path)
     options = ["--virtual-damping=0.02", "--delay-steps=0"] if command == "sweep" else []

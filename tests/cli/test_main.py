@@ -69,6 +69,12 @@ def test_every_command_has_help(cli: Cli, name: str) -> None:
     assert "\\b" not in out, "click's mark for lines to be left alone, shown as text"
 
 
+def test_short_version_and_help(cli: Cli) -> None:
+    assert cli("-V").out.startswith("haptic-wall, version ")
+    assert "Commands:" in cli("-h").out
+    assert cli("run", "-h").out.startswith("Usage: haptic-wall run ")
+
+
 @pytest.mark.parametrize(
     ("error", "status"),
     [

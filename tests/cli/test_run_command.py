@@ -61,6 +61,23 @@ def test_a_wrong_place_or_time_is_refused_before_the_start(
     assert list(folder.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("log", "picture"), [("a.hwlog", "a.png"), ("a", "a.png"), ("a.b", "a.b.png")]
+)
+def test_the_picture_goes_beside_an_explicit_log(
+    cli: Cli, folder: Path, monkeypatch: pytest.MonkeyPatch, log: str, picture: str
+) -> None:
+    monkeypatch.setattr(
+        "haptic_wall.controller.report.run.plot_log", lambda _rows, path, **_: path.touch()
+    )
+    assert cli.json("run", *BRIEF, "--log", log)["plot"] == picture
+    assert {each.name for each in folder.iterdir()} == {log, picture}
+    Path(log).unlink()
+    Path(picture).write_text("mine")
+    assert f"--plot {picture}" in cli.refused("run", *BRIEF, "--log", log)
+    assert Path(picture).read_text() == "mine"
+
+
 def test_no_file_and_no_device_gives_way_to_a_log(cli: Cli, folder: Path) -> None:
     """SQLite keeps files beside it; what it left there may go."""
     (folder / "a-wal").write_text("mine")

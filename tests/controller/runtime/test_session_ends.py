@@ -149,7 +149,7 @@ def test_an_error_before_the_start_touches_no_servo(
     monkeypatch.setattr(session, "guard_decisions", broken)
     with pytest.raises(ZeroDivisionError):
         scene.run()
-    assert scene.words[Word.STATE] == LoopState.STARTING
+    assert scene.words[Word.STATE] == LoopState.PREPARING
     assert scene.sent == 0
 
 
