@@ -204,11 +204,6 @@ class Backstop:
         last = self._asked.motion.last if self.alarm else self.motions.half_cycles.last
         return sighting(last, self._time) if len(last) > 1 else None
 
-    def is_faster(self, half_cycle: float) -> bool:
-        """Whether the shaft turns around sooner than a half-cycle of this length [s]."""
-        motion = self.motions.half_cycles
-        return len(motion.last) > 1 and max(motion.interval, motion.elapsed) < half_cycle
-
     def raise_again(self) -> None:
         """Restore the gains as soon as the spring is at rest, and restart the watch."""
         self._let_return()

@@ -171,11 +171,16 @@ def detect(
         away = [np.abs(x - end) > 1.5 * step for end in (x[0], x[-1])]
         moving = x.size - int(np.argmax(away[0])) - int(np.argmax(away[1][::-1]))
         for piece in pieces(x, u, period, step):
-            pull = piece.pull if u is not None else _rendered(piece, wall, stiff[some[0]])
+            pull = piece.pull
+            if u is None:  # that of a known wall
+                pull = complex(-(stiff[some[0]] + wall.virtual_damping * piece.rate))
             verdict = _judged(piece, moving, settings, step, pull, lag)
-            inside = _note_growth(growth, piece, some, ticks)
+            near = some[_near(piece, ticks)]
+            growth[near[np.isnan(growth[near])]] = piece.rate.real
+            inside = some[(ticks > piece.start - 0.5) & (ticks < piece.end - 0.5)]
+            growth[inside] = piece.rate.real
             if verdict or piece.growth < BORDER:
-                judged[some[_near(piece, ticks)]] = True
+                judged[near] = True
             if verdict:
                 since = times[inside] - times[some[0]]
                 since -= 0.5 * (piece.start + piece.end - 1) * period
@@ -216,17 +221,6 @@ def _near(piece: Piece, ticks: Array) -> NDArray[np.bool_]:
     near = _NEAR * (piece.end - piece.start)
     which: NDArray[np.bool_] = (ticks > piece.start - near) & (ticks < piece.end + near)
     return which
-
-
-def _note_growth(
-    growth: Array, piece: Piece, some: NDArray[np.intp], ticks: Array
-) -> NDArray[np.intp]:
-    """Note the growth inside of a piece, and near it where there is none; return the inside."""
-    near = some[_near(piece, ticks)]
-    growth[near[np.isnan(growth[near])]] = piece.rate.real
-    inside = some[(ticks > piece.start - 0.5) & (ticks < piece.end - 0.5)]
-    growth[inside] = piece.rate.real
-    return inside
 
 
 def _ticked(
@@ -278,11 +272,6 @@ def _complete(grid: Array, ticks: Array, torques: Array) -> Array | None:
         return None
     complete: Array = np.interp(grid, ticks[fine], torques[fine])
     return complete
-
-
-def _rendered(piece: Piece, wall: KnownWall, stiffness: float) -> complex:
-    """Return the torque of a known wall over the position, as phasors [N·m/rad]."""
-    return complex(-(stiffness + wall.virtual_damping * piece.rate))
 
 
 def _judged(

@@ -157,10 +157,10 @@ class Watch:
         Args:
             stiffness: K without a derating [N·m/rad].
         """
-        if not stiffness > 0.0:
-            return self.backstop.is_faster(math.inf)
-        half_cycle = math.pi * math.sqrt(self._settings.light / stiffness)
-        return self.backstop.is_faster(half_cycle / _OUTRUNS)
+        motion, fastest = self.backstop.motions.half_cycles, math.inf
+        if stiffness > 0.0:
+            fastest = math.pi * math.sqrt(self._settings.light / stiffness) / _OUTRUNS
+        return len(motion.last) > 1 and max(motion.interval, motion.elapsed) < fastest
 
     def _note(self, state: State) -> None:
         """Report the worst state, and the largest oscillation on the whole wall.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,41 +18,6 @@ MOST_ROWS: Final = 900_000
 """Rows of a log that can be shown: a quarter of an hour at 1 kHz, 60 MB in the browser"""
 
 
-class Source(Protocol):
-    """Rows of a run, for the view of one axis.
-
-    Attributes:
-        capacity: Number of rows that a page keeps.
-        others: Names of the other axes, whose rows come with them.
-    """
-
-    capacity: int
-    others: list[str]
-
-    def origin_ns(self) -> int:
-        """Return the zero of the time [ns]; 0: not known yet."""
-        ...
-
-    def health(self) -> tuple[float, float] | None:
-        """Return supply [V] and temperature [°C] of the hottest servo; None: not known."""
-        ...
-
-    def stopped(self) -> bool:
-        """Whether the axis of the view ended the run, as one of several."""
-        ...
-
-    def first(self) -> int:
-        """Return the number of the first row for a client that comes now."""
-        ...
-
-    def read(self, tail: int, most: int) -> tuple[NDArray[np.void], int]:
-        """Return rows from ``tail`` on, and the next tail; see ``Telemetry.read``.
-
-        Their shape is (n, 1 + others): the axis of the view is the first.
-        """
-        ...
-
-
 class RunningSource:
     """The rows of one axis of a running loop.
 
@@ -61,6 +26,10 @@ class RunningSource:
         period_ns: Of the loop [ns].
         axes: Names of all axes.
         axis: Name of the one of the view.
+
+    Attributes:
+        capacity: Number of rows that a page keeps.
+        others: Names of the other axes, whose rows come with them.
     """
 
     def __init__(
@@ -76,7 +45,7 @@ class RunningSource:
         return int(self._telemetry.words[Word.BEGAN_NS])
 
     def health(self) -> tuple[float, float] | None:
-        """Return the servo's supply [V] and temperature [°C]; None: it has not told them."""
+        """Return supply [V] and temperature [°C] of the hottest servo; None: not known yet."""
         words = self._telemetry.words
         found = words[Word.SUPPLY_MV] / 1e3, words[Word.TEMPERATURE_MC] / 1e3
         return found if found[0] else None
@@ -90,13 +59,16 @@ class RunningSource:
         return max(0, int(self._telemetry.words[Word.HEAD]) - self.capacity)
 
     def read(self, tail: int, most: int) -> tuple[NDArray[np.void], int]:
-        """Return rows from ``tail`` on, and the next tail; see ``Telemetry.read``."""
+        """Return rows from ``tail`` on, and the next tail; see ``Telemetry.read``.
+
+        Their shape is (n, 1 + others): the axis of the view is the first.
+        """
         rows, after = self._telemetry.read(tail, most)
         return rows[:, self._order], after
 
 
 class LoggedSource:
-    """The rows of one axis of a log, in memory.
+    """The rows of one axis of a log, in memory; attributes as of ``RunningSource``.
 
     Args:
         log: The log, or a stretch of it.
@@ -151,3 +123,7 @@ class LoggedSource:
         """Return rows from place ``tail`` on, and the next place."""
         rows = self.rows[tail : tail + most, np.newaxis]
         return rows, tail + len(rows)
+
+
+Source = RunningSource | LoggedSource
+"""Rows of a run, for the view of one axis"""

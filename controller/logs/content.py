@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.runtime.telemetry import FLOAT_FIELDS, INT_FIELDS
@@ -60,67 +60,69 @@ def fault_of_rows(rows: NDArray[np.void], before: np.void | None) -> str | None:
     return None
 
 
-_CHANGE: Final = {
-    "set": list,
-    "outcome": str,
-    "row": int | None,
-    "at_s": int | float | None,
-    "changed": dict | None,
-    "why": str | None,
-}
-_REPORT: Final = {
-    "stop_reason": str | None,
-    "message": str | None,
-    "schedule": str | None,
-    "guard": dict | None,
-    "oscillation": dict | None,
-    "warnings": list | None,
-    "rows": int | None,
-    "axes": dict | None,
-}
-_NUMBER: Final = int | float | None
-_INSIDE: Final[Mapping[str, Mapping[str, Any]]] = {
-    "guard": {"reasons": list | None},
-    "oscillation": {
-        "state": str | None,
-        "frequency_hz": _NUMBER,
-        "amplitude_rad": _NUMBER,
-        "first_alarm_s": _NUMBER,
-        "probes": int | None,
-        "probed_s": _NUMBER,
-    },
-}
-"""Kinds of the parts that are used; a missing one counts as None"""
+_Number = Annotated[float, Field(ge=0.0, le=_MOST)] | None
+_Whole = Annotated[int, Field(ge=0, le=_MOST)] | None
+
+
+class _Part(BaseModel):
+    """A part of a log's texts, of which only what is used is named."""
+
+    model_config = ConfigDict(strict=True)
+
+
+class _Change(_Part):
+    set: list[str]
+    outcome: str
+    row: _Whole = None
+    at_s: Annotated[float, Field(ge=-_LONGEST_S, le=_LONGEST_S)] | None = None
+    changed: dict[str, Any] | None = None
+    why: str | None = None
+
+
+class _Guard(_Part):
+    reasons: list[str] | None = None
+
+
+class _Oscillation(_Part):
+    state: str | None = None
+    frequency_hz: _Number = None
+    amplitude_rad: _Number = None
+    first_alarm_s: _Number = None
+    probes: _Whole = None
+    probed_s: _Number = None
+
+
+class _Axis(_Part):
+    guard: _Guard | None = None
+    oscillation: _Oscillation | None = None
+
+
+class _Report(_Axis):
+    stop_reason: str | None = None
+    message: str | None = None
+    schedule: str | None = None
+    warnings: list[str] | None = None
+    rows: _Whole = None
+    axes: dict[str, _Axis] | None = None
 
 
 def fault_of_change(change: object) -> str | None:
     """Name the implausible part of a change of the wall; None: there is none."""
-    return _fault(change, _CHANGE, "an event")
+    return _fault(change, _Change, "an event")
 
 
 def fault_of_report(report: object) -> str | None:
     """Name the implausible part of a run's report; None: all of it is plausible."""
-    fault = _fault(report, _REPORT, "its report")
-    if fault is not None or not isinstance(report, dict):
-        return fault
-    for part in (report, *(report.get("axes") or {}).values()):
-        if not isinstance(part, dict):
-            return "an axis of its report is no object"
-        for name, kinds in _INSIDE.items():
-            fault = fault or _fault(part.get(name) or {}, kinds, f"its report's {name}")
-    return fault
+    return _fault(report, _Report, "its report")
 
 
-def _fault(found: object, kinds: Mapping[str, Any], what: str) -> str | None:
-    if not isinstance(found, dict):
-        return f"{what} is no object"
-    for name, kind in kinds.items():
-        value, most = found.get(name), _LONGEST_S if name == "at_s" else _MOST
-        plausible = isinstance(value, kind) and not isinstance(value, bool)
-        if plausible and isinstance(value, int | float):
-            plausible = (-most if name == "at_s" else 0) <= value <= most
-        if plausible and isinstance(value, list):
-            plausible = all(isinstance(each, str) for each in value)
-        if not plausible:
-            return f"{name} is not what a run writes in {what}"
+def _fault(found: object, kind: type[_Part], what: str) -> str | None:
+    try:
+        kind.model_validate(found)
+    except ValidationError as error:
+        names = [each for each in error.errors()[0]["loc"] if isinstance(each, str)]
+        if not names:
+            return f"{what} is no object"
+        within = f"{what}'s {names[-2]}" if len(names) > 1 else what
+        return f"{names[-1]} is not what a run writes in {within}"
     return None

@@ -13,7 +13,7 @@ import sqlite3
 import time
 from array import array
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -70,10 +70,10 @@ class LogReader:
     """Each request to change the running wall, as in the report's ``changes``"""
     end: Mapping[str, Any] | None
     """The run's report; None: the run goes on, or was killed"""
-    stretch: TimeSpan = ALL
-    axes: tuple[str, ...] = ONE_AXIS
+    stretch: TimeSpan
+    axes: tuple[str, ...]
     """Names of the axes; one empty name: the log of one servo"""
-    columns: Mapping[str, tuple[str, int]] = field(default_factory=lambda: columns_of(ONE_AXIS))
+    columns: Mapping[str, tuple[str, int]]
     """Columns that are read, as from ``columns_of``"""
 
     @classmethod

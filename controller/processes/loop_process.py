@@ -10,6 +10,7 @@ import os
 import signal
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any
 
 from haptic_wall.controller.errors import PlatformError
@@ -91,7 +92,7 @@ def main() -> None:
                 port=orders.port,
                 tell=lambda text: _tell("tell", text=text),
                 take_real_time=lambda: _prepare(config, orders.core),
-                open_bus=_opener(orders.hand),
+                open_bus=partial(_opened, orders.hand),
                 read_key=_key(orders, telemetry),
             ),
         )
@@ -122,16 +123,14 @@ def _key(orders: Orders, telemetry: Telemetry) -> Callable[[int], float] | None:
     return key_reader(KeySource(descriptor, code), telemetry.words, gone)
 
 
-def _opener(hand: int | None) -> Callable[[Sequence[ServoSettings], Clock, int | None], Bus]:
-    """Return what opens the bus, with a person's hand on it if there is one."""
-
-    def opened(servos: Sequence[ServoSettings], clock: Clock, port: int | None) -> Bus:
-        bus = open_bus(servos, clock, port)
-        if hand is not None and isinstance(bus, TakesHand):
-            bus.take_hand(SharedHand(hand))
-        return bus
-
-    return opened
+def _opened(
+    hand: int | None, servos: Sequence[ServoSettings], clock: Clock, port: int | None
+) -> Bus:
+    """Open the bus, with a person's hand on it if there is one."""
+    bus = open_bus(servos, clock, port)
+    if hand is not None and isinstance(bus, TakesHand):
+        bus.take_hand(SharedHand(hand))
+    return bus
 
 
 def _prepare(config: Config, core: int) -> None:
