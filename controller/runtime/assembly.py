@@ -275,4 +275,6 @@ def assembled(
         ),
         inbox=inbox,
         changeover=Changeover(rest_torque, facts.torque_limit, period),
+        sign=config.servo.sign,
+        offset=config.servo.offset,
     )
