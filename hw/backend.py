@@ -52,8 +52,6 @@ class Backend:
     so does a refusal. Raises ``haptic_wall.hw.errors.ServoError``"""
     several: bool = False
     """It opens several servos on one bus"""
-    mounted: bool = False
-    """Its positions and torques are those of the joint, by ``sign`` and ``offset`` of each servo"""
     options: type = NoOptions
     """The settings model: a dataclass, or another type that pydantic can validate, for
     ``servo.options``"""

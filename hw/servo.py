@@ -33,7 +33,7 @@ class Reading(NamedTuple):
     position: float
     """Multi-turn position [rad]; NaN unless the outcome is OK."""
     counts: int
-    """The encoder's own, before sign and offset; 0 unless the outcome is OK and it counts."""
+    """The encoder's own; 0 unless the outcome is OK and it counts."""
     sampled_ns: int
     """The instant the request was sent [ns]: the earliest possible time of the sample, so that an
     age computed from it is an upper bound."""

@@ -42,7 +42,8 @@ class DriverSettings:
     read: Way = "auto"
     """How several servos of the bus are read"""
     sign: int = 1
-    """1, -1: position = sign * the servo's own + offset, and torques turn with the sign"""
+    """1, -1: position = sign * the servo's own + offset, and torques turn with the sign. The loop
+    applies both; a bus reads and commands the servo's own"""
     offset: float = 0.0
     """See ``sign`` [rad]"""
 

@@ -31,7 +31,6 @@ class SimulatedBus:
         trues: The servos.
         clock: Their time, which begins with ``start``.
         arm: The links between them; None: there are none.
-        mounts: ``sign`` and ``offset`` of each, see ``DriverSettings``; None: 1 and 0.
 
     Raises:
         SpecError: They cannot be the joints of this arm.
@@ -40,15 +39,10 @@ class SimulatedBus:
     traffic = None
 
     def __init__(
-        self,
-        trues: Sequence[TrueServo],
-        clock: Clock,
-        arm: TrueArm | None = None,
-        mounts: Sequence[tuple[int, float]] | None = None,
+        self, trues: Sequence[TrueServo], clock: Clock, arm: TrueArm | None = None
     ) -> None:
         self._trues = trues
         self._arm = arm
-        self._mounts = [(1, 0.0)] * len(trues) if mounts is None else mounts
         self._now_ns = clock.now_ns
         self._written: Sequence[float] = ()
         """The last torques, which act from ``_written_ns`` on; applied when time advances"""
@@ -88,9 +82,8 @@ class SimulatedBus:
         now_ns = self._now_ns()
         self._pass_until(now_ns - now_ns % self._grain_ns)
         self._readings = []
-        for mechanism, (sign, offset) in zip(self._mechanisms, self._mounts, strict=True):
+        for mechanism in self._mechanisms:
             position, counts = mechanism.measured()
-            position = sign * position + offset
             self._readings.append(Reading(Outcome.OK, position, counts, now_ns, math.nan, False))
 
     def collect(self, deadline_ns: int) -> list[Reading]:  # noqa: ARG002 - nothing to wait for
@@ -116,16 +109,15 @@ class SimulatedBus:
         """
         if not self._running:
             raise RuntimeError("a torque was written while torque is off; call start first")
-        signs = [sign for sign, _ in self._mounts]
         acting = [
-            mechanism.limited(sign * torque)
-            for mechanism, sign, torque in zip(self._mechanisms, signs, torques, strict=True)
+            mechanism.limited(torque)
+            for mechanism, torque in zip(self._mechanisms, torques, strict=True)
         ]
         now_ns = self._instant()
         if self._written:  # the last torques acted until now
             self._pass_until(now_ns)
         self._written, self._written_ns = acting, now_ns
-        return [sign * torque for sign, torque in zip(signs, acting, strict=True)]
+        return acting
 
     def stop(self) -> bool:
         """Switch the torques off; the servos move on by themselves. Always succeeds."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from haptic_wall.controller.detector.backstop import Shared
+from haptic_wall.controller.detector.settings import WatchSettings
 from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.guard.bins import Bins
 from haptic_wall.controller.guard.guard import Decision, Situation
@@ -28,14 +29,13 @@ from haptic_wall.controller.laws.engagement import REST_S, EngageLimits, Engagem
 from haptic_wall.controller.laws.passivity_control import PassivityControl
 from haptic_wall.controller.laws.program import Phase, Program
 from haptic_wall.controller.laws.velocity import Biquad, velocity_estimator
-from haptic_wall.controller.laws.wall import Law
+from haptic_wall.controller.laws.wall import SIGNS, Law
 from haptic_wall.controller.runtime.axis import Axis
 from haptic_wall.controller.runtime.changeover import Changeover
 from haptic_wall.controller.runtime.checks import REFUSALS, Safety, SafetyLimits, speed_limits
 from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.runtime.handover import Inbox, KnownServo
 from haptic_wall.controller.runtime.telemetry import Telemetry
-from haptic_wall.controller.runtime.watch_settings import watch_settings
 from haptic_wall.controller.settings.config import MOST_KICK, Config
 from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.boundary import chain_peak
@@ -92,19 +92,6 @@ def guard_decisions(
         for each, most in zip(decisions, most_injected(config, situation, decisions), strict=True)
     )
     return Decided(ages_ns, intervals_ns, table)
-
-
-def gain_schedule(config: Config, decided: Decided) -> GainSchedule:
-    """Return the gain schedule of decisions, without observations."""
-    period = config.period_ns * 1e-9
-    return GainSchedule(
-        decided.table,
-        decided.ages_ns,
-        decided.intervals_ns,
-        config.guard.delay_percentile,
-        max(1, round(config.guard.window_s / period)),
-        max(RUN, round(RUN_S / period)),
-    )
 
 
 def decision_in_force(
@@ -188,11 +175,33 @@ def most_injected(
     return [most[id(decision)] for decision in all_decisions]
 
 
-def rendered(config: Config, facts: Facts, program: Sequence[Phase]) -> Law:
-    """Return the law to render: that of the configuration, or an experiment's program."""
-    if program:
-        return Program(program, config.period_ns * 1e-9, facts.torque_limit)
-    return config.law(facts.position_step)
+def watch_settings(config: Config, facts: Facts, law: Law) -> WatchSettings:
+    """Return the settings of the watch.
+
+    A program is only watched, without a reaction; without a guard an alarm trips.
+
+    Args:
+        config: The effective configuration.
+        facts: Facts of the servo.
+        law: The rendered law.
+    """
+    belief, limit = config.belief(), min(facts.torque_limit, law.clip)
+    answer = config.safety.on_oscillation
+    if config.guard.mode == "off":
+        answer = "trip"
+    return WatchSettings(
+        period=config.period_ns * 1e-9,
+        position_step=facts.position_step,
+        answer=answer if law.guarded else "report",
+        side=SIGNS[config.wall.acting_side],
+        light=belief.inertia.low / belief.torque_gain.high,  # torques are in commanded units
+        heavy=belief.inertia.high / belief.torque_gain.low,
+        lag=belief.delay.value,
+        torque_limit=limit,
+        rest_torque=engage_torque(config.safety.engage_torque, facts.stall_torque),
+        passive=law.guarded and config.wall.passivity_control,
+        elongation=None if law.linear else law.elongation,
+    )
 
 
 def assembled(
@@ -201,8 +210,8 @@ def assembled(
     telemetry: Telemetry,
     inbox: Inbox,
     shared: Shared,
-    schedule: GainSchedule,
-    law: Law,
+    decided: Decided,
+    program: Sequence[Phase],
 ) -> Axis:
     """Return the axis of a servo, with all of its parts.
 
@@ -212,12 +221,25 @@ def assembled(
         telemetry: Destination of the rows.
         inbox: Changes of the running wall.
         shared: What the watches of all axes share.
-        schedule: The guard's decisions.
-        law: The law to render.
+        decided: The guard's decisions.
+        program: Rendered in place of the configuration's law; empty: none is.
     """
     period_ns = config.period_ns
     period = period_ns * 1e-9
     facts, wall, safety, kick = servo.facts, config.wall, config.safety, config.servo.kick
+    law: Law
+    if program:
+        law = Program(program, period, facts.torque_limit)
+    else:
+        law = config.law(facts.position_step)
+    schedule = GainSchedule(
+        decided.table,
+        decided.ages_ns,
+        decided.intervals_ns,
+        config.guard.delay_percentile,
+        max(1, round(config.guard.window_s / period)),
+        max(RUN, round(RUN_S / period)),
+    )
     belief = config.belief()
     gain = belief.torque_gain.high
     real = config.servo.kind == "hardware"
@@ -275,4 +297,6 @@ def assembled(
         ),
         inbox=inbox,
         changeover=Changeover(rest_torque, facts.torque_limit, period),
+        sign=config.servo.sign,
+        offset=config.servo.offset,
     )

@@ -102,6 +102,10 @@ class Axis:
     """Hears what becomes of a change of the running wall"""
     changeover: Changeover
     """Finds the tick for a change"""
+    sign: int = 1
+    """1, -1: position = sign * the servo's own + offset, and torques turn with the sign"""
+    offset: float = 0.0
+    """See ``sign`` [rad]"""
     change: Change | None = None
     """The change at hand; None: none is"""
     made: Change | None = None
@@ -166,14 +170,17 @@ class Axis:
     def torque(  # noqa: PLR0912 - in one piece for speed
         self, reading: Reading, tick: Tick
     ) -> float:
-        """Return the torque for a reading [N·m]; the run must end where ``trip`` is set then.
+        """Return the servo's torque for its reading [N·m]; where ``trip`` is set the run must end.
 
         Args:
             reading: The servo's answer.
             tick: Times of this period.
         """
-        outcome, position, _, sampled_ns, self.measured_torque, alert = reading
+        outcome, position, _, sampled_ns, measured, alert = reading
+        sign = self.sign
+        self.measured_torque = sign * measured
         if outcome is _OK:
+            position = sign * position + self.offset
             verdict = self.safety.good(position, sampled_ns, alert)
             if verdict is _REFUSED:
                 outcome, self.measured_torque = _REFUSED, math.nan
@@ -212,7 +219,7 @@ class Axis:
         self._flags = flags | FLAG_CONTACT if contact else flags
         self._may_raise = not (contact and on)
         self._wall_torque = wall_torque
-        return torque
+        return sign * torque
 
     def _move(self, position: float, sampled_ns: int) -> None:
         """Take a good position [rad], sampled at an instant [ns]; estimate the velocity."""
@@ -238,10 +245,11 @@ class Axis:
         """Do what can wait until the torque is sent: gains and row.
 
         Args:
-            torque: As commanded [N·m].
+            torque: Of the servo, as commanded [N·m].
             sent: As sent [N·m].
             tick: Times of this period.
         """
+        sent *= self.sign
         law, watch, outcome, flags = self.law, self.watch, self.outcome, self._flags
         watch.sent(sent)
         size = torque if torque >= 0.0 else -torque

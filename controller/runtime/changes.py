@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Final
 
-from haptic_wall.controller.runtime.assembly import Decided, guard_decisions
+from haptic_wall.controller.runtime.assembly import Decided, guard_decisions, watch_settings
 from haptic_wall.controller.runtime.handover import Change, KnownServo
-from haptic_wall.controller.runtime.watch_settings import watch_settings
 from haptic_wall.controller.settings.changes import moved_by
 from haptic_wall.controller.settings.config import Config
 

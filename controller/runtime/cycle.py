@@ -58,7 +58,6 @@ class Cycle:
         trip: Why the run must end; None: no trip. Once set, no torque is sent.
         done: All programs are over; the torques of the last period were zero.
         ticks: Periods executed.
-        missed: Whole periods skipped.
     """
 
     def __init__(
@@ -75,7 +74,7 @@ class Cycle:
         self.bus, self.axes = bus, axes
         self.trip: Trip | None = None
         self.done = False
-        self.ticks = self.missed = 0
+        self.ticks = 0
         self._now = clock.now_ns
         self._words, self._inbox = words, inbox
         self._period_ns = period_ns
@@ -149,7 +148,7 @@ class Cycle:
         if words[_OFFERED] != self._inbox.taken and (change := self._inbox.take()):
             axes[change.axis].change = change
         self.ticks = words[_TICKS] = self.ticks + 1
-        self.missed = words[_MISSED] = self.missed + missed
+        words[_MISSED] += missed
         bus_ns = self._traffic.waited_ns
         words[_HEARTBEAT_NS] = ended_ns = now()
         work_ns = ended_ns - woke_ns - bus_ns

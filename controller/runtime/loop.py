@@ -77,7 +77,7 @@ class Loop:
         self._begun = self._deadline
         self._begun_offset = self._words[Word.OFFSET_NS]
         self.cycle.ticks = self._words[Word.TICKS] = 0
-        self.cycle.missed = self._words[Word.MISSED] = 0
+        self._words[Word.MISSED] = 0
 
     def serve(self, duration_s: float | None) -> StopReason | None:
         """Execute ticks for a duration [s], or without end; return the reason of an early end.

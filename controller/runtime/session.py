@@ -19,9 +19,7 @@ from haptic_wall.controller.runtime.assembly import (
     Decided,
     assembled,
     decision_in_force,
-    gain_schedule,
     guard_decisions,
-    rendered,
     situation_of,
 )
 from haptic_wall.controller.runtime.cycle import Cycle, is_pipelined
@@ -239,10 +237,7 @@ class _Session:
         self._know()
         shared = Shared()
         self._axes = [
-            assembled(
-                *(one, servo, telemetry, self._inbox, shared, gain_schedule(one, decided)),
-                rendered(one, servo.facts, self._program),
-            )
+            assembled(one, servo, telemetry, self._inbox, shared, decided, self._program)
             for (one, servo), decided in zip(self._each(), self._decided, strict=True)
         ]
         self._inbox.tell(self._servos)
@@ -398,7 +393,7 @@ class _Session:
             config = Config.model_validate_json(axis.made.config)
         situation, decided = situation_of(config, servo), self._decided[index]
         decision = decision_in_force(config, servo, decided, schedule.index, self._work)
-        missed = self._loop.cycle.missed
+        missed = self._telemetry.words[Word.MISSED]
         return {
             "guard": guard_report(config, decision, axis, missed, situation, known["bus"]),
             "oscillation": oscillation_report(axis.watch),

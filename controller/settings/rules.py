@@ -169,10 +169,6 @@ def _of_the_backend(config: Sections) -> Iterator[Problem]:
         if getattr(servo, field) is None:
             wanted = f"{what} (servo.backend is {servo.backend})"
             yield Problem("found nothing", field=f"servo.{field}", wanted=wanted)
-    for field, usual in () if make.mounted else (("sign", 1), ("offset", 0.0)):
-        if (found := getattr(servo, field)) != usual:
-            wanted = f"{usual}: the backend {servo.backend} does not know it"
-            yield Problem(f"found {found:g}", field=f"servo.{field}", wanted=wanted)
     if is_dataclass(make.options):
         known = [field.name for field in fields(make.options)]
         for option in servo.options:

@@ -159,7 +159,6 @@ def _cut_torque(servos: Sequence[ServoSettings], descriptor: int | None, clock: 
 BACKEND = Backend(
     open=_open,
     several=True,
-    mounted=True,
     emulated_port=True,
     has_bus=True,
     has_watchdog=True,

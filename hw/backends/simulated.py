@@ -16,10 +16,7 @@ def _open(servos: Sequence[ServoSettings], clock: Clock, _descriptor: int | None
     trues = [one.true for one in servos if one.true is not None]
     if len(trues) < len(servos):
         raise ValueError("found None in ServoSettings.true, wanted the truth of the servo")
-    mounts = [(one.sign, one.offset) for one in servos]
-    return SimulatedBus(trues, clock, servos[0].arm, mounts)
+    return SimulatedBus(trues, clock, servos[0].arm)
 
 
-BACKEND = Backend(
-    open=_open, several=True, mounted=True, simulated=True, cut_torque=lambda *_: True
-)
+BACKEND = Backend(open=_open, several=True, simulated=True, cut_torque=lambda *_: True)

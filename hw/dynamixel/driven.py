@@ -13,14 +13,13 @@ from haptic_wall.hw.dynamixel.health import DrivingRange
 from haptic_wall.hw.dynamixel.register_access import QUICK_NS, Table
 from haptic_wall.hw.dynamixel.registers import (
     COUNTS_PER_REV,
-    POSITION_UNIT,
     WATCHDOG_TRIPPED,
     WATCHDOG_UNIT_NS,
 )
 from haptic_wall.hw.dynamixel.rules import Seen, error_names, what_to_do
 from haptic_wall.hw.dynamixel.station import Station
 from haptic_wall.hw.dynamixel.tables import MODELS, Model, model_by_number
-from haptic_wall.hw.dynamixel.torque_law import TorqueLaw, torque_law
+from haptic_wall.hw.dynamixel.torque_law import torque_law
 from haptic_wall.hw.dynamixel.watchdog import rearm, watchdog_units
 from haptic_wall.hw.errors import (
     ServoHealthError,
@@ -88,9 +87,7 @@ class Driven:
         self.where = settings.port or "the emulated bus in memory"
         name = f"id {settings.id} at {settings.baud} baud on {self.where}"
         self.table = Table(exchange, station, name, model.registers)
-        self._learn(torque_law(model, constant, model.voltage))
-        self.unit, self.offset = settings.sign * POSITION_UNIT, settings.offset
-        """position [rad] = unit * counts + offset"""
+        self.law = torque_law(model, constant, model.voltage)
         if settings.torque_limit > 0.0 and not self.law.within(settings.torque_limit):
             raise UnfitServoError(
                 advice="raise it above that.",
@@ -134,7 +131,7 @@ class Driven:
 
     def begin(self, seen: Seen) -> None:
         """Take the limits that the start has read; from now on watch for pauses: torque is on."""
-        self._learn(seen.law)
+        self.law = seen.law
         self.bounds = seen.bounds(self.units)
         self.heard_ns = self.table.clock.now_ns()
         if self.table.read("bus_watchdog") != self.units:
@@ -142,11 +139,6 @@ class Driven:
         self.facts = self._facts(seen["current_limit"], seen.volts)
         # The watchdog counts whole units, so that one set to two may trip soon after the first.
         self.silence_ns = round(max(self.units - 1, 0.75) * WATCHDOG_UNIT_NS)
-
-    def _learn(self, law: TorqueLaw) -> None:
-        self.law = law
-        self.turned = replace(law, step=self.settings.sign * law.step)
-        """The same with the servo's sign, between goals and torques of the joint"""
 
     def obeys_only_itself(self, ids: Collection[int]) -> None:
         """Refuse a servo that would also take the goals of another one of these ids.

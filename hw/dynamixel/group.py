@@ -18,6 +18,7 @@ from haptic_wall.hw.dynamixel.driven import NEVER_NS, Driven
 from haptic_wall.hw.dynamixel.exchange import GOAL_CURRENT, Exchange
 from haptic_wall.hw.dynamixel.health import HealthPolls
 from haptic_wall.hw.dynamixel.register_access import Table
+from haptic_wall.hw.dynamixel.registers import POSITION_UNIT
 from haptic_wall.hw.dynamixel.startup import Startup
 from haptic_wall.hw.dynamixel.wire import Read, asking_s
 from haptic_wall.hw.errors import (
@@ -207,7 +208,7 @@ class DynamixelGroup:
                     one.judge(polls.values(one.station.block))
             one.heard_ns = sampled_ns
             one.alert |= alert
-            position, torque = counts * one.unit + one.offset, one.turned.torque(current)
+            position, torque = counts * POSITION_UNIT, one.law.torque(current)
             readings.append(Reading(outcome, position, counts, sampled_ns, torque, alert))
         return readings
 
@@ -232,12 +233,12 @@ class DynamixelGroup:
         for one, torque in zip(self.servos, torques, strict=True):
             most = one.facts.torque_limit
             fine = torque if -most <= torque <= most else one.limited(torque)
-            goals.append(one.turned.goal(fine))
+            goals.append(one.law.goal(fine))
         self.exchange.send(goals)
         sent = []
         for one, goal in zip(self.servos, goals):  # noqa: B905 - checked
             one.goal = goal
-            sent.append(one.turned.torque(goal))
+            sent.append(one.law.torque(goal))
         return sent
 
     def stop(self) -> bool:

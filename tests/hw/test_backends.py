@@ -140,18 +140,6 @@ def test_its_options_are_checked_before_anything_runs(line_servo: dict[str, str]
     assert "servo.baud (from --set): found nothing, wanted 115200" in done.stderr
 
 
-def test_a_backend_that_knows_no_sign_or_offset_is_given_none(site: Path) -> None:
-    install(site, distribution("plain-servo", plain="plain_servo:BACKEND"))
-    (site / "plain_servo.py").write_text(
-        "from haptic_wall.hw.backend import Backend\nBACKEND = Backend(open=print)\n"
-    )
-    given = ["servo.backend=plain", "servo.port=/dev/x", "servo.sign=-1", "servo.offset=0.5"]
-    with pytest.raises(ConfigError) as refused:
-        load_config("xm430-w350", given)
-    told = [problem for problem in refused.value.problems if "backend plain" in problem]
-    assert [each.split()[0] for each in told] == ["servo.sign", "servo.offset"]
-
-
 def test_an_unknown_backend_is_named_with_those_that_are_known(site: Path) -> None:
     install(site, distribution("line-servo", line="line_servo:BACKEND"))
     with pytest.raises(BackendError, match=r"'lime': known are simulated, dynamixel, line\.$"):

@@ -12,16 +12,15 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.backstop import Shared
 from haptic_wall.controller.detector.watch import oscillation_report
-from haptic_wall.controller.guard.schedule import Allowed, GainSchedule, GainTable
+from haptic_wall.controller.guard.schedule import Allowed, GainTable
 from haptic_wall.controller.guard.types import Decision
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.runtime.assembly import (
+    Decided,
     assembled,
     decision_in_force,
-    gain_schedule,
     guard_decisions,
     most_injected,
-    rendered,
     situation_of,
 )
 from haptic_wall.controller.runtime.cycle import Cycle
@@ -181,9 +180,8 @@ def run_trial(
     telemetry = Telemetry(-1, _CHUNK + 8)
     telemetry.words[Word.HELD_NS] = NO_DEAD_MAN
     known = KnownServo(servo.facts[0], None, simulated=True)
-    schedule = _schedule(config, known, tuple(sets), wall)
-    inbox, law = Inbox(telemetry), rendered(config, known.facts, ())
-    axis = assembled(config, known, telemetry, inbox, Shared(), schedule, law)
+    decided, inbox = _decided(config, known, tuple(sets), wall), Inbox(telemetry)
+    axis = assembled(config, known, telemetry, inbox, Shared(), decided, ())
     cycle = Cycle(clock, servo, [axis], telemetry.words, inbox, config.period_ns, pipelined=False)
     cycle.wall_on()
     blocks: list[NDArray[np.void]] = []
@@ -232,18 +230,15 @@ def _with_wall(config: Config, wall: WallAsked) -> Config:
     return config.model_copy(update={"wall": config.wall.model_copy(update=changed)})
 
 
-def _schedule(
-    config: Config, servo: KnownServo, sets: tuple[str, ...], wall: WallAsked
-) -> GainSchedule:
+def _decided(config: Config, servo: KnownServo, sets: tuple[str, ...], wall: WallAsked) -> Decided:
     """Return the guard's decisions, or the wall as requested at the guard's delay."""
     if not wall.forced:
-        return gain_schedule(config, guard_decisions(config, servo))
+        return guard_decisions(config, servo)
     decision = _decision(sets, servo.facts.torque_limit, servo.facts.counts_per_rev)
     asked = replace(decision, stiffness=wall.stiffness, damping=wall.damping)
     (most,) = most_injected(config, situation_of(config, servo), [asked])
     gains = Allowed(asked.stiffness, asked.damping, asked.delay, injected=most)
-    table = GainTable([gains, gains])
-    return GainSchedule(table, [0], [config.period_ns], 90.0, 1000)
+    return Decided([0], [config.period_ns], GainTable([gains, gains]))
 
 
 @lru_cache(maxsize=64)
