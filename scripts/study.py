@@ -5,7 +5,8 @@
 
 A study is a module of scripts/studies that holds a ``STUDY``; other modules of scripts/ with a
 ``main`` are started in the same way. A part of a page stands between ``<!-- computed: NAME -->``
-and ``<!-- end -->``; the text around the parts is written by hand and stays as it is.
+and ``<!-- end -->``; the text around the parts is written by hand and stays as it is. The first
+comment then names the commit that computed it, and the list says which parts are of older code.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import importlib
 import itertools
 import json
 import re
+import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -37,7 +39,9 @@ from haptic_wall.controller.experiments.cluster import cluster
 from haptic_wall.controller.experiments.processes import cores, not_from_the_terminal, processes
 
 ROOT = Path(__file__).resolve().parent.parent
-PART = re.compile(r"(<!-- computed: ([\w-]+) -->\n)(.*?)(<!-- end -->)", re.S)
+PART = re.compile(r"(<!-- computed: ([\w-]+)(?: at \w+)? -->\n)(.*?)(<!-- end -->)", re.S)
+ROOMS = ("controller", "hw")
+"""Whose changes make a part older"""
 
 Given = argparse.Namespace
 Case = TypeVar("Case")
@@ -188,8 +192,8 @@ def table_of(head: str) -> Callable[[Found[Any, list[str]]], list[str]]:
     return lambda found: table(head.split("|"), *(row for _, row in found))
 
 
-def renewed(page: str, parts: dict[str, Iterable[str]]) -> str:
-    """The page with some of its parts made anew.
+def renewed(page: str, parts: dict[str, Iterable[str]], commit: str = "") -> str:
+    """The page with some of its parts made anew, by the code of a commit where it is known.
 
     Raises:
         NoPlaceError: The page has no place for one of them.
@@ -203,9 +207,12 @@ def renewed(page: str, parts: dict[str, Iterable[str]]) -> str:
         )
 
     def part(mark: re.Match[str]) -> str:
-        begin, name, old, end = mark.groups()
-        new = "".join(f"{line}\n" for line in parts[name]) if name in parts else old
-        return f"{begin}{new}{end}"
+        _, name, _, end = mark.groups()
+        if name not in parts:
+            return mark[0]
+        at = f" at {commit}" if commit else ""
+        new = "".join(f"{line}\n" for line in parts[name])
+        return f"<!-- computed: {name}{at} -->\n{new}{end}"
 
     return PART.sub(part, page)
 
@@ -320,7 +327,7 @@ def run(study: Study, name: str, doc: str, arguments: Sequence[str]) -> int:
             lines = [f"By `{command}`, {took} on {this_machine()}.", ""]
             made = [*([] if study.everywhere else lines), *part.lines(rows)]
             holds = part.wanted(rows) and holds
-            text = renewed(text, {part.name: made})
+            text = renewed(text, {part.name: made}, git("rev-parse", "--short=8", "HEAD"))
             options.out.write_text(text, encoding="utf-8")
             print("\n".join(made), flush=True)
             for what, case in part.examples(rows) if part.examples else ():
@@ -349,6 +356,23 @@ def listed() -> Iterator[tuple[str, str]]:
                 yield path.stem, text.partition('"""')[2].partition("\n")[0]
 
 
+def git(*words: str) -> str:
+    """Return what git says; empty: there is no repository, or no such commit."""
+    said = subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=False)
+    return said.stdout.strip() if said.returncode == 0 else ""
+
+
+def older() -> Iterator[str]:
+    """Name the parts of pages that older code computed, and how many changes of it came since."""
+    for page in sorted((ROOT / "docs").rglob("*.md")):
+        for mark in PART.finditer(page.read_text(encoding="utf-8")):
+            at = re.search(r" at (\w+) ", mark[1])
+            since = at and git("rev-list", "--count", f"{at[1]}..HEAD", "--", *ROOMS)
+            if since != "0":
+                where = f"{page.relative_to(ROOT)}, {mark[2]}"
+                yield f"{where}: {since} commits" if since else f"{where}: of an unknown commit"
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the study that is named, or list them."""
     words = list(sys.argv[1:] if arguments is None else arguments)
@@ -356,6 +380,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not words or words[0] in ("-h", "--help"):
         width = max(map(len, there))
         print(*(f"{name:{width}}  {line}" for name, line in there.items()), sep="\n")
+        if parts := list(older()):
+            print(f"\nOlder than {' and '.join(ROOMS)}:", *parts, sep="\n")
         return 0
     name, *rest = words
     if name not in there:

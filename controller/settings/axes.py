@@ -36,12 +36,8 @@ AxisName = Annotated[str, Field(pattern=f"^{NAME}$")]
 class Bus(Section):
     """The bus of all servos."""
 
-    port: Port | None = setting(
-        None, "Another name of servo.port, where it is shown, and stronger", min_length=1
-    )
-    baud: Baud | None = setting(
-        None, "Another name of servo.baud, where it is shown, and stronger", "bit/s"
-    )
+    port: Port | None = setting(None, "Serial device of all axes: sets servo.port", min_length=1)
+    baud: Baud | None = setting(None, "Baud rate of all axes: sets servo.baud", "bit/s")
     read: Way = setting(
         "auto",
         "Request for the positions of several servos; fast: one joint reply; sync: a reply of "

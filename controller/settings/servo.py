@@ -189,7 +189,7 @@ class Servo(_Truth):
     model: str | None = setting(
         None, "The servo's model, e.g. XM430-W350", min_length=1, used_by=_BUS
     )
-    schedule: Schedule | Literal["auto"] = setting(
+    schedule: Literal[Schedule, "auto"] = setting(
         "auto",
         "immediate: request and reply in one tick; pipelined: the reply travels while the loop "
         "sleeps, and its age is counted; auto: pipelined if the start-up measures replies that an "

@@ -9,11 +9,12 @@ from typing import Any
 
 import pytest
 
+from scripts import study
 from scripts.study import ROOT, Option, Part, Study, listed, main, renewed, run
 from tests.docs.pages import PAGES, commands
 
 STUDIES = [name for name, _ in listed() if (ROOT / "scripts" / "studies" / f"{name}.py").exists()]
-COMPUTED = re.compile(r"^<!-- computed: ([\w-]+) -->", re.M)
+COMPUTED = re.compile(r"^<!-- computed: ([\w-]+)(?: at \w+)? -->", re.M)
 asked: list[Any] = []
 
 
@@ -55,8 +56,8 @@ def call(page: Path, *options: str) -> tuple[int, str]:
 def test_the_part_is_made_anew_and_the_rest_stays(page: Path) -> None:
     status, text = call(page, "--count", "3")
     assert status == 0
-    assert text.startswith(
-        "before\n<!-- computed: squares -->\nBy `scripts/study squares --count 3`"
+    assert re.match(
+        r"before\n<!-- computed: squares( at \w+)? -->\nBy `scripts/study squares --count 3`", text
     )
     assert "\n0: 0 (0, 0)\n1: 1 (1, 1)\n2: 4 (2, 2)\n<!-- end -->\nbehind\n" in text
     assert "old" not in text
@@ -92,26 +93,45 @@ def test_without_a_name_it_lists_them_and_an_unknown_one_is_refused(
     assert main(["no_such"]) == 2
 
 
+def test_the_list_says_which_parts_are_of_older_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    part = "<!-- computed: NAME -->\nfigures\n<!-- end -->\n"
+    docs = tmp_path / "docs"
+    docs.mkdir()
+    (docs / "page.md").write_text(
+        part.replace("NAME", "new at abc1")
+        + part.replace("NAME", "old at abc2")
+        + part.replace("NAME", "lost")
+    )
+    counts = {"abc1..HEAD": "0", "abc2..HEAD": "7"}
+    monkeypatch.setattr(study, "ROOT", tmp_path)
+    monkeypatch.setattr(study, "git", lambda *words: counts[words[2]])
+    assert [*study.older()] == [
+        "docs/page.md, old: 7 commits",
+        "docs/page.md, lost: of an unknown commit",
+    ]
+
+
 @pytest.mark.parametrize("name", STUDIES)
 def test_each_study_has_its_place_on_a_page_and_says_what_it_takes(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     module = importlib.import_module(f"scripts.studies.{name}")
-    study = module.STUDY
-    text = (ROOT / "docs" / study.page).read_text(encoding="utf-8")
-    renewed(text, {part.name: [] for part in study.parts})
+    text = (ROOT / "docs" / module.STUDY.page).read_text(encoding="utf-8")
+    renewed(text, {part.name: [] for part in module.STUDY.parts})
     assert f"scripts/study {name}" in text, "the page says what makes it again"
     with pytest.raises(SystemExit, match="0"):
-        run(study, name, module.__doc__ or "", ["--help"])
+        run(module.STUDY, name, module.__doc__ or "", ["--help"])
     assert f"scripts/study {name}" in capsys.readouterr().out
-    assert all(part.row.__annotations__["return"] for part in study.parts)
+    assert all(part.row.__annotations__["return"] for part in module.STUDY.parts)
 
 
 def test_no_part_of_a_page_is_nobodys() -> None:
     theirs = {
-        (study.page, part.name)
-        for study in (importlib.import_module(f"scripts.studies.{n}").STUDY for n in STUDIES)
-        for part in study.parts
+        (each.page, part.name)
+        for each in (importlib.import_module(f"scripts.studies.{n}").STUDY for n in STUDIES)
+        for part in each.parts
     }
     docs = ROOT / "docs"
     found = {

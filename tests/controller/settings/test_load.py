@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_wall.controller.errors import ConfigError, UserError
-from haptic_wall.controller.settings.fields import Field, fields
+from haptic_wall.controller.settings.fields import Field, fields, sections
 from haptic_wall.controller.settings.load import (
     MOST_BYTES,
     apply_set,
@@ -157,6 +157,14 @@ def test_every_field_refuses_what_is_not_a_number_or_a_name() -> None:
         if value != field.wanted.partition(" ")[0]:
             found = problems("simulated", f"{field.path}={value}")
             assert any(line.startswith(field.path) for line in found), (field, value)
+
+
+def test_a_field_with_choices_names_its_default() -> None:
+    for path, field in fields().items():
+        section, key = path.split(".")
+        default = sections()[section].model_fields[key].default
+        known = (*field.choices, None) if field.wanted.endswith(" or null") else field.choices
+        assert not field.choices or default in known, path
 
 
 @pytest.mark.parametrize(
