@@ -207,7 +207,7 @@ def truths(
     device = between("delay", u["delay"])
     by_loop = np.clip(u["of_loop"], 0.02, 1.0) * device
     with np.errstate(divide="ignore"):
-        bandwidth = np.where(by_loop > 1e-5, 1.0 / (math.tau * np.maximum(by_loop, 1e-5)), 0.0)
+        bandwidth = np.where(by_loop > 1.6e-5, 1.0 / (math.tau * np.maximum(by_loop, 1.6e-5)), 0.0)
     by_loop = np.where(bandwidth > 0.0, by_loop, 0.0)
     age = np.array([each.age for each in walls])
     delay = age + device - by_loop

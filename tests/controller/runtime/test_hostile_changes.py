@@ -32,6 +32,10 @@ class Swing:
         self._stiffness = stiffness
         self._phase = math.tau * phase
 
+    def of(self, _axis: int) -> "Swing":
+        """Return the hand on the only shaft."""
+        return self
+
     def look(self, now_ns: int) -> Grasp:
         """Return how the hand holds the shaft at a time [ns]."""
         angle = self._rate * now_ns * 1e-9 + self._phase
