@@ -483,7 +483,7 @@ def test_the_wall_is_on_only_while_the_dead_man_is_held(
     tmp_path: Path, servo: str, pedal: Callable[[bool], None]
 ) -> None:
     """Held, let go, held again: the log tells what the torque was."""
-    words = ["--hold", "pedal", "--set", "servo.hand=none"]
+    words = ["--hold", "pedal", "--set", "servo.hand=none", "--duration", "60"]
     words += ["--set", "wall.side=both", "--set", "servo.kick=0.05"]
     with ticking(*run_arguments(*words, servo=servo), cwd=tmp_path) as (process, family):
         path = tmp_path / "run.hwlog"
