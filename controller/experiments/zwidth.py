@@ -27,6 +27,7 @@ from haptic_wall.controller.experiments.testbed import ExperimentInterruptedErro
 from haptic_wall.controller.guard.limits import evaluate, least_of
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import loaded
+from haptic_wall.controller.system.json_text import plain
 from haptic_wall.controller.theory.checks import FloatArray
 
 _LEAST, _MOST = 1e-4, 0.98
@@ -111,12 +112,12 @@ class Width:
             "velocity": asdict(self.velocity),
             "label": self.velocity.label,
             "reason": self.reason,
-            "delay_s": _known(self.delay_s),
-            "max_virtual_damping": _known(self.ceiling),
+            "delay_s": plain(self.delay_s),
+            "max_virtual_damping": plain(self.ceiling),
             "peak": {name: self.peak(curve) for name, curve in curves.items()},
             "curve": [
                 {"virtual_damping": float(damping)}
-                | {name: _known(float(curve[i])) for name, curve in curves.items()}
+                | {name: plain(curve[i]) for name, curve in curves.items()}
                 for i, damping in enumerate(self.virtual_damping)
             ],
             "measured": [asdict(point) for point in self.points],
@@ -206,10 +207,6 @@ def _guarded(config: Config, dampings: FloatArray) -> FloatArray:
     walls = question.walls(dampings)
     commanded = question.settings.margin * least_of(evaluate(walls))
     return np.where(walls.damping < dampings * (1.0 - 1e-9), np.nan, commanded)
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def measure_points(

@@ -16,7 +16,7 @@ from haptic_wall.controller.guard.limits import evaluate
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.types import Situation
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.system.json_text import plain
 
 POINTS: Final = 40
 """Dampings at which the limits are computed"""
@@ -63,14 +63,10 @@ def guard_map(config: Config, delay: float) -> dict[str, Any]:
     report = decision_report(decision)
     return {
         "damping": damping.tolist(),
-        "limits": {name: _finite(values) for name, values in evaluate(at).items()},
+        "limits": plain(evaluate(at)),
         **{
             name: report[name]
             for name in ("requested", "commanded", "binding", "margin", "reasons")
         },
         "damping_ceiling": decision.damping_ceiling,
     }
-
-
-def _finite(limits: FloatArray) -> list[float | None]:
-    return [float(each) if math.isfinite(each) else None for each in limits]

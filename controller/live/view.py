@@ -22,6 +22,7 @@ from haptic_wall.controller.live.scene import law_over_position
 from haptic_wall.controller.live.source import Source
 from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP
 from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.system.json_text import plain
 from haptic_wall.hw.hand import SharedHand
 
 MOST_NUMBER: Final = 1e6
@@ -259,13 +260,13 @@ class View:
         law = self._laws[-1] if self._laws else {}
         torque = law.get("torque", [0.0])
         return {
-            "position": _finite(self.shaft),
+            "position": plain(self.shaft),
             "low": law.get("low"),
             "high": law.get("high"),
             "edges": law.get("edges", []),
             "walls": [torque[0] != 0.0, torque[-1] != 0.0],
-            "torque": _finite(self.torque),
-            "stiffness": _finite(self.stiffness),
+            "torque": plain(self.torque),
+            "stiffness": plain(self.stiffness),
             "off": self.off,
             "alarm": self.alarm,
             "stopped": self.source.stopped(),
@@ -326,10 +327,6 @@ class View:
         # Several axes share a delay, which cannot be changed: no knob.
         steps = None if self.source.others else data["delay"]["steps"]
         return {"wall": data["wall"], "delay_steps": steps, "travel": data["safety"]["travel"]}
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _limits(config: Config, delay: float) -> dict[str, Any]:

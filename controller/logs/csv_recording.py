@@ -123,15 +123,15 @@ def _whole(path: Path) -> tuple[Part, list[str]]:
             f"{np.count_nonzero(~np.isfinite(torques))} rows have no torque: they count with the"
             " torque before them"
         )
-        torques = _held(torques)
+        torques = held(torques, 0.0)
     return Part(times, positions, torques), notes
 
 
-def _held(values: Floats) -> Floats:
-    """Replace missing values with the last known one; 0 before the first."""
+def held(values: Floats, before: float) -> Floats:
+    """Replace missing values with the last known one; those before the first with ``before``."""
     good = np.isfinite(values)
     latest = np.maximum.accumulate(np.where(good, np.arange(values.size), -1))
-    return np.where(latest >= 0, values[np.maximum(latest, 0)], 0.0)
+    return np.where(latest >= 0, values[np.maximum(latest, 0)], before)
 
 
 def _period(times: Floats) -> float:

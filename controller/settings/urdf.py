@@ -48,8 +48,10 @@ def joint_ranges(path: Path, margin: float) -> dict[str, tuple[float, float]]:
             low, high = (float(limit.get(end, "0")) for end in ("lower", "upper"))
         except ValueError:
             raise _refused(path, f"limits of the joint {name} that are no numbers") from None
-        low, high = round(low + margin, 6), round(high - margin, 6)
         if not -1e6 < low < high < 1e6:
+            raise _refused(path, f"limits of the joint {name} that are no range")
+        low, high = round(low + margin, 6), round(high - margin, 6)
+        if not low < high:
             wanted = f"less than half the range of the joint {name}"
             raise UserError(f"found {margin:g}", field="--margin", wanted=wanted)
         ranges[_axis_name(name, ranges)] = low, high

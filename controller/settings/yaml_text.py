@@ -26,6 +26,8 @@ _WORDS = (
         list("-+.0123456789"),
     ),
 )
+_MOST_DIGITS = 400
+"""More digits than any float has"""
 
 
 class _Loader(yaml.SafeLoader):
@@ -51,9 +53,10 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def _whole_number(loader: _Loader, node: yaml.ScalarNode) -> int:
-    """Read a decimal: a leading zero is no other base."""
-    return int(loader.construct_scalar(node))
+def _whole_number(loader: _Loader, node: yaml.ScalarNode) -> int | float:
+    """Read a decimal: a leading zero is no other base; a huge number is a float."""
+    text = loader.construct_scalar(node)
+    return int(text) if len(text) < _MOST_DIGITS else float(text)
 
 
 for _name, _pattern, _first in _WORDS:
@@ -76,7 +79,9 @@ def parse(text: str, source: str, field: str | None = None) -> Any:  # noqa: ANN
     """
     try:
         return _data(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+    except RecursionError:
+        raise _unreadable(source, field, Problem("found sections nested too deeply")) from None
+    except (yaml.YAMLError, ValueError) as error:
         raise _unreadable(source, field, Problem(_reason(error))) from None
     except (LookupError, AttributeError):  # errors of the library, over !!bool abc and the like
         tag = Problem(
@@ -119,5 +124,6 @@ def _reason(error: Exception) -> str:
     """Join the library's lines into one."""
     if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
         mark = error.problem_mark
-        return f"line {mark.line + 1}, column {mark.column + 1}: {error.problem}"
+        problem = (error.problem or "").removeprefix("but ")
+        return f"line {mark.line + 1}, column {mark.column + 1}: {problem}"
     return f"not readable as YAML: {error}".splitlines()[0]

@@ -109,7 +109,9 @@ def test_joints_with_one_name_in_an_axis_letters_stay_apart(cli: Cli, tmp_path: 
         ("<robot/>", "0 revolute joints"),
         ('<!DOCTYPE a [<!ENTITY b "c">]><robot>&b;</robot>', "a document type"),
         (ROBOT.replace("1.6", "much"), "limits of the joint 2nd that are no numbers"),
-        (ROBOT.replace("1.6", "nan"), "half the range of the joint 2nd"),
+        (ROBOT.replace("1.6", "nan"), "limits of the joint 2nd that are no range"),
+        (ROBOT.replace("1.6", "-2"), "limits of the joint 2nd that are no range"),
+        (ROBOT.replace("1.6", "0.2"), "half the range of the joint 2nd"),
         ("\ud800", "no XML"),
     ],
 )

@@ -14,7 +14,7 @@ from haptic_wall.controller.detector.detection import position_step
 from haptic_wall.controller.experiments.identify.motion import Motion, Pieces
 from haptic_wall.controller.experiments.identify.motion import pieces_of as cut_at
 from haptic_wall.controller.experiments.recorded.friction import LONGEST_DELAY_S
-from haptic_wall.controller.logs.csv_recording import TORQUE, columns_in_time
+from haptic_wall.controller.logs.csv_recording import TORQUE, columns_in_time, held
 from haptic_wall.controller.logs.recording import GAP, seconds
 from haptic_wall.controller.theory.checks import FloatArray
 
@@ -91,7 +91,7 @@ def record_of(columns: dict[str, FloatArray], notes: list[str] | None = None) ->
     step = position_step(columns["position_rad"])
     torque, unit = _torque(columns, notes)
     enabled = columns.get(ENABLED)
-    free = np.zeros(seen.shape, dtype=bool) if enabled is None else _held(enabled) == 0.0
+    free = np.zeros(seen.shape, dtype=bool) if enabled is None else held(enabled, 1.0) == 0.0
     torque = np.where(free, 0.0, torque)
     time = columns["time_s"]
     position = columns["position_rad"]
@@ -125,13 +125,6 @@ def _torque(columns: dict[str, FloatArray], notes: list[str]) -> tuple[FloatArra
                 notes.append(f"the column {CURRENT} is not used, since there is {TORQUE}")
             return values, unit
     return np.full(columns["time_s"].shape, np.nan), None
-
-
-def _held(values: FloatArray) -> FloatArray:
-    """Replace missing values by the last known one; 1 before the first."""
-    good = np.isfinite(values)
-    latest = np.maximum.accumulate(np.where(good, np.arange(values.size), -1))
-    return np.where(latest >= 0, values[np.maximum(latest, 0)], 1.0)
 
 
 def _known_rows(

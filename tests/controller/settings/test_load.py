@@ -230,6 +230,9 @@ def test_a_duplicate_key_is_refused(tmp_path: Path) -> None:
         ("{[1]: 2}\n", "unhashable"),
         ("wall:\n\tstiffness: 1\n", "line 2"),
         ("wall: \x00\n", "not readable as YAML"),
+        ("wall: {}\n---\nwall: {}\n", "line 2, column 1: found another document"),
+        (f"wall: {'[' * 5000}", "nested too deeply"),
+        (f"wall: {{stiffness: {'9' * 5000}}}", "wall.stiffness: found inf, wanted a number"),
     ],
 )
 def test_a_file_that_is_not_a_configuration(tmp_path: Path, text: str, message: str) -> None:
