@@ -63,7 +63,11 @@ def ratio(name: str, ours: Sequence[float], theirs: Sequence[float], shows_not: 
     return over_rounds(name, each, "1", shows_not)
 
 
-def interleaved(work: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, list[float]]:
+def interleaved(
+    work: Mapping[str, Callable[[], object]],
+    rounds: int,
+    clock: Callable[[], float] = time.perf_counter,
+) -> dict[str, list[float]]:
     """Time every piece of work once in each round; return the times by name [s].
 
     Other load of the machine then affects all of them alike. The first round is not counted: it
@@ -72,13 +76,15 @@ def interleaved(work: Mapping[str, Callable[[], object]], rounds: int) -> dict[s
     Args:
         work: Functions to time, by name.
         rounds: Number of counted rounds, >= 1.
+        clock: What is counted [s]; ``time.process_time``: time of the processor, which depends
+            little on what else the machine does.
     """
     times: dict[str, list[float]] = {name: [] for name in work}
     for counted in range(rounds + 1):
         for name, function in work.items():
-            begin = time.perf_counter()
+            begin = clock()
             function()
-            elapsed = time.perf_counter() - begin
+            elapsed = clock() - begin
             if counted:
                 times[name].append(elapsed)
     return times

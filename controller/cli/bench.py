@@ -16,6 +16,7 @@ from haptic_wall.controller.system.signals import on_signals
 SECTIONS = {
     "lateness": "haptic_wall.controller.bench.lateness",
     "boundary": "haptic_wall.controller.bench.boundary",
+    "array_simulation": "haptic_wall.controller.bench.array_simulation",
     "torque_frames": "haptic_wall.controller.bench.torque_frames",
     "lost_reply": "haptic_wall.controller.bench.lost_reply",
 }
@@ -23,6 +24,7 @@ SECTIONS = {
 ABOUT_S = {
     "lateness": 90,
     "boundary": 15,
+    "array_simulation": 30,
     "torque_frames": 35,
     "lost_reply": 8,
 }
@@ -39,7 +41,7 @@ ABOUT_S = {
 )
 @json_option
 def command(names: tuple[str, ...]) -> None:
-    """Measure timing, limits and bus cycles of this program on this machine.
+    """Measure timing, limits, simulation and bus cycles of this program on this machine.
 
     Compared programs take turns over several rounds; the figures are medians. Times hold for this
     machine at this moment. Ctrl-C ends the command with a report of the finished sections.

@@ -11,9 +11,13 @@ from types import SimpleNamespace
 
 import pytest
 
-from haptic_wall.controller.bench import boundary
+from haptic_wall.controller.bench import array_simulation, boundary
 from haptic_wall.controller.bench.machine import ProcessorTime
-from haptic_wall.controller.bench.rows import Measurement, Section, over_rounds
+from haptic_wall.controller.bench.rows import (
+    Measurement,
+    Section,
+    over_rounds,
+)
 from haptic_wall.controller.cli.bench import SECTIONS
 from haptic_wall.controller.errors import PlatformError
 from tests.cli.caller import Cli
@@ -33,6 +37,10 @@ def little_work(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(boundary, "_ROUNDS", 1)
     monkeypatch.setattr(boundary, "_MIXED", 500)
     monkeypatch.setattr(boundary, "_COMPARED", 3)
+    monkeypatch.setattr(boundary, "_LOADED", 16)
+    monkeypatch.setattr(array_simulation, "_ROUNDS", 1)
+    monkeypatch.setattr(array_simulation, "_WALLS", 8)
+    monkeypatch.setattr(array_simulation, "_PERIODS", 200)
 
 
 @pytest.fixture
@@ -85,7 +93,7 @@ def test_a_section_that_fails_costs_no_other(
     made_up(measure)
     status, out, err = cli("bench", "--json")
     assert status == 0
-    assert "about 90 s, with the rest 2 min" in err.splitlines()[0]
+    assert "about 90 s, with the rest 3 min" in err.splitlines()[0]
     first, *others = json.loads(out)["sections"].values()
     assert first["rows"] == []
     assert first["notes"][0].startswith(f"not measured: {said}")
