@@ -51,6 +51,8 @@ _SLICES, _LOADS = 3.0, 1.45
 of its loads: the ceiling may be least between the ends"""
 _SLOWER = 0.93
 """Fraction of a frequency down to which a coarse grid of delays counts it"""
+_DIGITS = 12
+"""Of an interval in seconds"""
 _NOTCH = 0.25
 """Largest relative step of the interval, in widths of a notch"""
 _STOPPED, _STEPS = 3.0, 1.4
@@ -276,7 +278,8 @@ def _all_intervals(
 
     Between two of them the phase of no vibration over the interval turns by more than ``_PHASE``.
     """
-    low, high = served[0] * period, served[1] * period
+    # rounded: one bin ends where the next begins
+    low, high = (round(each * period, _DIGITS) for each in served)
     if low == high:
         return [period]
     hz = belief.flexible_hz

@@ -29,8 +29,8 @@ _DAMPINGS = 8
 _ON_BARE: tuple[float, ...] = (2.0, 2.8, 4.0, 5.0, 6.5, 8.0, 10.0, 13.0, 17.0, 22.0)
 _MOST_ON_BARE = 31.0
 """Inertias that links of an arm may add up to, over the bare motor's; of heavier ones the linear
-limit is the least. A dense search found 0.94 of the least of these (up to 16 samples, b T / m to 1)
-and 0.99 of the corner's where friction is light"""
+limit is the least. A dense search found 0.968 of the least of these (up to 16 samples, b T / m to
+1) and 0.99 of the corner's where friction is light"""
 
 
 @dataclass(frozen=True, slots=True)

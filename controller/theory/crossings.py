@@ -83,7 +83,7 @@ class Loops:
         for i in range(poles.shape[1]):
             found *= moved - poles[:, i, None]
         numerator = self.chains.numerator
-        below = np.repeat(numerator[:, -1, None].astype(np.complex128), moved.shape[1], axis=1)
+        below = np.repeat(numerator[:, -1, None].astype(moved.dtype), moved.shape[1], axis=1)
         for i in range(numerator.shape[1] - 2, -1, -1):
             below *= moved
             below += numerator[:, i, None]
@@ -99,7 +99,7 @@ class Loops:
 
 def _turned(angle: FloatArray) -> ComplexArray:
     """Return exp(j angle): of real angles in half the time of ``numpy.exp``."""
-    found = np.empty(angle.shape, dtype=np.complex128)
+    found = np.empty(angle.shape, dtype=np.result_type(angle, np.complex64))
     found.real, found.imag = np.cos(angle), np.sin(angle)
     return found
 

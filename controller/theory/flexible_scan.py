@@ -9,11 +9,12 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from haptic_wall.controller.theory.chain import sampled, two_masses
+from haptic_wall.controller.theory.chain import Sampled, sampled, two_masses
 from haptic_wall.controller.theory.checks import ComplexArray, FloatArray
 from haptic_wall.controller.theory.crossings import Loops
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
@@ -26,6 +27,10 @@ _ABOUT = np.concatenate([1.0 - _FLANK, 1.0 + _FLANK])
 _SLOWEST = 1e-3
 """Least frequency of the grid, in periods of one delay and one sample [rad]; a slower resonance
 lowers it"""
+_LAST = float(np.nextafter(np.float32(np.pi), np.float32(0.0)))
+"""Highest frequency of the grid: just below pi, where the sign of a difference may change [rad]"""
+_HARDLY = 1e-3
+"""Damping ratio up to which single precision may not show a vibration"""
 _BESIDE = 18
 """Frequencies on either side of a resonance, from 0.4 of it to 0.3 of its damping ratio"""
 
@@ -78,7 +83,6 @@ class FlexibleScan:
         fraction = np.broadcast_to(late - np.floor(late), shape).ravel()
         chains = sampled(chain, times, fraction)
         whole = np.floor(np.broadcast_to(late, shape).ravel()).astype(np.int64)
-        loops = Loops(chains, times, whole, samples, velocity_filter)
         with_both = np.sqrt(stiffness * (1.0 / inertia + 1.0 / load_inertia))
         near = np.stack([with_both, np.sqrt(stiffness / load_inertia)], axis=1)
         ratios = 0.5 * (transmission_damping / stiffness)[:, None] * near
@@ -90,7 +94,9 @@ class FlexibleScan:
                 for own in spans
             ]
         )
-        parts = _Parts.of(*loops.responses(w))
+        if np.min(ratios, initial=1.0) > _HARDLY:
+            chains, times, w = _single(chains), times.astype(np.float32), w.astype(np.float32)
+        parts = _Parts.of(*Loops(chains, times, whole, samples, velocity_filter).responses(w))
         ceiling, floor = parts.dampings()
         return [cls(parts.take(own), ceiling[own], floor[own]) for own in spans]
 
@@ -136,8 +142,17 @@ class _Parts(NamedTuple):
 
     def stiffness(self, virtual_damping: FloatArray) -> FloatArray:
         """Return the least stiffness at which a pole is on the unit circle."""
-        big_b = virtual_damping[:, None]
+        big_b = virtual_damping[:, None].astype(self.f_real.dtype)
         return _least(self.f_imag - big_b * self.d_imag, self.f_real - big_b * self.d_real)
+
+
+def _single(chains: Sampled) -> Sampled:
+    """Return chains whose response is computed in single precision, in half the memory."""
+    return replace(
+        chains,
+        moved_poles=chains.moved_poles.astype(np.complex64),
+        numerator=chains.numerator.astype(np.float32),
+    )
 
 
 def _grid(
@@ -156,7 +171,7 @@ def _grid(
     if velocity_filter is not None:
         common = np.concatenate([common, np.minimum(velocity_filter.w0 * _ABOUT, np.pi)])
     rows = np.concatenate([np.tile(common, (len(near), 1)), folded], axis=1)
-    found: FloatArray = np.sort(np.clip(rows, common[0], np.pi), axis=1)
+    found: FloatArray = np.sort(np.clip(rows, common[0], _LAST), axis=1)
     if velocity_filter is None:
         return found
     w0 = velocity_filter.w0  # at a notch itself no damping acts
@@ -170,8 +185,9 @@ def _least(imaginary: FloatArray, real: FloatArray) -> FloatArray:
     are interpolated between dampings as they are between frequencies.
     """
     _, count, frequencies = real.shape
-    last = real[..., -1]  # at pi all is real
-    found: FloatArray = np.where(last > 0, last, np.inf).min(axis=0)
+    last = real[..., -1]  # at pi all is real, but for a division by a difference of 0
+    at_pi = (last > 0) & (np.abs(imaginary[..., -1]) < last)
+    found: FloatArray = np.where(at_pi, last, np.inf).min(axis=0)
     real, imaginary = real.ravel(), imaginary.ravel()
     positive = imaginary > 0
     for step in (1, count * frequencies):

@@ -11,8 +11,13 @@ from haptic_wall.controller.theory.flexible_scan import FlexibleScan, Servos
 
 
 @pytest.mark.parametrize("encoder", ["output", "motor"])
-@pytest.mark.parametrize(("period", "delay"), [(1e-3, 0.0), (1e-3, 3.3e-3), (4e-3, 1e-3)])
-def test_random_servos(encoder: str, period: float, delay: float, thorough: bool) -> None:
+@pytest.mark.parametrize(
+    ("period", "delay", "samples"),
+    [(1e-3, 0.0, 1), (1e-3, 3.3e-3, 1), (4e-3, 1e-3, 1), (1e-3, 0.0, 4)],
+)
+def test_random_servos(
+    encoder: str, period: float, delay: float, samples: int, thorough: bool
+) -> None:
     random = np.random.default_rng(1)
     n = 400 if thorough else 30
 
@@ -25,12 +30,14 @@ def test_random_servos(encoder: str, period: float, delay: float, thorough: bool
     stiffness = moving * rate**2
     damping = 2 * between(0.003, 0.2) * moving * rate
     servo = (inertia, inertia * between(0.05, 7.0), load, stiffness, damping)
-    (scan,) = FlexibleScan.of([Servos(*servo, delay)], period, 1, encoder)
-    ceiling = chain_ceiling(*two_masses(*servo, encoder=encoder), period, delay)
+    (scan,) = FlexibleScan.of([Servos(*servo, delay)], period, samples, encoder)
+    ceiling = chain_ceiling(*two_masses(*servo, encoder=encoder), period, delay, samples)
     assert np.all(scan.ceilings() < 1.025 * ceiling)
     assert np.all(scan.ceilings() > 0.95 * ceiling)
     big_b = 0.7 * random.random(n) * ceiling
-    exact = chain_boundary(*two_masses(*servo, encoder=encoder), big_b, period, delay).stiffness
+    exact = chain_boundary(
+        *two_masses(*servo, encoder=encoder), big_b, period, delay, samples
+    ).stiffness
     limits = scan.limits(big_b)
     assert np.all(limits < 1.02 * exact)
     assert np.all(limits > 0.95 * exact)
