@@ -62,4 +62,4 @@ def _problem(error: BaseException) -> Problem:
         if isinstance(error, click.MissingParameter):
             return Problem("missing", advice=advice, field=field)
         return Problem(error.message.rstrip("."), field=field)
-    return Problem(error.format_message(), advice=advice)
+    return Problem(error.format_message().rstrip("."), advice=advice)

@@ -95,6 +95,7 @@ class _Commands(click.Group):
 
 @click.command(
     cls=_Commands,
+    no_args_is_help=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Start with: haptic-wall run. Exit status: "
     + "; ".join(f"{status} {meaning}" for status, meaning in EXIT_STATUSES.items()),

@@ -13,6 +13,7 @@ from haptic_wall.controller.report import style
 from haptic_wall.controller.report.limit_curves import draw_limits
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
 _SHARES = np.linspace(1e-3, 1 - 1e-3, 160)
@@ -51,9 +52,15 @@ def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> N
         ax.set_ylim(0.0, 1.25 * peak)
         ax.set_ylabel(style.STIFFNESS)
         ax.set_title(_title(question, found), fontsize=8.5, loc="left")
-        ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
+        shown = [ax]
         if not question.load and -lowest < _SMALL * top:
-            _origin(ax, question, lowest, found)
+            shown.append(_origin(ax, question, lowest, found))
+        keys: dict[str, Artist] = {}
+        for each in shown:
+            for handle, label in zip(*each.get_legend_handles_labels(), strict=True):
+                keys.setdefault(label, handle)
+        place = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0), "borderaxespad": 0.0}
+        ax.legend(keys.values(), keys, **place)
         stable = across.frequency > 0
         below.plot(across.virtual_damping[stable], across.frequency[stable], color=style.INK)
         below.set_ylim(bottom=0.0)
@@ -66,7 +73,7 @@ def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> N
 def _plane(ax: Axes, across: Curve, side: WallSide) -> None:
     """Draw the limits as curves, and shade the stable area, and the area below all limits."""
     damping, limits = across.virtual_damping, across.limits
-    exact = limits["exact"]
+    exact = np.minimum(limits["exact"], limits.get("flexible", np.inf))
     ax.fill_between(damping, 0.0, exact, color=style.FAINT, linewidth=0, label="stable, two-sided")
     if "one_sided" in limits:
         ax.fill_between(
@@ -108,17 +115,18 @@ def _marks(ax: Axes, question: Question, found: Mapping[str, Any]) -> None:
     )
 
 
-def _origin(ax: Axes, question: Question, lowest: float, found: Mapping[str, Any]) -> None:
+def _origin(ax: Axes, question: Question, lowest: float, found: Mapping[str, Any]) -> Axes:
     """Draw the neighbourhood of the origin, where own damping and passivity matter."""
     near = -5.0 * lowest if lowest < 0 else 0.02 * found["max_virtual_damping"]
     close = curve(question, lowest + (near - lowest) * _SHARES)
-    inset = ax.inset_axes((1.065, -0.04, 0.2, 0.3))
+    inset = ax.inset_axes((1.065, -0.1, 0.2, 0.3))
     _plane(inset, close, question.side)
     inset.set_xlim(min(1.15 * lowest, -0.02 * near), near)
     inset.set_ylim(0.0, 1.05 * float(np.max(close.limits["exact"])))
     inset.tick_params(labelsize=7)
     inset.set_title("near the origin", fontsize=7.5, pad=2)
     style.grid(inset)
+    return inset
 
 
 def _title(question: Question, found: Mapping[str, Any]) -> str:

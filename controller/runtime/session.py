@@ -397,7 +397,7 @@ class _Session:
         return {
             "guard": guard_report(config, decision, axis, missed, situation, known["bus"]),
             "oscillation": oscillation_report(axis.watch),
-            "delay_s": delay_report(situation, decision, schedule.age_ns),
+            "delay_s": delay_report(situation, decision),
         }
 
 

@@ -17,14 +17,12 @@ NOTED_S = 0.005
 """Sum of the stalls from which they are noted [s]"""
 
 
-def delay_report(situation: Situation, decision: Decision, age_ns: int) -> dict[str, float]:
+def delay_report(situation: Situation, decision: Decision) -> dict[str, float]:
     """Return the parts of the delay that the guard used, and their sum [s]."""
-    return {
-        "inserted": decision.inserted,
-        "device": situation.belief.delay.high,
-        "measured": age_ns * 1e-9,
-        "total": decision.delay,
-    }
+    inserted, device, total = decision.inserted, situation.belief.delay.high, decision.delay
+    # Several bins may share a decision, whose age is that of the oldest; ages are whole ns.
+    measured = max(0.0, round(total - inserted - device, 9))
+    return {"inserted": inserted, "device": device, "measured": measured, "total": total}
 
 
 def guard_report(
@@ -82,22 +80,22 @@ def _besides_the_guard(
 
 
 def _slower(config: Config, decision: Decision, missed: int, bus: Mapping[str, Any] | None) -> str:
-    """Say that samples come at a longer interval than the grid's, and why."""
+    """Say that the guard counts a longer period than the grid's, and why."""
     start = (
-        f"every {ms(decision.period)} instead of every {ms(config.period_ns * 1e-9)}, which counts"
-        " as the period"
+        f"the guard counts a period of {ms(decision.period)} instead of "
+        f"{ms(config.period_ns * 1e-9)}"
     )
     failed = bus["lost"] + bus["corrupt"] + bus["refused"] if bus else 0
     if not (bus and failed):
-        return f"a tick is executed {start}, because ticks were late"
+        return f"{start}, because ticks were late"
     check = "cable, power, baud rate and adapter"
     if config.servo.is_emulated:
         check = "the emulator's processor time, and injected faults"
     replies = f"{failed} of {bus['cycles']} replies were lost or broken"
     if not missed:
-        return f"a good reading came {start}: {replies}; check {check}"
+        return f"{start}: {replies}; check {check}"
     return (
-        f"a good reading came {start}: {replies} (check {check}), and {missed} periods were missed"
+        f"{start}: {replies} (check {check}), and {missed} periods were missed"
         " because ticks were late"
     )
 

@@ -69,6 +69,11 @@ def test_every_command_has_help(cli: Cli, name: str) -> None:
     assert "\\b" not in out, "click's mark for lines to be left alone, shown as text"
 
 
+def test_no_command_is_one_clear_message(cli: Cli) -> None:
+    text = "haptic-wall: Missing command; `haptic-wall --help` lists options and arguments\n"
+    assert cli.refused() == text
+
+
 def test_short_version_and_help(cli: Cli) -> None:
     assert cli("-V").out.startswith("haptic-wall, version ")
     assert "Commands:" in cli("-h").out

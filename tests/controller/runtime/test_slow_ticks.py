@@ -56,10 +56,10 @@ class SlowBus:
 
 
 def run(
-    costs: Iterator[float], *sets: str, duration: float = 4.0
+    costs: Iterator[float], *sets: str, duration: float = 4.0, preset: str = "simulated"
 ) -> tuple[Result, NDArray[np.void]]:
     """A run whose ticks cost what is drawn [periods]; its result and its rows with the wall on."""
-    config = load_config("simulated", [*TWO_SIDED, *sets]).config
+    config = load_config(preset, [*TWO_SIDED, *sets]).config
     telemetry = Telemetry.create()
     clock = SimulatedClock()
 
@@ -180,10 +180,19 @@ def test_the_report_says_what_interval_was_counted_and_why() -> None:
     result, _ = run(always(1.5), duration=1.0)
     assert not_none(result.guard)["interval_s"] == pytest.approx(1.5 * PERIOD)
     assert any(
-        "every 1.5 ms instead of every 1 ms" in why for why in not_none(result.guard)["reasons"]
+        "counts a period of 1.5 ms instead of 1 ms" in why
+        for why in not_none(result.guard)["reasons"]
     )
     assert any("safety.max_missed" in text for text in result.warnings)
     assert math.isclose(not_none(result.delay)["total"], not_none(result.delay)["inserted"])
+
+
+def test_the_delay_is_the_sum_of_its_parts_where_ages_share_a_decision() -> None:
+    result, _ = run(always(1.5), "servo.counts_per_rev=4096", preset="emulated-ideal")
+    delay = not_none(result.delay)
+    assert delay["measured"] > 0
+    parts = ("inserted", "device", "measured")
+    assert delay["total"] == pytest.approx(sum(delay[part] for part in parts))
 
 
 def test_strict_ends_the_run_where_too_many_periods_are_missed() -> None:
