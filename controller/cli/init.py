@@ -58,8 +58,8 @@ _HINT = """\
     "--urdf",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="A robot's description: its revolute joints are the axes, in order, with stops at their "
-    "limits; ids: --axes, else 1, 2, ...",
+    help="A robot's description: its joints are the axes, in order, with stops at the limits of "
+    "revolute ones; ids: --axes, else 1, 2, ...",
 )
 @click.option(
     "--margin",
@@ -107,11 +107,16 @@ def _axes(ids: list[int] | None, urdf: Path | None, margin: float) -> Axes:
     if len(ids) != len(ranges):
         wanted = f"{len(ranges)}, one for each of {', '.join(ranges)}"
         raise UserError(f"found {len(ids)} ids", field="--axes", wanted=wanted)
-    # from the joint's own zero, wherever the preset's wall is
-    stops = {"law": "stops", "position": 0.0}
+    walls = (
+        # from the joint's own zero, wherever the preset's wall is
+        {"law": "stops", "position": 0.0, "low": ends[0], "high": ends[1]}
+        if ends
+        else {"law": "none"}
+        for ends in ranges.values()
+    )
     return {
-        name: {"servo": {"id": id_}, "wall": stops | {"low": low, "high": high}}
-        for id_, (name, (low, high)) in zip(ids, ranges.items(), strict=True)
+        name: {"servo": {"id": id_}, "wall": wall}
+        for name, id_, wall in zip(ranges, ids, walls, strict=True)
     }
 
 

@@ -11,6 +11,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import math
 import os
@@ -76,7 +77,7 @@ class RunningWall:
         self._axes = axes
         self._telemetry: Telemetry | None = None
         self.age_s = math.inf
-        self._answer = tempfile.TemporaryFile()  # noqa: SIM115 - closed in close()
+        self._answer: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed in close()
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", __name__, *arguments],
             stdin=subprocess.PIPE,  # closed by the kernel when the starter ends
@@ -200,7 +201,10 @@ class RunningWall:
             self._process.wait(END_S)
         self._process.kill()
         self._process.wait()
-        for stream in (self._process.stdin, self._answer, self._telemetry):
+        self._answer.seek(0)
+        with self._answer as answer:  # its text stays: how the run ended may be asked afterwards
+            self._answer = io.BytesIO(answer.read())
+        for stream in (self._process.stdin, self._telemetry):
             if stream is not None:
                 stream.close()
 

@@ -271,11 +271,15 @@ class ChangeDesk:
 
     def _refused(self, peer: Peer, sets: list[str], error: ExplainedError) -> dict[str, Any]:
         self._asked = None
-        text = "; ".join(error.problems) if isinstance(error, ConfigError) else str(error)
+        field = error.problem.field or ""
+        # what was checked as for the axis alone is told by the path that was given
+        axis = split_path(sets[0])[0] if field.startswith("wall.") else ""
+        problems = error.problems if isinstance(error, ConfigError) else (str(error),)
+        text = "; ".join(f"{axis}{problem}" for problem in problems)
         self._event(peer, sets, "refused", text, {})
         return {
             "error": f"refused: {text}",
-            "field": error.problem.field,
+            "field": f"{axis}{field}" or None,
             "advice": error.problem.remedy,
             "exit_status": error.exit_status if isinstance(error, HapticWallError) else 2,
         }

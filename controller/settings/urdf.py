@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from collections.abc import Collection
 from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
@@ -16,11 +17,13 @@ from haptic_wall.hw.errors import Problem
 
 MOST_BYTES: Final = 2**20
 """Largest size of a description"""
+_MOVING: Final = ("revolute", "continuous", "prismatic")
 
 
-def joint_ranges(path: Path, margin: float) -> dict[str, tuple[float, float]]:
-    """Return low and high end [rad] of each revolute joint, by a name that an axis can have.
+def joint_ranges(path: Path, margin: float) -> dict[str, tuple[float, float] | None]:
+    """Return low and high end [rad] of each joint that moves, by a name that an axis can have.
 
+    One that is not revolute has no ends (None): left out, it would shift the ids of those after it.
     Joints that move with another one (``mimic``) are left out.
 
     Args:
@@ -38,12 +41,15 @@ def joint_ranges(path: Path, margin: float) -> dict[str, tuple[float, float]]:
         joints = ElementTree.fromstring(text).iter("joint")
     except (UnicodeDecodeError, ElementTree.ParseError) as error:
         raise _refused(path, f"no XML ({in_line(str(error))})") from None
-    ranges: dict[str, tuple[float, float]] = {}
+    ranges: dict[str, tuple[float, float] | None] = {}
     for joint in joints:
-        limit = joint.find("limit")
-        if joint.get("type") != "revolute" or joint.find("mimic") is not None or limit is None:
+        kind, limit = joint.get("type"), joint.find("limit")
+        if kind not in _MOVING or joint.find("mimic") is not None:
             continue
         name = in_line(joint.get("name", ""))
+        if kind != "revolute" or limit is None:
+            ranges[_axis_name(name, ranges)] = None
+            continue
         try:
             low, high = (float(limit.get(end, "0")) for end in ("lower", "upper"))
         except ValueError:
@@ -56,11 +62,11 @@ def joint_ranges(path: Path, margin: float) -> dict[str, tuple[float, float]]:
             raise UserError(f"found {margin:g}", field="--margin", wanted=wanted)
         ranges[_axis_name(name, ranges)] = low, high
     if not 0 < len(ranges) <= MOST_AXES:
-        raise _refused(path, f"{len(ranges)} revolute joints")
+        raise _refused(path, f"{len(ranges)} joints that move")
     return ranges
 
 
-def _axis_name(joint: str, taken: dict[str, tuple[float, float]]) -> str:
+def _axis_name(joint: str, taken: Collection[str]) -> str:
     """Return the joint's name in the letters of an axis's, another one than those before."""
     plain = re.sub(r"[^a-z0-9]+", "_", joint.lower()).strip("_")
     name = (plain if plain[:1].isalpha() else f"joint_{plain}")[:MOST_NAME].rstrip("_")
@@ -69,5 +75,5 @@ def _axis_name(joint: str, taken: dict[str, tuple[float, float]]) -> str:
 
 
 def _refused(path: Path, found: str) -> UserError:
-    wanted = f"a URDF with 1 to {MOST_AXES} revolute joints"
+    wanted = f"a URDF with 1 to {MOST_AXES} joints that move"
     return UserError(Problem(f"found {found}", wanted=wanted, field="--urdf", given=str(path)))

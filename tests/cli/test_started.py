@@ -73,6 +73,8 @@ def test_a_wall_is_changed_from_outside_and_its_clients_harm_nothing(tmp_path: P
         report = wall.report()
         with pytest.raises(RunError, match="has ended: interrupted"):
             wall.positions()
+    with pytest.raises(RunError, match="has ended: interrupted"):
+        wall.positions()  # by another thread that follows them, after the block
     assert report["stop_reason"] == "interrupted" and report["torque_off"]
     outcomes = [each["outcome"] for each in report["changes"]]
     assert outcomes == ["applied", "applied", "refused", "not applied"]

@@ -68,6 +68,9 @@ def test_a_change_is_of_the_wall_of_one_axis() -> None:
         answer = desk.begin(wrong, 1.0, peer)
         assert answer is not None and words in answer["error"]
         assert "NAME is one of arm, elbow" in answer["error"]
+    answer = desk.begin(["axes.elbow.wall.stiffness=-1"], 1.0, peer)
+    assert answer is not None and answer["field"] == "axes.elbow.wall.stiffness"
+    assert answer["error"].startswith("refused: axes.elbow.wall.stiffness: found -1")
     assert desk.begin(["axes.elbow.wall.stiffness=3"], 1.0, peer) is None
     change = inbox.take()
     assert change is not None and change.axis == 1
