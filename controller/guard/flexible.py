@@ -152,7 +152,12 @@ class LinkLimits:
 
     def _intervals(self, period: float) -> list[float]:
         asked = (self._belief, period, self._served, self._filter)
-        return self._work.once(("intervals", *asked), lambda: _all_intervals(*asked))
+        every = self._work.once(("intervals", *asked), lambda: _all_intervals(*asked))
+        return [self._shared(at) for at in every]
+
+    def _shared(self, at: float) -> float:
+        """Return an interval, or one that differs by rounding: a bin ends where the next begins."""
+        return self._work.once(("interval", round(at, _DIGITS)), lambda: at)
 
     def _knots(self, at: float, delay: float) -> list[Knot]:
         """Return the grid from below the shortest possible delay to above ``delay`` [s].
@@ -278,8 +283,7 @@ def _all_intervals(
 
     Between two of them the phase of no vibration over the interval turns by more than ``_PHASE``.
     """
-    # rounded: one bin ends where the next begins
-    low, high = (round(each * period, _DIGITS) for each in served)
+    low, high = served[0] * period, served[1] * period
     if low == high:
         return [period]
     hz = belief.flexible_hz

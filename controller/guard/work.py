@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
-_MOST = {"scan": 240}
+_MOST = {"scan": 192}
 _MOST_OTHERS = 8192
 
 

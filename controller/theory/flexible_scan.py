@@ -27,10 +27,11 @@ _ABOUT = np.concatenate([1.0 - _FLANK, 1.0 + _FLANK])
 _SLOWEST = 1e-3
 """Least frequency of the grid, in periods of one delay and one sample [rad]; a slower resonance
 lowers it"""
-_LAST = float(np.nextafter(np.float32(np.pi), np.float32(0.0)))
-"""Highest frequency of the grid: just below pi, where the sign of a difference may change [rad]"""
-_HARDLY = 1e-3
-"""Damping ratio up to which single precision may not show a vibration"""
+_MANY, _HARDLY = 32, 1e-3
+"""Servos of one delay above which single precision halves the memory; damping ratio up to which it
+may not show a vibration"""
+_BELOW_PI = np.nextafter(np.float32(np.pi), np.float32(0.0))
+"""In single precision: the sign of a difference may change at pi"""
 _BESIDE = 18
 """Frequencies on either side of a resonance, from 0.4 of it to 0.3 of its damping ratio"""
 
@@ -94,8 +95,9 @@ class FlexibleScan:
                 for own in spans
             ]
         )
-        if np.min(ratios, initial=1.0) > _HARDLY:
-            chains, times, w = _single(chains), times.astype(np.float32), w.astype(np.float32)
+        if velocity_filter is None and max(sizes) > _MANY and np.min(ratios) > _HARDLY:
+            chains, times = _single(chains), times.astype(np.float32)
+            w = np.minimum(w.astype(np.float32), _BELOW_PI)
         parts = _Parts.of(*Loops(chains, times, whole, samples, velocity_filter).responses(w))
         ceiling, floor = parts.dampings()
         return [cls(parts.take(own), ceiling[own], floor[own]) for own in spans]
@@ -171,7 +173,7 @@ def _grid(
     if velocity_filter is not None:
         common = np.concatenate([common, np.minimum(velocity_filter.w0 * _ABOUT, np.pi)])
     rows = np.concatenate([np.tile(common, (len(near), 1)), folded], axis=1)
-    found: FloatArray = np.sort(np.clip(rows, common[0], _LAST), axis=1)
+    found: FloatArray = np.sort(np.clip(rows, common[0], np.pi), axis=1)
     if velocity_filter is None:
         return found
     w0 = velocity_filter.w0  # at a notch itself no damping acts
