@@ -308,8 +308,10 @@ class Exchange:
         asked, found = self._asked, self._found
         if asked is None or len(frame.params) not in asked.used:
             return False
-        if station is None or asked.unpack(frame.id, frame.params) is None:
-            return station is None
+        if station is None or frame.id not in asked.blocks:
+            return True
+        if asked.unpack(frame.id, frame.params) is None:
+            return False
         if station in found:
             return frame.params != station.block  # else a copy
         order = self._order

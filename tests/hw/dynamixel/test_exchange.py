@@ -250,6 +250,15 @@ def test_a_reply_of_another_servo_is_no_position() -> None:
     assert (bad(rows), rows[5]) == ([5], [Outcome.LOST])
 
 
+def test_a_reply_of_a_servo_that_was_not_asked_is_no_position() -> None:
+    """At the start one servo of a bus is asked at a time."""
+    renamed = only({5}, lambda _, reply: [(0, encode_status(2, 0, reply[9:-2]))])
+    bench = Bench(renamed, (3, "sync"), one_by_one=True)
+    bench.exchange.select(bench.exchange.stations[:1])
+    rows = bench.run(10)
+    assert (bad(rows), rows[5]) == ([5], [Outcome.LOST])
+
+
 @pytest.mark.parametrize(
     "names", [(77, 2, 3), (2, 77, 3), (1, 3, 77), (2, 1, 3), (3, 2, 1), (2, 3, 1), (2, 3, 3)]
 )
