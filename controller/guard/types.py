@@ -98,6 +98,8 @@ class Situation:
             raise ValueError(f"torque_limit must be > 0, got {self.torque_limit:g}")
         if not self.position_step >= 0:
             raise ValueError(f"position_step must be >= 0, got {self.position_step:g}")
+        if not self.belief.inertia.low > 0:
+            raise ValueError(f"inertia must be > 0, got {self.belief.inertia.low:g}")
         if not self.belief.torque_gain.low > 0:
             raise ValueError(f"torque_gain must be > 0, got {self.belief.torque_gain.low:g}")
 
