@@ -5,24 +5,29 @@ A vibration of a link may stay below an encoder count, so that the motion has no
 
 from __future__ import annotations
 
+import math
+
 from haptic_wall.controller.detector.settings import WatchSettings
 
 _AT_LIMIT = 0.98
 """Part of the limit from which the torque counts as limited: a servo rounds it [1]"""
+_COUNTS = 4.0
+"""Encoder counts whose torque a limit must exceed: the encoder's noise reaches a lower one"""
 
 
 class Chatter:
     """Counts the jumps of the torque between its limits.
 
     Attributes:
-        limit: Torque from which on ``turns`` must be called [N·m].
+        limit: Torque from which on ``turns`` must be called [N·m]; inf: never.
         count: Number of jumps in a row, each soon after the one before.
     """
 
     def __init__(self, settings: WatchSettings) -> None:
         """Start without a jump."""
         tuning = settings.tuning
-        self.limit = _AT_LIMIT * settings.torque_limit
+        beyond_noise = settings.torque_limit > _COUNTS * settings.count_torque
+        self.limit = _AT_LIMIT * settings.torque_limit if beyond_noise else math.inf
         self._enough, self._longest = tuning.steady, 0.5 / tuning.hands_hz
         self._up = False
         self._turned = self._began = 0.0

@@ -86,12 +86,15 @@ def decide(
         limits |= {name: float(each[i]) for name, each in every.items()}
         name, least_limit = smallest(limits)
         bound = settings.mode != "off" and request.stiffness > settings.margin * least_limit
+        damping = float(at.damping[i])
+        if settings.mode != "off" and least_limit <= 0.0:
+            damping = max(damping, 0.0)  # below 0 it may feed a vibration by itself
         decision = Decision(
             request=request,
             delay=delay,
             period=situation.period,
             stiffness=settings.margin * least_limit if bound else request.stiffness,
-            damping=float(at.damping[i]),
+            damping=damping,
             limits=limits,
             encoder_damping=float(at.encoder_damping[i]),
             damping_ceiling=float(at.ceiling[i]),

@@ -76,8 +76,9 @@ def _stiffness(decision: Decision, wall: Wall) -> Iterator[str]:
         if not decision.is_coarse:
             yield _coarse_count(decision, wall)
     elif value == 0:
+        at = min(decision.damping, decision.request.damping)
         yield (
-            f"no stiffness is allowed at a damping of {decision.damping:.4g} N·m·s/rad and a "
+            f"no stiffness is allowed at a damping of {at:.4g} N·m·s/rad and a "
             f"delay of {ms(decision.delay)}: give the wall {_other_damping(decision, wall)}"
         )
 
@@ -119,8 +120,10 @@ def _damping(decision: Decision, wall: Wall) -> Iterator[str]:
     elif asked < given:
         lowest = -belief.damping.low / belief.torque_gain.high
         said += (
-            f"at {lowest:.4g} or below it cancels all damping of the servo, and no stiffness is "
-            "stable"
+            "no stiffness is allowed with it"
+            if asked > lowest
+            else f"at {lowest:.4g} or below it cancels all damping of the servo, and no stiffness "
+            "is stable"
         )
     else:
         passive = wall.settings.mode == "passive"

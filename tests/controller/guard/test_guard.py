@@ -139,6 +139,17 @@ def test_damping_below_what_the_device_has_is_raised() -> None:
     assert kept.damping == -0.005
 
 
+@pytest.mark.parametrize("stiffness", [0.0, 5.0])
+def test_damping_below_0_is_not_commanded_where_it_feeds_a_load_by_itself(stiffness: float) -> None:
+    load, hertz, samples, damping = 2e-4, 20.0, 32, -0.005
+    loop = (damping, 1e-3, 2e-3, samples)
+    assert chain_boundary(*two_masses(*linked(load, hertz, 0.0)), *loop).stiffness == 0.0
+    link = {"load_inertia": Bounded.exactly(load), "flexible_hz": Bounded.exactly(hertz)}
+    decision = one(Request(stiffness, damping, "both", samples), situation(**link))
+    assert (decision.stiffness, decision.damping) == (0.0, 0.0)
+    assert any("-0.005" in reason for reason in decision.reasons)
+
+
 def test_without_any_damping_no_stiffness_is_commanded_and_the_reason_says_what_to_do() -> None:
     decision = one(Request(5.0, 0.0, "above"), situation(damping=Bounded.exactly(0.0)))
     assert decision.stiffness == 0
