@@ -28,7 +28,7 @@ from haptic_wall.controller.system.orders import read_orders, say
 from haptic_wall.controller.system.signals import ended_by
 
 PAUSE_S = 0.25
-"""Time that rows gather between two blocks [s]; a killed recorder loses no more than that."""
+"""Time that rows gather between two blocks [s]"""
 SYNC_S = 0.75
 """Time that blocks gather between two syncs to the disk [s]; a power cut loses no more than both
 times, and what the disk itself takes."""
