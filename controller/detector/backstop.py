@@ -383,7 +383,7 @@ class Backstop:
             return  # without a torque there is nothing to soften
         self.probes += 1
         self._shared.asking = self
-        self.probe.begin(whole=True)
+        self.probe.begin()
         cycle = self.probe.before.cycle
         for axis in self._shared.axes:
             axis.phase = Phase.PROBING
@@ -394,7 +394,7 @@ class Backstop:
     def _prepare_to_listen(self) -> None:
         """Store the motion before the probe of another axis."""
         last = self._asked.motion.last
-        self.probe.begin(whole=False)
+        self.probe.begin()
         self.probe.before = sighting(last, self._time) if len(last) > 1 else NEVER
 
     def _answer(self, verdict: Verdict) -> None:

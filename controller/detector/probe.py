@@ -49,17 +49,11 @@ class Probe:
         self._tuning = tuning
         self._count = 0
         self._first = 0.0
-        self._whole = True
         self.before = NEVER
 
-    def begin(self, *, whole: bool) -> None:
-        """Start: the wall has just been made softer.
-
-        Args:
-            whole: At a turning point, so that all of the next half-cycle is in the probe.
-        """
+    def begin(self) -> None:
+        """Start: the wall has just been made softer."""
         self._count = 0
-        self._whole = whole
 
     def still(self, seen: Regularity) -> bool:
         """Whether the motion has stopped: no turning point comes any more."""
@@ -77,7 +71,7 @@ class Probe:
         ratio = 2.0 * seen.motion.last[-1].duration / self.before.cycle
         if self._count == 1 or len(seen.motion.last) < 2:
             self._first = ratio
-            return Verdict.HAND if self._whole and self._goes_on(seen) else Verdict.OPEN
+            return Verdict.OPEN
         now, before, tuning = sighting(seen.motion.last, at), self.before, self._tuning
         inertia = now.inertia / before.inertia if before.inertia else 0.0
         amplitude = now.amplitude / before.amplitude
@@ -88,12 +82,6 @@ class Probe:
         if ratio >= tuning.largest and not seen.contacts:
             return Verdict.CHANGED
         return Verdict.HAND
-
-    def _goes_on(self, seen: Regularity) -> bool:
-        """Whether the first half-cycle is enough: as long, and about as large, as those before."""
-        tuning, size = self._tuning, seen.motion.last[-1].amplitude
-        kept = size > 0.5 * (1.0 + tuning.collapsed) * self.before.amplitude
-        return kept and self._first <= (tuning.contact if seen.contacts else tuning.first)
 
     def _longer(self, second: float, inertia: float, amplitude: float, *, contacts: bool) -> bool:
         """Whether the wall moves the shaft: the motion takes longer, and the torque explains it.

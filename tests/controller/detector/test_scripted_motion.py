@@ -57,17 +57,6 @@ def test_a_wall_comes_back_to_somebody_who_leans_where_it_changes_no_torque(side
     assert own.probed_s == pytest.approx(softer, abs=2e-3)
 
 
-def test_a_hand_that_taps_gets_the_wall_back_after_one_contact() -> None:
-    """It takes as long as those before, which no contact with a wall of a quarter does."""
-    own, scales = Backstop(replace(SETTINGS, side=1)), []
-    for k in range(4000):
-        away = round(0.1 * math.sin(math.tau * 2.0 * k * 1e-3) / COUNT) * COUNT
-        own.update(away, -10.0 * own.wall.derating.scale * max(away, 0.0), 1e-3, 10.0)
-        scales.append(own.wall.derating.scale)
-    assert (own.probes, own.hands, own.alarms) == (1, 1, 0)
-    assert scales.count(0.25) * 1e-3 == pytest.approx(0.5, abs=0.01), "the time between two taps"
-
-
 def test_a_load_that_goes_while_readings_are_lost_takes_its_motion_with_it() -> None:
     """The shaft has turned around and passed the surface between two samples."""
     own = Backstop(SETTINGS)
