@@ -206,8 +206,8 @@ def _without_doubtful_fading(fit: Fit, priors: Priors | None) -> Fit:
         return fit
     kept = tuple(name for name in fit.effects if name not in FADING)
     without = fitted(_only(fit, kept), priors, thorough=False)
-    if without.residual > _NEEDED * fit.residual:
-        return fit
+    if without.residual > _NEEDED * fit.residual or sum(without.weaker) < 0.0:
+        return fit  # no servo's friction falls with the speed but by fading
     return replace(without, least=max(_least(without), _least(fit)))
 
 
@@ -246,7 +246,8 @@ def _needed(fit: Fit, least: float) -> tuple[str, ...]:
     """Return the names of the effects that the motion needs.
 
     Friction that fades and the drag beside it are always kept: they cancel each other over the
-    speed, so that neither seems to be needed where both are.
+    speed, so that neither seems to be needed where both are. The gear's friction counts as inertia
+    where it is left out, so that it goes only where it is below the first number of errors.
     """
     kept: list[str] = []
     for group in (*ALWAYS, COGGING, FADING):
@@ -255,7 +256,8 @@ def _needed(fit: Fit, least: float) -> tuple[str, ...]:
             continue
         fades = "excess" in fit.names and group in (FADING, ("drag",))
         size = math.hypot(*(fit[name] for name in sized))
-        if fades or size > least * fit.error(*sized):
+        errors = min(least, _DOUBTFUL[0]) if group == ("gear",) else least
+        if fades or size > errors * fit.error(*sized):
             kept += group
     return tuple(kept)
 
