@@ -144,8 +144,8 @@ def test_damping_below_0_is_not_commanded_where_it_feeds_a_load_by_itself(stiffn
     load, hertz, samples, damping = 2e-4, 20.0, 32, -0.005
     loop = (damping, 1e-3, 2e-3, samples)
     assert chain_boundary(*two_masses(*linked(load, hertz, 0.0)), *loop).stiffness == 0.0
-    link = {"load_inertia": Bounded.exactly(load), "flexible_hz": Bounded.exactly(hertz)}
-    decision = one(Request(stiffness, damping, "both", samples), situation(**link))
+    link = situation(load_inertia=Bounded.exactly(load), flexible_hz=Bounded.exactly(hertz))
+    decision = one(Request(stiffness, damping, "both", samples), link)
     assert (decision.stiffness, decision.damping) == (0.0, 0.0)
     assert any("-0.005" in reason for reason in decision.reasons)
 
