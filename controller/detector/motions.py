@@ -15,7 +15,7 @@ from haptic_wall.controller.detector.regularity import Regularity
 from haptic_wall.controller.detector.settings import WatchSettings
 
 CHANGED: Final = 1
-"""What is known of the motion has changed."""
+"""Older motion, or older jumps of the torque, no longer count."""
 ENDED: Final = 2
 """A half-cycle inside of the wall has ended."""
 BOUNCED: Final = 4

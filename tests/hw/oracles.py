@@ -65,7 +65,15 @@ class Body(NamedTuple):
     def torques(
         self, stretch: Stretch, time: float, x: float, v: float, left: float
     ) -> tuple[float, float]:
-        """What pushes a rigid servo, and its friction with so much left of that at rest [N·m]."""
+        """Return the torque that pushes a rigid servo, and its friction [N·m].
+
+        Args:
+            stretch: Of the motion.
+            time: [s]
+            x: Position [rad].
+            v: Velocity [rad/s].
+            left: Fraction of the friction at rest that is left [1].
+        """
         outside = self.outside(stretch, time, x, v)
         push = stretch.torque + outside + self.cogs(x)
         return push, self.friction(outside - stretch.torque, left)

@@ -33,7 +33,7 @@ def holding(seen: HalfCycles, *, one_sided: bool = False) -> SoftWall:
 
 
 def acts(wall: SoftWall, away: float) -> float:
-    """What is added at a quarter of the stiffness [N·m]."""
+    """Return the torque that is added at a quarter of the stiffness [N·m]."""
     return held_torque(wall.derating.carried, wall.derating.carried_to, away, STIFFNESS, 0.25)
 
 

@@ -32,7 +32,7 @@ GROUPS = {
     "masses, effects": (("masses", "coulomb", *EFFECTS), 5e-5),
     "masses, all": (("masses", "coulomb", "gap", *EFFECTS), 3e-4),
 }
-"""What servos have, and the bound of the error that the page on the plant states [rad]"""
+"""Parts of each kind of servo, and the largest error that the page on the plant states [rad]"""
 
 
 def drawn(random: np.random.Generator, on: Collection[str]) -> TrueServo:
