@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import shlex
+from typing import Final
 
 from haptic_wall.controller.doctor.adapter import examine_latency_timer
 from haptic_wall.controller.doctor.report import Change, Report
@@ -26,6 +27,10 @@ from haptic_wall.hw.errors import BaudRefusedError, ServoLostError, UnfitServoEr
 from haptic_wall.hw.serialport.timer import set_timer_to_1_ms
 from haptic_wall.hw.servo import Check
 from haptic_wall.hw.settings import DriverSettings
+
+_ASKED: Final = 4
+"""Searches at the configured rate before the servo counts as silent there: a busy machine, or the
+process of an emulated bus, can be late by more than one search waits"""
 
 
 class Locator:
@@ -105,7 +110,11 @@ class Locator:
                     self._report.note(Change(timer.name, timer.found, after.found, after.ok))
                     timer = after
                 self._add(timer)
-                return search(line, settings.baud, {settings.id}, to_the_end=False)
+                for _ in range(_ASKED):
+                    here = search(line, settings.baud, {settings.id}, to_the_end=False)
+                    if any(servo.id == settings.id for servo in here.servos):
+                        break
+                return here
         except BaudRefusedError as error:
             return BaudSearch(settings.baud, [], 0, str(error))
 

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from haptic_wall.controller.doctor.checkup import examine
-from haptic_wall.controller.doctor.search import opened
+from haptic_wall.controller.doctor.search import BaudSearch, opened, search
 from haptic_wall.controller.doctor.text import text
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import MonotonicClock
@@ -112,6 +112,20 @@ def test_a_servo_at_another_rate_is_found_examined_and_changed_only_when_asked(c
         assert wrong == set()
         assert found["changes"][0]["after"] == "4000000"
         assert "reply time" in checks
+
+
+@pytest.mark.realtime
+def test_a_servo_that_is_late_is_asked_again(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the process of an emulated bus is on a machine whose cores are all busy."""
+    unheard = [BaudSearch(4_000_000, [], 0)] * 3
+
+    def late(*arguments: Any, **options: Any) -> BaudSearch:
+        return unheard.pop() if unheard else search(*arguments, **options)
+
+    monkeypatch.setattr("haptic_wall.controller.doctor.locate.search", late)
+    with emulate() as (_, port):
+        _, checks, _, _ = report(cli, *at(port))
+    assert checks["servo answers"]["ok"]
 
 
 @pytest.mark.realtime

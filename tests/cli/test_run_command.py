@@ -113,7 +113,8 @@ def placed(
     name: str = "simulated",
 ) -> tuple[tuple[Path, Path | None], Context]:
     """Where a run would write, and the context that keeps others from writing there."""
-    context = click.Context(run_command.command)
+    names = ["-h", "--help"]  # a command keeps the first that it is asked for
+    context = click.Context(run_command.command, help_option_names=names)
     with context.scope(cleanup=False):
         return run_command._places(log, plot, witness, name, draws=True), context
 
