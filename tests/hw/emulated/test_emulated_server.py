@@ -124,8 +124,12 @@ def test_the_vendors_sdk_meets_faults_given_at_start_and_while_it_runs(tmp_path:
     record = tmp_path / "record.csv"
     given = ("--fault", "drop:way=reply,every=5", "--seed", "7", "--record", str(record))
     with emulate(*given) as (process, path), sdk(path) as (port, sdk2):
+        results = []
+        for ping in range(10):
+            dropped = ping % 5 == 4
+            port.patience_ms = 200 if dropped else PatientPort.patience_ms
+            results.append(sdk2.ping(port, 1)[1])
         port.patience_ms = 200
-        results = [sdk2.ping(port, 1)[1] for _ in range(10)]
         timeout, ok = dynamixel_sdk.COMM_RX_TIMEOUT, dynamixel_sdk.COMM_SUCCESS
         assert results == ([ok] * 4 + [timeout]) * 2
         assert tell(process, "list") == "drop:way=reply,every=5 (happened: 2)"
@@ -137,6 +141,7 @@ def test_the_vendors_sdk_meets_faults_given_at_start_and_while_it_runs(tmp_path:
         assert tell(process, "wrong-id:to=9,way=reply") == "on wrong-id:to=9,way=reply"
         assert sdk2.ping(port, 1)[1] == timeout  # it goes on looking for its own
         assert tell(process, "off wrong-id") == "off wrong-id"
+        port.patience_ms = PatientPort.patience_ms
         assert tell(process, "hardware-error:bits=overload").startswith("on")
         _, result, error = sdk2.read1ByteTxRx(port, 1, 70)
         assert (result, error) == (ok, 0x80)
