@@ -80,8 +80,6 @@ class DynamixelBus:
         self._process: subprocess.Popen[bytes] | None = None
         self._record = Path()
         self._unheard = {"out": b"", "error": b""}
-        self.waited_s = 0.0
-        """Time for which its process waited for a processor, known after ``stop`` [s]"""
         self._rows: list[BusRow] | None = None
         """All of them, once the bus has ended"""
 
@@ -157,7 +155,6 @@ class DynamixelBus:
         if process is None:
             return
         died = process.poll() is not None
-        self.waited_s = _waited_s(process.pid)
         if not died:
             process.terminate()
         try:
@@ -283,14 +280,6 @@ class DynamixelBus:
             process.wait(_PATIENCE_S)
         if self._folder is not None:
             self._folder.cleanup()
-
-
-def _waited_s(pid: int) -> float:
-    """Return how long a process has waited for a processor [s]; 0 where the kernel does not say."""
-    try:
-        return int(Path(f"/proc/{pid}/schedstat").read_text().split()[1]) * 1e-9
-    except (OSError, IndexError):
-        return 0.0
 
 
 def _name(fault: str) -> str:

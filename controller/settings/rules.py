@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import fields, is_dataclass, replace
-
-from pydantic import ValidationError
+from dataclasses import replace
 
 from haptic_wall.controller.laws import own
 from haptic_wall.controller.laws.engagement import MOST_TORQUE
@@ -169,24 +167,7 @@ def _of_the_backend(config: Sections) -> Iterator[Problem]:
         if getattr(servo, field) is None:
             wanted = f"{what} (servo.backend is {servo.backend})"
             yield Problem("found nothing", field=f"servo.{field}", wanted=wanted)
-    if is_dataclass(make.options):
-        known = [field.name for field in fields(make.options)]
-        for option in servo.options:
-            if option not in known:
-                hint = did_you_mean(option, known, "servo.options.")
-                yield Problem(
-                    "; ".join(filter(None, ("unknown", hint))),
-                    field=f"servo.options.{option}",
-                    advice=f"the backend {servo.backend} has {', '.join(known) or 'no options'}",
-                )
-    try:
-        servo.asked()
-    except ValidationError as error:
-        for detail in error.errors():
-            path = ".".join(("servo.options", *map(str, detail["loc"])))
-            what = f"{detail['msg'].lower()} (servo.backend is {servo.backend})"
-            yield Problem(what, field=path)
-    if make.models is None or servo.model is None:
+    if make.simulated or servo.model is None:
         return
     models = make.models()
     if servo.model not in models:
@@ -206,11 +187,11 @@ def _times(config: Sections) -> Iterator[Problem]:
     servo, safety, period = config.servo, config.safety, config.period_s
     make, at = backend(servo.backend), f"at loop.rate_hz {config.loop.rate_hz:g}"
     two = f"at least two periods ({2 * period:g} s {at}), else"
-    if make.has_watchdog and servo.watchdog_s < 2 * period:
+    if not make.simulated and servo.watchdog_s < 2 * period:
         wanted = f"{two} one lost message stops the servo"
         yield Problem(f"found {servo.watchdog_s:g} s", field="servo.watchdog_s", wanted=wanted)
     most = SILENCE_SHARE * servo.watchdog_s
-    if make.has_watchdog and safety.max_silence_s > most * _ROUNDED:
+    if not make.simulated and safety.max_silence_s > most * _ROUNDED:
         yield Problem(
             f"found {safety.max_silence_s:g} s",
             field="safety.max_silence_s",
@@ -218,7 +199,7 @@ def _times(config: Sections) -> Iterator[Problem]:
             " must end before the Bus Watchdog of a silent servo can have dropped the torque",
         )
     least = WARM_UP_AGES * period
-    if make.has_bus and config.loop.warm_up_s * _ROUNDED < least:
+    if not make.simulated and config.loop.warm_up_s * _ROUNDED < least:
         yield Problem(
             f"found {config.loop.warm_up_s:g} s",
             field="loop.warm_up_s",

@@ -1,1 +1,1 @@
-"""The servo backends that come with the program, one file each, written like outside ones."""
+"""The servo backends, one file each."""

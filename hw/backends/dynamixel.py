@@ -158,10 +158,6 @@ def _cut_torque(servos: Sequence[ServoSettings], descriptor: int | None, clock: 
 
 BACKEND = Backend(
     open=_open,
-    several=True,
-    emulated_port=True,
-    has_bus=True,
-    has_watchdog=True,
     required={
         "port": "a serial device such as /dev/ttyUSB0, or emulated",
         "baud": "the speed the servo is set to, e.g. 4000000",

@@ -19,4 +19,4 @@ def _open(servos: Sequence[ServoSettings], clock: Clock, _descriptor: int | None
     return SimulatedBus(trues, clock, servos[0].arm)
 
 
-BACKEND = Backend(open=_open, several=True, simulated=True, cut_torque=lambda *_: True)
+BACKEND = Backend(open=_open, simulated=True)
