@@ -4,15 +4,15 @@ Registers below 64 live in EEPROM and are locked while torque is enabled. Positi
 Where the manual gives no number: Model Information reads 0; External Port Data takes 12 bits; goals
 take any number here, since other registers limit them.
 
-Source: ROBOTIS e-Manual, control table pages of the X series. The X330's layout after firmware 52
-is that of the vendor's model files, which give its beginning only; the 28 entries follow from the
-space they leave.
+Indirect addresses are left out.
+
+Source: ROBOTIS e-Manual, control table pages of the X series.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final, Literal, NamedTuple
 
@@ -77,8 +77,6 @@ _ANY_32 = (-0x8000_0000, 0x7FFF_FFFF)
 _GAIN = (0, 16383)
 _TURNS = 1_044_479
 """Homing Offset reaches 255 turns either way [counts]"""
-_X330_NEW_LAYOUT = 53
-"""First firmware that has the X330's Indirect Data at 224"""
 _TIME_BASED_PROFILE = 42
 """First firmware with bit 2 of Drive Mode; the X330 always had it"""
 WATCHDOG_FIRMWARE: Final = 38
@@ -206,7 +204,6 @@ def control_table(
             table.append(Register(name, address, size, writable, *values))
     table += _BESIDES.get(family, ())
     table = [r._replace(default=factory.get(r.name, r.default)) for r in table]
-    table += _indirect_registers(family, firmware)
     table.sort(key=lambda register: register.address)
     return MappingProxyType({register.name: register for register in table})
 
@@ -238,21 +235,3 @@ def _voltage_limits(family: Family, voltage: float) -> tuple[int, int, int, int]
     if family in ("XL430", "2X430"):
         return (160, 60, 60, 160) if voltage >= 12 else (140, 60, 60, 140)
     return (300, 110, 110, 300) if voltage > 20 else (160, 95, 95, 160)
-
-
-def _indirect_registers(family: Family, firmware: int) -> list[Register]:
-    if family != "X330":
-        return [*_indirect(1, 28, 168, 224, 661), *_indirect(29, 28, 578, 634, 661)]
-    if firmware < _X330_NEW_LAYOUT:
-        return [*_indirect(1, 20, 168, 208, 227)]
-    return [*_indirect(1, 28, 168, 224, 251)]
-
-
-def _indirect(first: int, count: int, addresses: int, data: int, last: int) -> Iterable[Register]:
-    """Return registers that map others: entry n of ``data`` has the byte of its address."""
-    for n in range(count):
-        at = data + n
-        yield Register(
-            f"indirect_address_{first + n}", addresses + 2 * n, 2, True, at, EEPROM_END, last
-        )
-        yield Register(f"indirect_data_{first + n}", at, 1, True, 0, *_ANY_8)

@@ -36,9 +36,6 @@ SLOPE_UNIT: Final = 1.977
 _NEVER_NS: Final = 1 << 62
 _next_ns = attrgetter("next_ns")
 _COUNTS_PER_RAD: Final = COUNTS_PER_REV / (2.0 * math.pi)
-HELD_POSE: Final = (-1, -3)
-"""Current and velocity [units] that a servo now and then measures while it holds a pose: side by
-side their bytes begin as a frame does, so that the sender has to stuff them"""
 _PRESENT = struct.Struct("<HBBhhiiiiHB")
 """Realtime Tick to Present Temperature, in the order of their addresses"""
 _LOWEST, _HIGHEST = -0x8000_0000, 0x7FFF_FFFF
@@ -71,8 +68,6 @@ class Drive:
         """Counts by which it is off"""
         self.current_unit = model.current_unit_ma * 1e-3
         """[A] per unit of current; 0 where there is none"""
-        self.held_pose = False
-        """The measured current and velocity are those of ``HELD_POSE``"""
         self._loops = mechanism.has_current_loop
         self._stepped_current = motor.senses_supply
         self._on = False
@@ -163,17 +158,6 @@ class Drive:
         counts, sign = self.counts(), self.table.position_inverted
         self._lost = sign * (sign * counts // COUNTS_PER_REV * COUNTS_PER_REV)
 
-    def clear_turns(self) -> None:
-        """Reduce Present Position to one turn at a standstill, and shift Goal Position with it.
-
-        The manual is silent about the goal. An unchanged one would turn the servo by as many turns
-        as were cleared.
-        """
-        before = self.position()
-        self.forget_turns()
-        if self._active in POSITION_MODES:
-            self._memory["goal_position"] += self.position() - before
-
     def measured(self, tick: int) -> bytes:
         """Return the bytes of the measured registers at the present time, with this Realtime Tick.
 
@@ -192,8 +176,6 @@ class Drive:
         pwm = round(duty * PWM_FULL)
         if table.inverts_current:
             velocity, current, pwm = -velocity, -current, -pwm
-        if self.held_pose:
-            current, velocity = HELD_POSE
         status, lead_velocity, lead_position = 0, 0, position
         if self._active not in (None, CURRENT_MODE, PWM_MODE):
             status, lead_velocity, lead_position = self.controllers.motion(position)

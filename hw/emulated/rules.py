@@ -114,22 +114,14 @@ class ControlTable:
         wanted = min(max(memory["goal_current"], -limit), limit)
         return -wanted if self.inverts_current else wanted
 
-    def check(self, address: int, data: bytes) -> list[tuple[Register, int]] | ErrorCode:
-        """Check a write: return what it would store, or why it is refused; all of it or nothing."""
+    def write(self, address: int, data: bytes) -> ErrorCode:
+        """Store the data, with its consequences for other registers; all of it or nothing."""
         values = self.memory.split(address, data)
         if isinstance(values, ErrorCode):
             return values
         for register, value in values:
-            error = self._refusal(register, value)
-            if error:
+            if error := self._refusal(register, value):
                 return error
-        return values
-
-    def write(self, address: int, data: bytes) -> ErrorCode:
-        """Store the data, with its consequences for other registers."""
-        values = self.check(address, data)
-        if isinstance(values, ErrorCode):
-            return values
         for register, value in values:
             self._store(register.name, value)
         return ErrorCode.NONE
@@ -172,14 +164,11 @@ class ControlTable:
         """Return why this value must not be stored now, beyond the register's own range.
 
         Open in the manual: the reply to enabling torque while shut down is "result fail"; a tripped
-        watchdog accepts nothing but 0; Indirect Data that would map other Indirect Data is out of
-        range.
+        watchdog accepts nothing but 0.
         """
         memory, name = self.memory, register.name
         if register.eeprom and memory["torque_enable"]:
             return ErrorCode.ACCESS
-        if memory.chained(register, value):
-            return ErrorCode.DATA_RANGE
         if (name in _GOALS or (name == "bus_watchdog" and value)) and self.tripped:
             return ErrorCode.DATA_RANGE
         if name == "operating_mode" and value not in self._model.modes:

@@ -32,7 +32,7 @@ from haptic_wall.hw.truth import TrueServo
 MS = 1_000_000
 BAUD = 4_000_000
 TORQUE_ENABLE = 64
-WRITING = {Instruction.WRITE, Instruction.REG_WRITE, Instruction.SYNC_WRITE}
+WRITING = {Instruction.WRITE, Instruction.SYNC_WRITE}
 
 
 class Bus:

@@ -112,17 +112,6 @@ def test_an_emulated_servo_says_it_byte_for_byte(asked: Asked) -> None:
     assert reply(line, asked.request) == frame_of(asked.note)
 
 
-def test_an_emulated_servo_takes_the_instructions() -> None:
-    """Extended position, where -150 degrees is a goal; then the turns are cleared."""
-    line, servo = bus_of("XL330-M288", 1, 49, 5 * 4096 + 100)
-    assert reply(line, encode(1, WRITE, bytes([11, 0, 4]))) == encode_status(1, 0)
-    servo.clear_turns(line.clock.now_ns())
-    assert reply(line, frame_of("goal_position -150 deg")) == encode_status(1, 0)
-    assert servo.memory["goal_position"] == -1706
-    assert reply(line, frame_of("clear multi-turn")) == encode_status(1, 0)
-    assert 0 <= servo.drive.position() < 4096
-
-
 def bus_of(model: str, id_: int, firmware: int, counts: int) -> tuple[MemoryLine, EmulatedServo]:
     clock = SimulatedClock(5_000_000)
     true = TrueServo(0.01, coulomb=0.1, position=counts * math.tau / 4096)
