@@ -30,7 +30,6 @@ def _models() -> Mapping[str, TorqueModel]:
     return {
         model.name: TorqueModel(model.torque_constant is not None, model.no_load_speed)
         for model in MODELS.values()
-        if model.current_mode
     }
 
 

@@ -40,20 +40,13 @@ def drivable(settings: DriverSettings) -> tuple[Model, float]:
     """Return the configured model, and its torque constant [N·m/A].
 
     Raises:
-        UnfitServoError: The model is unknown, has no current mode, or its constant is not known.
+        UnfitServoError: The model or its constant is not known.
     """
     model = MODELS.get(settings.model)
-    known = [each.name for each in MODELS.values() if each.current_mode]
     if model is None:
         raise UnfitServoError(
-            f"The model {settings.model} is not known",
-            advice=f"set servo.model to one of {', '.join(known)}.",
-        )
-    if not model.current_mode:
-        kinds = dict.fromkeys(name.partition("-")[0] for name in known)
-        raise UnfitServoError(
-            f"The {model.name} has no current mode, so it cannot be commanded in torque",
-            advice=f"use one of {', '.join(kinds)}.",
+            f"{settings.model} is no known model with a current mode",
+            advice=f"set servo.model to one of {', '.join(MODELS)}.",
         )
     constant = settings.torque_constant or model.torque_constant
     if constant is None:
@@ -73,8 +66,8 @@ class Driven:
         exchange: The line.
 
     Raises:
-        UnfitServoError: The model is unknown, has no current control, or its smallest torque
-            exceeds the torque limit; or no servo has such a Bus Watchdog.
+        UnfitServoError: The model is unknown, or its smallest torque exceeds the torque limit; or
+            no servo has such a Bus Watchdog.
     """
 
     def __init__(self, settings: DriverSettings, station: Station, exchange: Exchange) -> None:

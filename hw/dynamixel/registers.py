@@ -16,9 +16,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final, Literal, NamedTuple
 
-Family = Literal["X430", "X540", "XW430", "XW540", "X330", "XL430", "2X430"]
-"""Models with the same registers; ``XL430`` are all 430 without current control, ``2X430`` those
-among them with two axes, each of which is a servo of its own on the bus."""
+Family = Literal["X430", "X540", "XW430", "XW540", "X330"]
+"""Models with the same registers"""
 
 COUNTS_PER_REV: Final = 4096
 POSITION_UNIT: Final = 2 * math.pi / COUNTS_PER_REV
@@ -140,13 +139,7 @@ _COMMON: Final[tuple[tuple[str, int, int, bool, int, tuple[int, int]], ...]] = (
 )
 
 # Per family: missing registers, other (default, minimum, maximum), additional registers.
-_NO_CURRENT = ("current_limit", "goal_current", "present_current")
-_ABSENT: Final[Mapping[str, tuple[str, ...]]] = {
-    "XW430": ("led",),
-    "XW540": ("led",),
-    "XL430": _NO_CURRENT,
-    "2X430": (*_NO_CURRENT, "startup_configuration", "backup_ready"),
-}
+_ABSENT: Final[Mapping[str, tuple[str, ...]]] = {"XW430": ("led",), "XW540": ("led",)}
 _OTHERWISE: Final[Mapping[str, Mapping[str, tuple[int, int, int]]]] = {
     "X330": {
         "baud_rate": (1, 0, 6),
@@ -156,15 +149,12 @@ _OTHERWISE: Final[Mapping[str, Mapping[str, tuple[int, int, int]]]] = {
         "velocity_limit": (0, 0, 2047),
     },
 }
-_LOAD = (Register("present_load", 126, 2, False, 0, -1000, 1000),)
 _BESIDES: Final[Mapping[str, tuple[Register, ...]]] = {
     "X540": (
         *(Register(f"external_port_mode_{n}", 55 + n, 1, True, 3, 0, 3) for n in (1, 2, 3)),
         *(Register(f"external_port_data_{n}", 150 + 2 * n, 2, True, 0, 0, 4095) for n in (1, 2, 3)),
     ),
     "X330": (Register("pwm_slope", 62, 1, True, 140, 1, 255),),
-    "XL430": _LOAD,
-    "2X430": _LOAD,
 }
 
 
@@ -232,6 +222,4 @@ def _voltage_limits(family: Family, voltage: float) -> tuple[int, int, int, int]
     """Return Max and Min Voltage Limit from the factory, and the range of both [0.1 V]."""
     if family == "X330":
         return (140, 55, 55, 140) if voltage > 10 else (70, 35, 31, 70)
-    if family in ("XL430", "2X430"):
-        return (160, 60, 60, 160) if voltage >= 12 else (140, 60, 60, 140)
     return (300, 110, 110, 300) if voltage > 20 else (160, 95, 95, 160)

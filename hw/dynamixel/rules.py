@@ -14,7 +14,7 @@ from haptic_wall.hw.dynamixel.codec import MAX_ID
 from haptic_wall.hw.dynamixel.health import DrivingRange
 from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.registers import WATCHDOG_FIRMWARE
-from haptic_wall.hw.dynamixel.tables import Model, model_by_number
+from haptic_wall.hw.dynamixel.tables import NO_CURRENT_MODE, Model, model_by_number
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw, torque_law
 from haptic_wall.hw.servo import Check
 
@@ -120,6 +120,9 @@ class Rule(NamedTuple):
 def judge_model(number: int, name: str) -> Check:
     """Judge a model number against the name of the configured model."""
     model = model_by_number(number)
+    if (other := NO_CURRENT_MODE.get(number)) is not None:
+        why = f"It is an {other} (model number {number}), which has no current mode"
+        return Verdict(f"{other} ({number})", name, why, f"connect an {name}").check("model")
     if model is None:
         return Verdict(
             f"unknown model ({number})",
@@ -129,9 +132,7 @@ def judge_model(number: int, name: str) -> Check:
             "this one has torque, switch its power off",
         ).check("model")
     why, advice = f"It is an {model.name} (model number {number})", f"connect an {name}"
-    if not model.current_mode:
-        why += ", which has no current mode"
-    elif model.name == name:
+    if model.name == name:
         why = advice = ""
     else:
         advice += f", or set servo.model={model.name}"

@@ -30,9 +30,6 @@ class Memory:
                 self._at[byte] = register
             self[register.name] = register.default
 
-    def __contains__(self, name: str) -> bool:
-        return name in self.registers
-
     def __getitem__(self, name: str) -> int:
         value = self._values.get(name)
         if value is not None:

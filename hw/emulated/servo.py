@@ -12,13 +12,11 @@ from haptic_wall.hw.dynamixel.codec import ALERT, ErrorCode
 from haptic_wall.hw.dynamixel.registers import (
     BAUD_RATES,
     COUNTS_PER_REV,
-    EEPROM_END,
     RETURN_DELAY_UNIT_NS,
     TICK_MODULUS,
     WATCHDOG_UNIT_NS,
 )
 from haptic_wall.hw.dynamixel.tables import Model
-from haptic_wall.hw.emulated.control_modes import EXTENDED_MODE, POSITION_MODE
 from haptic_wall.hw.emulated.drive import Drive
 from haptic_wall.hw.emulated.motor import motor_of
 from haptic_wall.hw.emulated.rules import ControlTable
@@ -197,7 +195,7 @@ class EmulatedServo:
         """Trip the Bus Watchdog: the register reads -1 and the servo stops.
 
         The manual says no more than that. That it goes limp in current mode, and holds its position
-        in the other modes, is our interpretation.
+        in a position mode, is our interpretation.
         """
         self.drive.advance(now_ns)
         self.table.trip()
@@ -214,13 +212,8 @@ class EmulatedServo:
         drive = self.drive
         if drive.due(now_ns):
             drive.advance(now_ns)
-        mode = self.memory["operating_mode"] if address < EEPROM_END else None
         error = self.table.write(address, data)
         if error == ErrorCode.NONE:
-            now = self.memory["operating_mode"]
-            if mode not in (None, now) and now in (POSITION_MODE, EXTENDED_MODE):
-                drive.advance(now_ns)
-                drive.forget_turns()  # the position modes begin within one turn
             if self.memory["torque_enable"] and not self._held:
                 # The scripted operator waits for the torque, as a user of the wall would, and does
                 # not disturb a start-up that checks the shaft.

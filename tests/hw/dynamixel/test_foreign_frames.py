@@ -71,7 +71,7 @@ VELOCITY_AND_POSITION = bytes([128, 0, 8, 0])
 ANSWERED = [
     Asked(
         "position 794 of id 2",
-        "XL430-W250",
+        "XM430-W350",
         2,
         encode(2, READ, bytes([132, 0, 4, 0])),
         counts=794,
@@ -87,7 +87,7 @@ ANSWERED = [
     *(
         Asked(
             f"id {id_}",
-            "XL430-W250",
+            "XM430-W350",
             id_,
             encode(254, SYNC, VELOCITY_AND_POSITION + bytes([id_])),
             counts=counts,
