@@ -10,6 +10,7 @@ from haptic_wall.hw.truth import TrueArm, TrueServo
 EMULATED: Final = "emulated"
 """The port value that selects the program's own emulated bus"""
 
+BackendName = Literal["simulated", "dynamixel"]
 Way = Literal["auto", "fast", "sync", "plain"]
 """How several servos are read: ``auto`` is ``fast``, else ``sync``"""
 Schedule = Literal["immediate", "pipelined"]
@@ -52,8 +53,8 @@ class DriverSettings:
 class ServoSettings(DriverSettings):
     """The configuration of a servo; a backend uses the fields it knows."""
 
-    backend: str = "simulated"
-    """Name of the backend that opens it"""
+    backend: BackendName = "simulated"
+    """simulated: in the loop's process; dynamixel: on a bus"""
     true: TrueServo | None = None
     """True parameters of a simulated or emulated servo; None: it is real"""
     arm: TrueArm | None = None

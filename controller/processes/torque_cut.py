@@ -9,7 +9,7 @@ from haptic_wall.controller.processes.children import Child
 from haptic_wall.controller.processes.loop_watch import END_S
 from haptic_wall.controller.runtime.telemetry import Word
 from haptic_wall.hw.clock import MonotonicClock
-from haptic_wall.hw.open import backend, cut_torque
+from haptic_wall.hw.open import cut_torque
 from haptic_wall.hw.settings import ServoSettings
 
 
@@ -39,7 +39,7 @@ class TorqueCut:
         self.confirmed = any(
             cut_torque(self._servos, self.port, MonotonicClock()) for _ in range(attempts)
         )
-        if backend(self._servos[0].backend).simulated:
+        if self._servos[0].backend == "simulated":
             return "the simulated servo ended with it"
         if self.confirmed:
             return "the supervisor switched the torque off and read it back"

@@ -11,7 +11,7 @@ from haptic_wall.controller.settings.axes import SHARED
 from haptic_wall.controller.settings.sections import Sections
 from haptic_wall.controller.settings.shares import COLLECT_SHARE
 from haptic_wall.hw.errors import Problem
-from haptic_wall.hw.open import backend
+from haptic_wall.hw.open import cycle_time, problems
 
 BARE_INERTIA: Final = {"XM430-W350": 0.017927, "XL330-M288": 0.0027213}
 """Highest inertia of a bare servo, by model [kg·m²]: that of its preset"""
@@ -39,11 +39,10 @@ def apart(config: Sections) -> Iterator[Problem]:
 
 def broken_bus_rules(config: Sections) -> Iterator[Problem]:
     """Yield the violations of the rules of a bus and its axes."""
-    make = backend(config.servo.backend)
     asked = [replace(one.servo.asked(), read=config.bus.read) for one in config.each.values()]
-    yield from make.problems(asked)
+    yield from problems(asked)
     if config.servo.baud is not None:
-        yield from _cycle(config, make.cycle_s(asked))
+        yield from _cycle(config, cycle_time(asked))
     yield from _arm(config)
     if not config.axes:
         return

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from pydantic import ValidationInfo, model_validator
 
@@ -23,12 +23,11 @@ from haptic_wall.controller.settings.rules import (
     law_names,
 )
 from haptic_wall.controller.settings.sections import Sections
-from haptic_wall.controller.settings.servo import Servo
 from haptic_wall.controller.settings.shares import DRIVEN_SHARE
 from haptic_wall.hw.errors import Problem
-from haptic_wall.hw.open import BackendName, backend
+from haptic_wall.hw.open import torque_models
 from haptic_wall.hw.servo import JUMP_SPEED
-from haptic_wall.hw.settings import ServoSettings
+from haptic_wall.hw.settings import EMULATED, ServoSettings
 from haptic_wall.hw.truth import ABOUT, TrueArm, TrueServo
 
 if TYPE_CHECKING:
@@ -59,8 +58,7 @@ class Config(Sections):
         servo, realtime = found.get("servo"), found.get("realtime", {})
         if not isinstance(servo, dict) or not isinstance(realtime, dict):
             return found
-        name = servo.get("backend", Servo().backend)
-        if name not in get_args(BackendName) or backend(name).kind(servo.get("port")) != "hardware":
+        if servo.get("backend") != "dynamixel" or servo.get("port") == EMULATED:
             return found
         return {**found, "realtime": {"profile": "strict", **realtime}}
 
@@ -104,7 +102,7 @@ class Config(Sections):
         servo = self.servo
         if servo.kind == "simulated" or servo.model is None:
             return 0.0
-        return backend(servo.backend).models()[servo.model].no_load_speed
+        return torque_models()[servo.model].no_load_speed
 
     @property
     def start_position(self) -> float:

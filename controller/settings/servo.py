@@ -24,9 +24,10 @@ from haptic_wall.controller.settings.model import (
     whole,
 )
 from haptic_wall.hw.errors import Problem, is_emulated
-from haptic_wall.hw.open import BackendName, backend
+from haptic_wall.hw.open import torque_models
 from haptic_wall.hw.settings import (
     EMULATED,
+    BackendName,
     Schedule,
     ServoSettings,
 )
@@ -220,7 +221,9 @@ class Servo(_Truth):
     @property
     def kind(self) -> Kind:
         """Return the kind of servo behind the servo interface."""
-        return backend(self.backend).kind(self.port)
+        if self.backend == "simulated":
+            return "simulated"
+        return "emulated" if self.port == EMULATED else "hardware"
 
     @property
     def position_step(self) -> float:
@@ -254,7 +257,7 @@ class Servo(_Truth):
         It is the truth of an emulated servo. Of a model without published figures the driver knows
         no other.
         """
-        model = backend(self.backend).models().get(self.model or "")
+        model = torque_models().get(self.model or "")
         return self.kind == "emulated" and (model is None or model.constant_known)
 
     def asked(self) -> ServoSettings:

@@ -1,1 +1,0 @@
-"""The servo backends, one file each."""
