@@ -64,7 +64,6 @@ class DynamixelBus:
         """Ids of the servos, in the given order"""
         self.port = ""
         """Path for a client; unchanged after the adapter was unplugged and plugged in again"""
-        self._given = {_name(fault) for fault in faults}
         self._plan: dict[str, Any] = {
             "servos": list(servos),
             "truth": dict(truth or {}),
@@ -129,7 +128,6 @@ class DynamixelBus:
             BusError: It is no fault, or for an id that no servo has.
         """
         self._tell(fault, "on ")
-        self._given.add(_name(fault))
 
     def lift(self, name: str) -> None:
         """End all faults of this name, ``drop`` for instance.
@@ -138,12 +136,6 @@ class DynamixelBus:
             BusError: No fault has this name.
         """
         self._tell(f"off {name}", "off ")
-        self._given.discard(name)
-
-    def clear(self) -> None:
-        """End every fault. Its effects stay: latched errors, lost settings."""
-        for name in sorted(self._given):
-            self.lift(name)
 
     def stop(self) -> None:
         """End the process; ``rows`` is then complete and returns at once. Safe to call twice.
@@ -280,10 +272,6 @@ class DynamixelBus:
             process.wait(_PATIENCE_S)
         if self._folder is not None:
             self._folder.cleanup()
-
-
-def _name(fault: str) -> str:
-    return fault.partition(":")[0].strip()
 
 
 def _id(servo: str) -> int:

@@ -63,19 +63,13 @@ class DynamixelGroup:
         line: The bus; ``close`` closes it. Nothing is sent yet.
 
     Raises:
-        UnfitServoError: Two servos have the same id, or see ``Driven``.
+        UnfitServoError: See ``Driven``.
     """
 
     def __init__(self, settings: Sequence[DriverSettings], line: Line) -> None:
-        ids = [one.id for one in settings]
-        if not ids or len(set(ids)) != len(ids):
-            raise UnfitServoError(
-                f"A group needs servos with an id each, but has {ids}",
-                advice="give each another one.",
-            )
         first = settings[0]
         self.line = line
-        self.exchange = Exchange(line, ids, baud=first.baud)
+        self.exchange = Exchange(line, [one.id for one in settings], baud=first.baud)
         self.servos = [
             Driven(one, station, self.exchange)
             for one, station in zip(settings, self.exchange.stations, strict=True)

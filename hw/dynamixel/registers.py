@@ -76,8 +76,6 @@ _ANY_32 = (-0x8000_0000, 0x7FFF_FFFF)
 _GAIN = (0, 16383)
 _TURNS = 1_044_479
 """Homing Offset reaches 255 turns either way [counts]"""
-_TIME_BASED_PROFILE = 42
-"""First firmware with bit 2 of Drive Mode; the X330 always had it"""
 WATCHDOG_FIRMWARE: Final = 38
 """First firmware with Bus Watchdog and Drive Mode; the X330 always had them"""
 
@@ -183,7 +181,7 @@ def control_table(
     absent = {*_ABSENT.get(family, ()), *_not_yet(family, firmware)}
     otherwise = dict(_OTHERWISE.get(family, {}))
     otherwise["current_limit"] = (current_limit, 0, current_limit)
-    otherwise["drive_mode"] = (0, 0, _drive_mode(family, firmware))
+    otherwise["drive_mode"] = (0, 0, 15 if family == "X540" else 13)
     highest, lowest, low, high = _voltage_limits(family, voltage)
     otherwise["max_voltage_limit"] = (highest, low, high)
     otherwise["min_voltage_limit"] = (lowest, low, high)
@@ -206,16 +204,6 @@ def _not_yet(family: Family, firmware: int) -> set[str]:
     if firmware < WATCHDOG_FIRMWARE and family != "X330":
         missing |= {"bus_watchdog", "drive_mode"}
     return missing
-
-
-def _drive_mode(family: Family, firmware: int) -> int:
-    """Return the largest Drive Mode: reverse 1, slave 2, time-based profile 4, torque by goal 8."""
-    return (
-        1
-        + (2 if family == "X540" else 0)
-        + (4 if firmware >= _TIME_BASED_PROFILE or family == "X330" else 0)
-        + (8 if firmware >= fast_read_firmware(family) else 0)
-    )
 
 
 def _voltage_limits(family: Family, voltage: float) -> tuple[int, int, int, int]:

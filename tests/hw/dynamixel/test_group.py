@@ -283,13 +283,6 @@ def test_a_servo_that_also_obeys_the_id_of_another_is_refused() -> None:
     assert [truth.memory["torque_enable"] for truth in bench.truths] == [0, 0, 0]
 
 
-def test_two_servos_with_one_id_are_refused() -> None:
-    bench = Bench([48])
-    settings = DriverSettings("", 4_000_000, 1, MODEL)
-    with pytest.raises(UnfitServoError, match="give each another"):
-        DynamixelGroup([settings, settings], bench.line)
-
-
 def hold_a_pose(servo: EmulatedServo, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a servo measure a current of -1 and a velocity of -3."""
     measured = servo.drive.measured
