@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.errors import PortError, Problem, SpecError
+from haptic_wall.hw.hand import SharedHand
 from haptic_wall.hw.servo import Bus
 from haptic_wall.hw.settings import ServoSettings
 
@@ -98,7 +99,12 @@ def cycle_time(servos: Sequence[ServoSettings]) -> float:
     return cycle_s(bus.baud, count, read)
 
 
-def open_bus(servos: Sequence[ServoSettings], clock: Clock, descriptor: int | None = None) -> Bus:
+def open_bus(
+    servos: Sequence[ServoSettings],
+    clock: Clock,
+    descriptor: int | None = None,
+    hand: SharedHand | None = None,
+) -> Bus:
     """Return the bus of these servos, not started.
 
     Args:
@@ -106,6 +112,7 @@ def open_bus(servos: Sequence[ServoSettings], clock: Clock, descriptor: int | No
         clock: Their clock.
         descriptor: Their port, where it is already open (from ``open_port``, perhaps
             inherited); the bus's ``close`` closes it, and so does a refusal. None: open it here.
+        hand: A person's hand that can hold the shafts of servos simulated in this process.
 
     Raises:
         PortError: The port cannot be used.
@@ -120,7 +127,10 @@ def open_bus(servos: Sequence[ServoSettings], clock: Clock, descriptor: int | No
         trues = [one.true for one in servos if one.true is not None]
         if len(trues) < len(servos):
             raise ValueError("found None in ServoSettings.true, wanted the truth of the servo")
-        return SimulatedBus(trues, clock, bus.arm)
+        simulated = SimulatedBus(trues, clock, bus.arm)
+        if hand is not None:
+            simulated.take_hand(hand)
+        return simulated
     from haptic_wall.hw.dynamixel.group import DynamixelGroup
 
     drivers = [one.driver() for one in servos]

@@ -112,7 +112,7 @@ class Driven:
         self.alert = False
         """A hardware error was latched"""
         self.trouble = ""
-        """See ``HasTrouble``"""
+        """See ``Bus``"""
         self.station.forget()
         self._strikes = dict.fromkeys(self.health, 0)
 

@@ -28,7 +28,7 @@ _SHUTDOWN_OF: Final[Mapping[str, int]] = {"XL330-M077": 53, "XL330-M288": 53}
 """Shutdown from the factory where it is not the family's"""
 _SLOPE_OF: Final[Mapping[str, int]] = {"XC330-T181": 255, "XC330-T288": 255}
 """The same of PWM Slope"""
-NO_CURRENT_MODE: Final[Mapping[int, str]] = {
+NO_CURRENT_MODE: Final[dict[int, str]] = {
     1060: "XL430-W250",
     1070: "XC430-W150",
     1080: "XC430-W240",
