@@ -20,7 +20,6 @@ from haptic_wall.hw.dynamixel.rules import Seen, error_names, what_to_do
 from haptic_wall.hw.dynamixel.station import Station
 from haptic_wall.hw.dynamixel.tables import MODELS, Model, model_by_number
 from haptic_wall.hw.dynamixel.torque_law import torque_law
-from haptic_wall.hw.dynamixel.watchdog import rearm, watchdog_units
 from haptic_wall.hw.errors import (
     ServoHealthError,
     ServoLostError,
@@ -57,6 +56,26 @@ def drivable(settings: DriverSettings) -> tuple[Model, float]:
     return model, constant
 
 
+def rearm(table: Table, units: int) -> bool:
+    """Arm a tripped Bus Watchdog again, at zero torque; return whether that was read back.
+
+    A tripped watchdog accepts no goal before it is cleared, and the old torque may then return with
+    nothing to end it: so torque is off meanwhile. Every write is read back.
+
+    Args:
+        table: The servo.
+        units: Its setting [20 ms].
+    """
+    steps = (
+        ("torque_enable", 0),
+        ("bus_watchdog", 0),
+        ("goal_current", 0),
+        ("bus_watchdog", units),
+        ("torque_enable", 1),
+    )
+    return all(table.try_write(name, value, 3 * QUICK_NS[-1:]) == value for name, value in steps)
+
+
 class Driven:
     """One servo of a drive.
 
@@ -66,8 +85,7 @@ class Driven:
         exchange: The line.
 
     Raises:
-        UnfitServoError: The model is unknown, or its smallest torque exceeds the torque limit; or
-            no servo has such a Bus Watchdog.
+        UnfitServoError: The model is unknown, or its smallest torque exceeds the torque limit.
     """
 
     def __init__(self, settings: DriverSettings, station: Station, exchange: Exchange) -> None:
@@ -75,7 +93,8 @@ class Driven:
         self.settings = settings
         self.model = model
         self.constant = constant
-        self.units = watchdog_units(settings.watchdog_s)
+        self.units = round(settings.watchdog_s * 1e9 / WATCHDOG_UNIT_NS)
+        """Setting of the Bus Watchdog [20 ms]"""
         self.station = station
         self.where = settings.port or "the emulated bus in memory"
         name = f"id {settings.id} at {settings.baud} baud on {self.where}"

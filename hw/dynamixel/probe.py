@@ -14,12 +14,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from haptic_wall.hw.dynamixel.driven import Driven
+from haptic_wall.hw.dynamixel.driven import Driven, rearm
 from haptic_wall.hw.dynamixel.register_access import UNHELD, Table
 from haptic_wall.hw.dynamixel.registers import WATCHDOG_TRIPPED
 from haptic_wall.hw.dynamixel.rules import Verdict
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
-from haptic_wall.hw.dynamixel.watchdog import rearm
 from haptic_wall.hw.dynamixel.wire import CYCLE_BYTES
 from haptic_wall.hw.errors import ServoLostError, UnfitServoError
 from haptic_wall.hw.servo import Check, Outcome
