@@ -6,7 +6,6 @@ user's error is told as ``FIELD: WHAT, wanted WANTED; ADVICE``, one of hardware 
 ::
 
     ServoError
-    ├── BackendError (also LookupError) no backend of this name, or it cannot be loaded
     ├── PortError (also OSError)        the serial port cannot be used
     │   ├── PortBusyError               another program holds it
     │   └── BaudRefusedError            it cannot make this rate
@@ -135,10 +134,6 @@ class ServoError(ExplainedError):
     mark = ": "
     id: int | None = None
     """The id of the servo at fault; None: not known, or not a single one's"""
-
-
-class BackendError(ServoError, LookupError):
-    """There is no servo backend of this name, or it cannot be loaded."""
 
 
 class PortError(ServoError, OSError):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final, NamedTuple, Protocol
@@ -123,7 +123,12 @@ class Bus(Protocol):
     number of cycles, ``stop``, ``close``. A cycle is ``request``, ``collect``, ``write``. The
     request may be sent in the period before the one that collects it (the replies then travel while
     the loop sleeps). Lists have one item a servo, always in the same order.
+
+    Attributes:
+        given_up: Asked before each servo's start; True: ``start`` raises a ``GivenUpError``.
     """
+
+    given_up: Callable[[], bool]
 
     @property
     def facts(self) -> Sequence[Facts]:
@@ -135,6 +140,18 @@ class Bus(Protocol):
         """Return the traffic, the same object as long as the bus is open.
 
         None: no reply travels, so none can be late or lost.
+        """
+        ...
+
+    @property
+    def trouble(self) -> str:
+        """Return what was wrong with the servos, and the remedy, after ``stop``; empty: nothing."""
+        ...
+
+    def health(self) -> list[tuple[float, float]]:
+        """Return each servo's last supply [V] and temperature [°C]; supply 0: not known yet.
+
+        Empty: they report neither.
         """
         ...
 

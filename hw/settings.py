@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 from haptic_wall.hw.truth import TrueArm, TrueServo
 
 EMULATED: Final = "emulated"
 """The port value that selects the program's own emulated bus"""
 
+BackendName = Literal["simulated", "dynamixel"]
 Way = Literal["auto", "fast", "sync", "plain"]
 """How several servos are read: ``auto`` is ``fast``, else ``sync``"""
 Schedule = Literal["immediate", "pipelined"]
@@ -50,13 +51,10 @@ class DriverSettings:
 
 @dataclass(frozen=True, slots=True)
 class ServoSettings(DriverSettings):
-    """The configuration of a servo; a backend uses the fields it knows.
+    """The configuration of a servo; a backend uses the fields it knows."""
 
-    Further settings of another distribution's backend are in ``options``.
-    """
-
-    backend: str = "simulated"
-    """Name of the backend that opens it"""
+    backend: BackendName = "simulated"
+    """simulated: in the loop's process; dynamixel: on a bus"""
     true: TrueServo | None = None
     """True parameters of a simulated or emulated servo; None: it is real"""
     arm: TrueArm | None = None
@@ -65,8 +63,6 @@ class ServoSettings(DriverSettings):
     """Injected faults of an emulated bus, in the syntax of ``haptic_wall.hw.emulated.faults``"""
     fault_seed: int = 0
     """Seed of those faults' random choices"""
-    options: Any = None
-    """The backend's own settings, an instance of its ``options``; None: it has none"""
 
     def driver(self) -> DriverSettings:
         """Return the driver's part."""

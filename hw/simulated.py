@@ -10,7 +10,7 @@ lost, and reading and writing take no time), a current sensor, or temperature.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.hand import SharedHand
@@ -37,6 +37,7 @@ class SimulatedBus:
     """
 
     traffic = None
+    trouble = ""
 
     def __init__(
         self, trues: Sequence[TrueServo], clock: Clock, arm: TrueArm | None = None
@@ -53,6 +54,7 @@ class SimulatedBus:
         self._hands: list[SharedHand] = []
         self._readings: list[Reading] = []
         self._running = False
+        self.given_up: Callable[[], bool] = lambda: False
         self.facts = [
             Facts(
                 name="simulated servo",
@@ -63,6 +65,10 @@ class SimulatedBus:
             )
             for true in trues
         ]
+
+    def health(self) -> list[tuple[float, float]]:
+        """Return nothing: they have no supply and no temperature."""
+        return []
 
     def start(self) -> list[list[Check]]:
         """Start their time; there is nothing to check."""

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 import haptic_wall
 from haptic_wall.controller.cli.started import RunningWall
 from haptic_wall.controller.logs.columns import COLUMNS
-from haptic_wall.hw.servo import Bus
 from tests.test_contracts import loaded_by, within
 
 CALLED = {
@@ -48,7 +47,6 @@ FIELDS = {
 }
 METHODS = {
     "Law": ["high", "low", "torque"],
-    "Bus": ["close", "collect", "facts", "request", "start", "stop", "traffic", "write"],
 }
 ERRORS = {
     "HapticWallError": Exception,
@@ -129,7 +127,3 @@ def test_a_log_is_a_table_in_documented_units(tmp_path: Path) -> None:
         haptic_wall.read_log(path)
     with pytest.raises(haptic_wall.UserError, match=r"nowhere: cannot be read: No such file"):
         haptic_wall.read_log(tmp_path / "nowhere")
-
-
-def test_it_is_the_interface_that_the_controller_uses() -> None:
-    assert haptic_wall.Bus is Bus

@@ -16,7 +16,6 @@ from haptic_wall.controller.system.signals import interrupting
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.codec import MAX_ID
 from haptic_wall.hw.dynamixel.registers import BAUD_RATES
-from haptic_wall.hw.dynamixel.tables import model_by_number
 from haptic_wall.hw.errors import wiring
 
 HARDWARE = 4
@@ -87,11 +86,10 @@ def _report(path: str, searches: list[BaudSearch]) -> dict[str, Any]:
                 "model": servo.model,
                 "model_number": servo.model_number,
                 "firmware": servo.firmware,
-                "current_mode": model.current_mode if model else None,
+                "current_mode": servo.current_mode,
                 "twins": servo.twins,
             }
             for servo in servos
-            for model in [model_by_number(servo.model_number)]
         ],
         "bauds": [
             {"baud": one.baud, "garbled": one.garbled, "refused": one.refused or None}

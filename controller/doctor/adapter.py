@@ -16,7 +16,7 @@ from serial.tools import list_ports
 from haptic_wall.controller.doctor.report import not_applicable, of_error
 from haptic_wall.hw.errors import PortError
 from haptic_wall.hw.serialport.port import device_number, not_serial, open_error
-from haptic_wall.hw.serialport.timer import CLASSES, describe, timer_file, timer_ms
+from haptic_wall.hw.serialport.timer import CLASSES, timer_file, timer_ms
 from haptic_wall.hw.serialport.users import holders, is_pseudo, is_terminal
 from haptic_wall.hw.servo import Check
 
@@ -149,10 +149,10 @@ def examine_latency_timer(path: str, classes: Path = CLASSES) -> Check:
     if is_pseudo_terminal(path):
         why = "a pseudo-terminal has no such setting; the reply time is measured below"
         return not_applicable(name, why)
-    latency_ms, found = timer_ms(path, classes), describe(path, classes)
+    latency_ms = timer_ms(path, classes)
     if latency_ms is None:
-        return not_applicable(name, f"the adapter's driver has no such timer ({found})")
-    timer, wanted = timer_file(path, classes), "1 ms"
+        return not_applicable(name, "the adapter's driver has no such timer")
+    timer, wanted, found = timer_file(path, classes), "1 ms", f"{latency_ms} ms"
     if latency_ms == 0:
         fix = (
             "with 0 some U2D2 are reported to find no servos; if yours finds none, "

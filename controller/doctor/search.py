@@ -18,7 +18,7 @@ from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.codec import BROADCAST, MAX_ID, Frame, Instruction, Parser, encode
 from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.registers import BAUD_RATES
-from haptic_wall.hw.dynamixel.tables import model_by_number
+from haptic_wall.hw.dynamixel.tables import NO_CURRENT_MODE, model_by_number
 from haptic_wall.hw.dynamixel.wire import wire_ns
 from haptic_wall.hw.errors import BaudRefusedError, ServoLostError, UnfitServoError
 from haptic_wall.hw.serialport import port
@@ -55,7 +55,12 @@ class FoundServo(NamedTuple):
     def model(self) -> str | None:
         """Return the model's name; None if the model number is unknown."""
         model = model_by_number(self.model_number)
-        return None if model is None else model.name
+        return NO_CURRENT_MODE.get(self.model_number) if model is None else model.name
+
+    @property
+    def current_mode(self) -> bool | None:
+        """Return whether it can be commanded in torque; None if the model number is unknown."""
+        return None if self.model is None else self.model_number not in NO_CURRENT_MODE
 
 
 class BaudSearch(NamedTuple):

@@ -64,7 +64,6 @@ class DynamixelBus:
         """Ids of the servos, in the given order"""
         self.port = ""
         """Path for a client; unchanged after the adapter was unplugged and plugged in again"""
-        self._given = {_name(fault) for fault in faults}
         self._plan: dict[str, Any] = {
             "servos": list(servos),
             "truth": dict(truth or {}),
@@ -80,8 +79,6 @@ class DynamixelBus:
         self._process: subprocess.Popen[bytes] | None = None
         self._record = Path()
         self._unheard = {"out": b"", "error": b""}
-        self.waited_s = 0.0
-        """Time for which its process waited for a processor, known after ``stop`` [s]"""
         self._rows: list[BusRow] | None = None
         """All of them, once the bus has ended"""
 
@@ -131,7 +128,6 @@ class DynamixelBus:
             BusError: It is no fault, or for an id that no servo has.
         """
         self._tell(fault, "on ")
-        self._given.add(_name(fault))
 
     def lift(self, name: str) -> None:
         """End all faults of this name, ``drop`` for instance.
@@ -140,12 +136,6 @@ class DynamixelBus:
             BusError: No fault has this name.
         """
         self._tell(f"off {name}", "off ")
-        self._given.discard(name)
-
-    def clear(self) -> None:
-        """End every fault. Its effects stay: latched errors, lost settings."""
-        for name in sorted(self._given):
-            self.lift(name)
 
     def stop(self) -> None:
         """End the process; ``rows`` is then complete and returns at once. Safe to call twice.
@@ -157,7 +147,6 @@ class DynamixelBus:
         if process is None:
             return
         died = process.poll() is not None
-        self.waited_s = _waited_s(process.pid)
         if not died:
             process.terminate()
         try:
@@ -283,18 +272,6 @@ class DynamixelBus:
             process.wait(_PATIENCE_S)
         if self._folder is not None:
             self._folder.cleanup()
-
-
-def _waited_s(pid: int) -> float:
-    """Return how long a process has waited for a processor [s]; 0 where the kernel does not say."""
-    try:
-        return int(Path(f"/proc/{pid}/schedstat").read_text().split()[1]) * 1e-9
-    except (OSError, IndexError):
-        return 0.0
-
-
-def _name(fault: str) -> str:
-    return fault.partition(":")[0].strip()
 
 
 def _id(servo: str) -> int:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
@@ -22,14 +22,12 @@ from haptic_wall.controller.runtime.session import Surroundings, defect_text, ru
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.config import RUNS, Config
 from haptic_wall.controller.system.orders import read_orders, say
-from haptic_wall.hw.capabilities import TakesHand
 from haptic_wall.hw.clock import Clock, MonotonicClock
 from haptic_wall.hw.elastic import PLACE, WORDS, ElasticClock
 from haptic_wall.hw.errors import Problem, ServoError
 from haptic_wall.hw.hand import SharedHand
 from haptic_wall.hw.open import open_bus
-from haptic_wall.hw.servo import Bus, Check
-from haptic_wall.hw.settings import ServoSettings
+from haptic_wall.hw.servo import Check
 
 LAST_S = 5
 """Longest life of this process after a signal told it to end [s]. The kernel then ends it; the
@@ -82,6 +80,7 @@ def main() -> None:
     if orders.elastic:
         clock = ElasticClock(telemetry.words[PLACE : PLACE + WORDS], config.period_ns)
     try:
+        hand = None if orders.hand is None else SharedHand(orders.hand)
         result = run_session(
             config,
             clock,
@@ -92,7 +91,7 @@ def main() -> None:
                 port=orders.port,
                 tell=lambda text: _tell("tell", text=text),
                 take_real_time=lambda: _prepare(config, orders.core),
-                open_bus=partial(_opened, orders.hand),
+                open_bus=partial(open_bus, hand=hand),
                 read_key=_key(orders, telemetry),
             ),
         )
@@ -121,16 +120,6 @@ def _key(orders: Orders, telemetry: Telemetry) -> Callable[[int], float] | None:
         _tell("key_gone", why=f"{path} is gone ({error.strerror or error})")
 
     return key_reader(KeySource(descriptor, code), telemetry.words, gone)
-
-
-def _opened(
-    hand: int | None, servos: Sequence[ServoSettings], clock: Clock, port: int | None
-) -> Bus:
-    """Open the bus, with a person's hand on it if there is one."""
-    bus = open_bus(servos, clock, port)
-    if hand is not None and isinstance(bus, TakesHand):
-        bus.take_hand(SharedHand(hand))
-    return bus
 
 
 def _prepare(config: Config, core: int) -> None:

@@ -9,7 +9,7 @@ from haptic_wall.controller.processes.children import Child
 from haptic_wall.controller.processes.loop_watch import END_S
 from haptic_wall.controller.runtime.telemetry import Word
 from haptic_wall.hw.clock import MonotonicClock
-from haptic_wall.hw.open import backend, cut_torque
+from haptic_wall.hw.open import cut_torque
 from haptic_wall.hw.settings import ServoSettings
 
 
@@ -34,18 +34,19 @@ class TorqueCut:
     def now(self) -> str:
         """Switch the torque off; return a sentence on the result."""
         self._words[Word.COUPLED] = 0  # the bus waits for the loop no longer
-        make = backend(self._servos[0].backend)
         # Of several the last replies may be late on a busy machine; a single one is waited for.
         attempts = min(2, len(self._servos))
         self.confirmed = any(
             cut_torque(self._servos, self.port, MonotonicClock()) for _ in range(attempts)
         )
-        if make.simulated:
+        if self._servos[0].backend == "simulated":
             return "the simulated servo ended with it"
         if self.confirmed:
             return "the supervisor switched the torque off and read it back"
-        watchdog = "; its Bus Watchdog should have stopped it" if make.has_watchdog else ""
-        return f"torque off could not be read back: switch the servo's power off{watchdog}"
+        return (
+            "torque off could not be read back: switch the servo's power off; its Bus Watchdog "
+            "should have stopped it"
+        )
 
     def take_from(self, loop: Child, overdue: str = "") -> str:
         """Take the bus from a dead or hung loop, which cannot write on it any more.

@@ -39,7 +39,6 @@ from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.runtime.wall_wait import WallWait
 from haptic_wall.controller.settings.axes import own_paths
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.hw.capabilities import GivesUp, HasHealth, HasTrouble
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.elastic import ElasticClock
 from haptic_wall.hw.errors import (
@@ -179,8 +178,7 @@ class _Session:
         self._checks: list[Check] = []
         self._inbox = Inbox(telemetry)
         self.bus = surroundings.open_bus(config.servos(), clock, surroundings.port)
-        if isinstance(self.bus, GivesUp):
-            self.bus.given_up = lambda: bool(telemetry.words[Word.STOP])
+        self.bus.given_up = lambda: bool(telemetry.words[Word.STOP])
 
     def prepare(self) -> None:
         """Do all long computations: a started servo needs a frame within its watchdog's time."""
@@ -241,7 +239,6 @@ class _Session:
             for (one, servo), decided in zip(self._each(), self._decided, strict=True)
         ]
         self._inbox.tell(self._servos)
-        self._health = bus if isinstance(bus, HasHealth) else None
         parts = (self._clock, bus, self._axes, telemetry.words, self._inbox, config.period_ns)
         self._loop = Loop(
             Cycle(*parts, pipelined=self._pipelined),
@@ -296,8 +293,8 @@ class _Session:
 
     def _between_ticks(self) -> None:
         """Pass on the health of the hottest servo, and call ``on_block``."""
-        if self._health is not None:
-            volts, celsius = max(self._health.health(), key=lambda each: each[1])
+        if health := self.bus.health():
+            volts, celsius = max(health, key=lambda each: each[1])
             self._telemetry.words[Word.TEMPERATURE_MC] = round(1e3 * celsius)
             self._telemetry.words[Word.SUPPLY_MV] = round(1e3 * volts)
         self._around.on_block()
@@ -368,7 +365,7 @@ class _Session:
         Args:
             number: Of the axis that ended it, from 1; 0: none did.
         """
-        trouble = self.bus.trouble if isinstance(self.bus, HasTrouble) else ""
+        trouble = self.bus.trouble
         axes = [self._axes[number - 1]] if number else self._axes
         found = next(filter(None, (axis.safety.found for axis in axes)), "")
         message = self._message or found or trouble

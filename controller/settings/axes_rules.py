@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
 from itertools import combinations
 from typing import Final
-
-from pydantic import ValidationError
 
 from haptic_wall.controller.settings.axes import SHARED
 from haptic_wall.controller.settings.sections import Sections
 from haptic_wall.controller.settings.shares import COLLECT_SHARE
 from haptic_wall.hw.errors import Problem
-from haptic_wall.hw.open import backend
+from haptic_wall.hw.open import cycle_time, problems
 
 BARE_INERTIA: Final = {"XM430-W350": 0.017927, "XL330-M288": 0.0027213}
 """Highest inertia of a bare servo, by model [kg·m²]: that of its preset"""
@@ -42,18 +39,13 @@ def apart(config: Sections) -> Iterator[Problem]:
 
 def broken_bus_rules(config: Sections) -> Iterator[Problem]:
     """Yield the violations of the rules of a bus and its axes."""
-    make = backend(config.servo.backend)
-    with suppress(ValidationError):  # another rule reports wrong options
-        asked = [replace(one.servo.asked(), read=config.bus.read) for one in config.each.values()]
-        yield from [] if make.problems is None else make.problems(asked)
-        if make.cycle_s is not None and config.servo.baud is not None:
-            yield from _cycle(config, make.cycle_s(asked))
+    asked = [replace(one.servo.asked(), read=config.bus.read) for one in config.each.values()]
+    yield from problems(asked)
+    if config.servo.baud is not None:
+        yield from _cycle(config, cycle_time(asked))
     yield from _arm(config)
     if not config.axes:
         return
-    if len(config.axes) > 1 and not make.several:
-        wanted = f"one: the backend {config.servo.backend} opens a single servo"
-        yield Problem(f"found {len(config.axes)} axes", wanted=wanted, field="axes")
     if config.servo.kind != "simulated":
         for (one, first), (other, second) in combinations(config.axes.items(), 2):
             if first.servo.id == second.servo.id:

@@ -23,12 +23,11 @@ from haptic_wall.controller.settings.rules import (
     law_names,
 )
 from haptic_wall.controller.settings.sections import Sections
-from haptic_wall.controller.settings.servo import Servo
 from haptic_wall.controller.settings.shares import DRIVEN_SHARE
-from haptic_wall.hw.errors import BackendError, Problem
-from haptic_wall.hw.open import backend
+from haptic_wall.hw.errors import Problem
+from haptic_wall.hw.open import torque_models
 from haptic_wall.hw.servo import JUMP_SPEED
-from haptic_wall.hw.settings import ServoSettings
+from haptic_wall.hw.settings import EMULATED, ServoSettings
 from haptic_wall.hw.truth import ABOUT, TrueArm, TrueServo
 
 if TYPE_CHECKING:
@@ -59,11 +58,7 @@ class Config(Sections):
         servo, realtime = found.get("servo"), found.get("realtime", {})
         if not isinstance(servo, dict) or not isinstance(realtime, dict):
             return found
-        try:
-            make = backend(servo.get("backend", Servo().backend))
-        except (BackendError, TypeError):
-            return found  # it is named as wrong
-        if make.kind(servo.get("port")) != "hardware":
+        if servo.get("backend") != "dynamixel" or servo.get("port") == EMULATED:
             return found
         return {**found, "realtime": {"profile": "strict", **realtime}}
 
@@ -105,10 +100,9 @@ class Config(Sections):
     def _no_load_speed(self) -> float:
         """Return the no-load speed of a servo's model [rad/s]; 0: unknown, or simulated."""
         servo = self.servo
-        models = backend(servo.backend).models
-        if servo.kind == "simulated" or servo.model is None or models is None:
+        if servo.kind == "simulated" or servo.model is None:
             return 0.0
-        return models()[servo.model].no_load_speed
+        return torque_models()[servo.model].no_load_speed
 
     @property
     def start_position(self) -> float:

@@ -12,8 +12,7 @@ from pydantic.fields import FieldInfo
 
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.model import Estimate, Part, Row, Section
-from haptic_wall.controller.settings.servo import Servo, used_by
-from haptic_wall.hw.open import backend_names
+from haptic_wall.controller.settings.servo import used_by
 
 _KIND_NAMES = {
     bool: "true or false",
@@ -62,9 +61,6 @@ def _walk() -> Iterator[Field]:
             options, nullable = _split(info.annotation)
             names = tuple(c for c in get_args(options) if isinstance(c, str))
             wanted = _wanted(options, info)
-            if section is Servo and key == "backend":
-                names = tuple(backend_names())
-                wanted = "one of " + ", ".join(names)
             yield Field(
                 path=f"{name}.{key}",
                 unit=str(extra.get("unit", "")),

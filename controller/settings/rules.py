@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import fields, is_dataclass, replace
-
-from pydantic import ValidationError
+from dataclasses import replace
 
 from haptic_wall.controller.laws import own
 from haptic_wall.controller.laws.engagement import MOST_TORQUE
@@ -21,7 +19,7 @@ from haptic_wall.controller.settings.servo import TRUTH_FIELDS
 from haptic_wall.controller.settings.shares import SPIN_SHARE
 from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.names import did_you_mean
-from haptic_wall.hw.open import backend
+from haptic_wall.hw.open import torque_models
 from haptic_wall.hw.truth import disagreements, vibration
 
 
@@ -48,6 +46,12 @@ SILENCE_SHARE = 0.5
 """Fraction of the Bus Watchdog's time after which a run without good readings ends"""
 WARM_UP_AGES = 20
 """Number of readings over a bus that determine its delay well enough"""
+_REQUIRED = {
+    "port": "a serial device such as /dev/ttyUSB0, or emulated",
+    "baud": "the speed the servo is set to, e.g. 4000000",
+    "model": "the servo's model, e.g. XM430-W350",
+}
+"""Fields of a servo on a bus, and their meaning"""
 _BELIEVED = ("inertia", "damping", "coulomb", "delay", "torque_gain")
 _ROUNDED = 1 + 1e-9
 
@@ -56,7 +60,7 @@ def broken_rules(config: Sections) -> list[Problem]:
     """Return the violations of all rules between fields, each of which is valid by itself."""
     if found := list(apart(config)):
         return found
-    rules = (_real, _simulated, _of_the_backend, _times, _delay, _law, _travel, _load, _filter)
+    rules = (_real, _simulated, _on_a_bus, _times, _delay, _law, _travel, _load, _filter)
     found = [
         _of_axis(name, problem)
         for name, one in config.each.items()
@@ -162,33 +166,18 @@ def _simulated(config: Sections) -> Iterator[Problem]:
         )
 
 
-def _of_the_backend(config: Sections) -> Iterator[Problem]:
-    """Rules that the backend of the servo has."""
-    servo, make = config.servo, backend(config.servo.backend)
-    for field, what in make.required.items():
+def _on_a_bus(config: Sections) -> Iterator[Problem]:
+    """Rules of a servo on a bus."""
+    servo = config.servo
+    if servo.kind == "simulated":
+        return
+    for field, what in _REQUIRED.items():
         if getattr(servo, field) is None:
             wanted = f"{what} (servo.backend is {servo.backend})"
             yield Problem("found nothing", field=f"servo.{field}", wanted=wanted)
-    if is_dataclass(make.options):
-        known = [field.name for field in fields(make.options)]
-        for option in servo.options:
-            if option not in known:
-                hint = did_you_mean(option, known, "servo.options.")
-                yield Problem(
-                    "; ".join(filter(None, ("unknown", hint))),
-                    field=f"servo.options.{option}",
-                    advice=f"the backend {servo.backend} has {', '.join(known) or 'no options'}",
-                )
-    try:
-        servo.asked()
-    except ValidationError as error:
-        for detail in error.errors():
-            path = ".".join(("servo.options", *map(str, detail["loc"])))
-            what = f"{detail['msg'].lower()} (servo.backend is {servo.backend})"
-            yield Problem(what, field=path)
-    if make.models is None or servo.model is None:
+    if servo.model is None:
         return
-    models = make.models()
+    models = torque_models()
     if servo.model not in models:
         yield Problem(
             f"found {servo.model!r}",
@@ -204,13 +193,13 @@ def _of_the_backend(config: Sections) -> Iterator[Problem]:
 def _times(config: Sections) -> Iterator[Problem]:
     """Rules of times that must fit the period."""
     servo, safety, period = config.servo, config.safety, config.period_s
-    make, at = backend(servo.backend), f"at loop.rate_hz {config.loop.rate_hz:g}"
+    on_bus, at = servo.kind != "simulated", f"at loop.rate_hz {config.loop.rate_hz:g}"
     two = f"at least two periods ({2 * period:g} s {at}), else"
-    if make.has_watchdog and servo.watchdog_s < 2 * period:
+    if on_bus and servo.watchdog_s < 2 * period:
         wanted = f"{two} one lost message stops the servo"
         yield Problem(f"found {servo.watchdog_s:g} s", field="servo.watchdog_s", wanted=wanted)
     most = SILENCE_SHARE * servo.watchdog_s
-    if make.has_watchdog and safety.max_silence_s > most * _ROUNDED:
+    if on_bus and safety.max_silence_s > most * _ROUNDED:
         yield Problem(
             f"found {safety.max_silence_s:g} s",
             field="safety.max_silence_s",
@@ -218,7 +207,7 @@ def _times(config: Sections) -> Iterator[Problem]:
             " must end before the Bus Watchdog of a silent servo can have dropped the torque",
         )
     least = WARM_UP_AGES * period
-    if make.has_bus and config.loop.warm_up_s * _ROUNDED < least:
+    if on_bus and config.loop.warm_up_s * _ROUNDED < least:
         yield Problem(
             f"found {config.loop.warm_up_s:g} s",
             field="loop.warm_up_s",

@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import MISSING, fields
-from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from pydantic import (
     AfterValidator,
     BeforeValidator,
     SerializerFunctionWrapHandler,
-    TypeAdapter,
     create_model,
     model_serializer,
 )
@@ -25,11 +23,11 @@ from haptic_wall.controller.settings.model import (
     setting,
     whole,
 )
-from haptic_wall.hw.errors import BackendError, Problem, is_emulated
-from haptic_wall.hw.names import did_you_mean
-from haptic_wall.hw.open import backend, backend_names
+from haptic_wall.hw.errors import Problem, is_emulated
+from haptic_wall.hw.open import torque_models
 from haptic_wall.hw.settings import (
     EMULATED,
+    BackendName,
     Schedule,
     ServoSettings,
 )
@@ -76,18 +74,6 @@ def _sign(found: int) -> int:
     return found
 
 
-def _backend(found: str) -> str:
-    """Raise if no backend has this name, or if it cannot be loaded."""
-    try:
-        backend(found)
-    except BackendError as error:
-        names = backend_names()
-        wanted, near = f"one of {', '.join(names)}", did_you_mean(found, names)
-        problem = Problem(f"found {found!r}", wanted=wanted, advice=near)
-        raise refusal(Problem(str(error).rstrip(".")) if found in names else problem) from error
-    return found
-
-
 def used_by(name: str) -> tuple[str, ...]:
     """Return the kinds of servo that use a field of this section; by default all."""
     extra = Servo.model_fields[name].json_schema_extra
@@ -102,10 +88,8 @@ _EMULATED: tuple[Kind, ...] = ("emulated",)
 class _Named(Section):
     """Comes before the other fields."""
 
-    backend: Annotated[str, AfterValidator(_backend)] = setting(
-        "simulated",
-        "Kind of servo; simulated: in this process; dynamixel: on a bus; or the name of an "
-        "installed plugin",
+    backend: BackendName = setting(
+        "simulated", "Kind of servo; simulated: in this process; dynamixel: on a bus"
     )
 
 
@@ -227,8 +211,6 @@ class Servo(_Truth):
         le=1000,
     )
 
-    options: dict[str, Any] = setting({}, "Settings of a plugin's backend, by name")
-
     @property
     def is_emulated(self) -> bool:
         """Whether an emulator, not an adapter, is at the other end of the port."""
@@ -239,7 +221,9 @@ class Servo(_Truth):
     @property
     def kind(self) -> Kind:
         """Return the kind of servo behind the servo interface."""
-        return backend(self.backend).kind(self.port)
+        if self.backend == "simulated":
+            return "simulated"
+        return "emulated" if self.port == EMULATED else "hardware"
 
     @property
     def position_step(self) -> float:
@@ -273,17 +257,11 @@ class Servo(_Truth):
         It is the truth of an emulated servo. Of a model without published figures the driver knows
         no other.
         """
-        known = backend(self.backend).models
-        model = known().get(self.model or "") if known is not None else None
+        model = torque_models().get(self.model or "")
         return self.kind == "emulated" and (model is None or model.constant_known)
 
     def asked(self) -> ServoSettings:
-        """Return this section as the backend's settings.
-
-        Raises:
-            ValidationError: An option is unknown, missing or wrong.
-        """
-        options = _options(backend(self.backend).options).validate_python(self.options)
+        """Return this section as the backend's settings."""
         return ServoSettings(
             backend=self.backend,
             port=self.port or "",
@@ -298,7 +276,6 @@ class Servo(_Truth):
             offset=self.offset,
             faults=self.faults,
             fault_seed=self.fault_seed,
-            options=options,
         )
 
     @model_serializer(mode="wrap")
@@ -307,17 +284,9 @@ class Servo(_Truth):
     ) -> dict[str, Any]:
         """Drop the fields of simulated servos: a real one's true parameters are unknown."""
         fields: dict[str, Any] = handler(self)
-        if not self.options:
-            fields.pop("options", None)
         if self.kind == "hardware":
             fields = {name: value for name, value in fields.items() if name not in TRUTH_FIELDS}
         return fields
-
-
-@cache
-def _options(model: type) -> TypeAdapter[Any]:
-    """Return what makes an instance of a backend's ``options``."""
-    return TypeAdapter(model)
 
 
 TRUTH_FIELDS = tuple(name for name in Servo.model_fields if "hardware" not in used_by(name))

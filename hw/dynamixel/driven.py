@@ -20,7 +20,6 @@ from haptic_wall.hw.dynamixel.rules import Seen, error_names, what_to_do
 from haptic_wall.hw.dynamixel.station import Station
 from haptic_wall.hw.dynamixel.tables import MODELS, Model, model_by_number
 from haptic_wall.hw.dynamixel.torque_law import torque_law
-from haptic_wall.hw.dynamixel.watchdog import rearm, watchdog_units
 from haptic_wall.hw.errors import (
     ServoHealthError,
     ServoLostError,
@@ -40,20 +39,13 @@ def drivable(settings: DriverSettings) -> tuple[Model, float]:
     """Return the configured model, and its torque constant [N·m/A].
 
     Raises:
-        UnfitServoError: The model is unknown, has no current mode, or its constant is not known.
+        UnfitServoError: The model or its constant is not known.
     """
     model = MODELS.get(settings.model)
-    known = [each.name for each in MODELS.values() if each.current_mode]
     if model is None:
         raise UnfitServoError(
-            f"The model {settings.model} is not known",
-            advice=f"set servo.model to one of {', '.join(known)}.",
-        )
-    if not model.current_mode:
-        kinds = dict.fromkeys(name.partition("-")[0] for name in known)
-        raise UnfitServoError(
-            f"The {model.name} has no current mode, so it cannot be commanded in torque",
-            advice=f"use one of {', '.join(kinds)}.",
+            f"{settings.model} is no known model with a current mode",
+            advice=f"set servo.model to one of {', '.join(MODELS)}.",
         )
     constant = settings.torque_constant or model.torque_constant
     if constant is None:
@@ -62,6 +54,26 @@ def drivable(settings: DriverSettings) -> tuple[Model, float]:
             advice="measure it and set servo.torque_constant [N·m/A].",
         )
     return model, constant
+
+
+def rearm(table: Table, units: int) -> bool:
+    """Arm a tripped Bus Watchdog again, at zero torque; return whether that was read back.
+
+    A tripped watchdog accepts no goal before it is cleared, and the old torque may then return with
+    nothing to end it: so torque is off meanwhile. Every write is read back.
+
+    Args:
+        table: The servo.
+        units: Its setting [20 ms].
+    """
+    steps = (
+        ("torque_enable", 0),
+        ("bus_watchdog", 0),
+        ("goal_current", 0),
+        ("bus_watchdog", units),
+        ("torque_enable", 1),
+    )
+    return all(table.try_write(name, value, 3 * QUICK_NS[-1:]) == value for name, value in steps)
 
 
 class Driven:
@@ -73,8 +85,7 @@ class Driven:
         exchange: The line.
 
     Raises:
-        UnfitServoError: The model is unknown, has no current control, or its smallest torque
-            exceeds the torque limit; or no servo has such a Bus Watchdog.
+        UnfitServoError: The model is unknown, or its smallest torque exceeds the torque limit.
     """
 
     def __init__(self, settings: DriverSettings, station: Station, exchange: Exchange) -> None:
@@ -82,7 +93,8 @@ class Driven:
         self.settings = settings
         self.model = model
         self.constant = constant
-        self.units = watchdog_units(settings.watchdog_s)
+        self.units = round(settings.watchdog_s * 1e9 / WATCHDOG_UNIT_NS)
+        """Setting of the Bus Watchdog [20 ms]"""
         self.station = station
         self.where = settings.port or "the emulated bus in memory"
         name = f"id {settings.id} at {settings.baud} baud on {self.where}"
@@ -119,7 +131,7 @@ class Driven:
         self.alert = False
         """A hardware error was latched"""
         self.trouble = ""
-        """See ``HasTrouble``"""
+        """See ``Bus``"""
         self.station.forget()
         self._strikes = dict.fromkeys(self.health, 0)
 

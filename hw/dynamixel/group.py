@@ -63,19 +63,13 @@ class DynamixelGroup:
         line: The bus; ``close`` closes it. Nothing is sent yet.
 
     Raises:
-        UnfitServoError: Two servos have the same id, or see ``Driven``.
+        UnfitServoError: See ``Driven``.
     """
 
     def __init__(self, settings: Sequence[DriverSettings], line: Line) -> None:
-        ids = [one.id for one in settings]
-        if not ids or len(set(ids)) != len(ids):
-            raise UnfitServoError(
-                f"A group needs servos with an id each, but has {ids}",
-                advice="give each another one.",
-            )
         first = settings[0]
         self.line = line
-        self.exchange = Exchange(line, ids, baud=first.baud)
+        self.exchange = Exchange(line, [one.id for one in settings], baud=first.baud)
         self.servos = [
             Driven(one, station, self.exchange)
             for one, station in zip(settings, self.exchange.stations, strict=True)
@@ -88,7 +82,6 @@ class DynamixelGroup:
         self.left_on: list[Driven] = self.servos
         """Servos whose torque off was not read back since the last start"""
         self.given_up: Callable[[], bool] = lambda: False
-        """See ``GivesUp``"""
 
     @property
     def facts(self) -> list[Facts]:
@@ -97,7 +90,7 @@ class DynamixelGroup:
 
     @property
     def trouble(self) -> str:
-        """Return what was wrong with the servos; see ``HasTrouble``."""
+        """Return what was wrong with the servos; see ``Bus``."""
         told = [one.trouble for one in self.servos if one.trouble]
         if len(self.servos) > 1 and not self.running:
             left = [one.facts.name for one in self.left_on if one.known]
@@ -105,7 +98,7 @@ class DynamixelGroup:
         return "; ".join(told)
 
     def health(self) -> list[tuple[float, float]]:
-        """Return each servo's last supply [V] and temperature [°C]; see ``HasHealth``."""
+        """Return each servo's last supply [V] and temperature [°C]; supply 0: not known."""
         seen = (one.health for one in self.servos)
         return [(each["supply"] / 10, float(each["temperature"])) for each in seen]
 
@@ -117,7 +110,7 @@ class DynamixelGroup:
 
         Raises:
             StrangeServoError: One is of no known model; nothing was written to it.
-            GivenUpError: The start was given up; see ``GivesUp``.
+            GivenUpError: The start was given up; see ``Bus``.
             ServoError: A servo could not be started; the torque of all servos is off, or the
                 message says of which it may not be.
         """

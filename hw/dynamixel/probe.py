@@ -14,12 +14,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from haptic_wall.hw.dynamixel.driven import Driven
+from haptic_wall.hw.dynamixel.driven import Driven, rearm
 from haptic_wall.hw.dynamixel.register_access import UNHELD, Table
 from haptic_wall.hw.dynamixel.registers import WATCHDOG_TRIPPED
 from haptic_wall.hw.dynamixel.rules import Verdict
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
-from haptic_wall.hw.dynamixel.watchdog import rearm
 from haptic_wall.hw.dynamixel.wire import CYCLE_BYTES
 from haptic_wall.hw.errors import ServoLostError, UnfitServoError
 from haptic_wall.hw.servo import Check, Outcome
@@ -112,10 +111,7 @@ def prove_the_sign(servo: Driven, law: TorqueLaw, current_limit: int, name: str)
     lacking = not push.peak or abs(came) <= _CAME * abs(torque)
     if lacking and not (tripped or push.sign_is_right):
         why = f"Its torque did not come ({found}, where {came:+.3f} N·m were measured)"
-        advice = "keep the shaft still during the start"
-        pwm, full = table.read("pwm_limit"), table.registers["pwm_limit"].default
-        if pwm < full:
-            advice += f", and raise PWM Limit (36), {pwm} of {full}, which bounds the torque"
+        advice = "keep the shaft still during the start, and raise PWM Limit (36) if it is low"
     elif push.moved:
         why = f"Its shaft moved the wrong way ({found}), so a wall would pull instead of push"
         advice = "keep the shaft free during the start, then check Drive Mode (10)"

@@ -4,21 +4,20 @@ Registers below 64 live in EEPROM and are locked while torque is enabled. Positi
 Where the manual gives no number: Model Information reads 0; External Port Data takes 12 bits; goals
 take any number here, since other registers limit them.
 
-Source: ROBOTIS e-Manual, control table pages of the X series. The X330's layout after firmware 52
-is that of the vendor's model files, which give its beginning only; the 28 entries follow from the
-space they leave.
+Indirect addresses are left out.
+
+Source: ROBOTIS e-Manual, control table pages of the X series.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final, Literal, NamedTuple
 
-Family = Literal["X430", "X540", "XW430", "XW540", "X330", "XL430", "2X430"]
-"""Models with the same registers; ``XL430`` are all 430 without current control, ``2X430`` those
-among them with two axes, each of which is a servo of its own on the bus."""
+Family = Literal["X430", "X540", "XW430", "XW540", "X330"]
+"""Models with the same registers"""
 
 COUNTS_PER_REV: Final = 4096
 POSITION_UNIT: Final = 2 * math.pi / COUNTS_PER_REV
@@ -77,10 +76,6 @@ _ANY_32 = (-0x8000_0000, 0x7FFF_FFFF)
 _GAIN = (0, 16383)
 _TURNS = 1_044_479
 """Homing Offset reaches 255 turns either way [counts]"""
-_X330_NEW_LAYOUT = 53
-"""First firmware that has the X330's Indirect Data at 224"""
-_TIME_BASED_PROFILE = 42
-"""First firmware with bit 2 of Drive Mode; the X330 always had it"""
 WATCHDOG_FIRMWARE: Final = 38
 """First firmware with Bus Watchdog and Drive Mode; the X330 always had them"""
 
@@ -142,13 +137,7 @@ _COMMON: Final[tuple[tuple[str, int, int, bool, int, tuple[int, int]], ...]] = (
 )
 
 # Per family: missing registers, other (default, minimum, maximum), additional registers.
-_NO_CURRENT = ("current_limit", "goal_current", "present_current")
-_ABSENT: Final[Mapping[str, tuple[str, ...]]] = {
-    "XW430": ("led",),
-    "XW540": ("led",),
-    "XL430": _NO_CURRENT,
-    "2X430": (*_NO_CURRENT, "startup_configuration", "backup_ready"),
-}
+_ABSENT: Final[Mapping[str, tuple[str, ...]]] = {"XW430": ("led",), "XW540": ("led",)}
 _OTHERWISE: Final[Mapping[str, Mapping[str, tuple[int, int, int]]]] = {
     "X330": {
         "baud_rate": (1, 0, 6),
@@ -158,15 +147,12 @@ _OTHERWISE: Final[Mapping[str, Mapping[str, tuple[int, int, int]]]] = {
         "velocity_limit": (0, 0, 2047),
     },
 }
-_LOAD = (Register("present_load", 126, 2, False, 0, -1000, 1000),)
 _BESIDES: Final[Mapping[str, tuple[Register, ...]]] = {
     "X540": (
         *(Register(f"external_port_mode_{n}", 55 + n, 1, True, 3, 0, 3) for n in (1, 2, 3)),
         *(Register(f"external_port_data_{n}", 150 + 2 * n, 2, True, 0, 0, 4095) for n in (1, 2, 3)),
     ),
     "X330": (Register("pwm_slope", 62, 1, True, 140, 1, 255),),
-    "XL430": _LOAD,
-    "2X430": _LOAD,
 }
 
 
@@ -195,7 +181,7 @@ def control_table(
     absent = {*_ABSENT.get(family, ()), *_not_yet(family, firmware)}
     otherwise = dict(_OTHERWISE.get(family, {}))
     otherwise["current_limit"] = (current_limit, 0, current_limit)
-    otherwise["drive_mode"] = (0, 0, _drive_mode(family, firmware))
+    otherwise["drive_mode"] = (0, 0, 15 if family == "X540" else 13)
     highest, lowest, low, high = _voltage_limits(family, voltage)
     otherwise["max_voltage_limit"] = (highest, low, high)
     otherwise["min_voltage_limit"] = (lowest, low, high)
@@ -206,7 +192,6 @@ def control_table(
             table.append(Register(name, address, size, writable, *values))
     table += _BESIDES.get(family, ())
     table = [r._replace(default=factory.get(r.name, r.default)) for r in table]
-    table += _indirect_registers(family, firmware)
     table.sort(key=lambda register: register.address)
     return MappingProxyType({register.name: register for register in table})
 
@@ -221,38 +206,8 @@ def _not_yet(family: Family, firmware: int) -> set[str]:
     return missing
 
 
-def _drive_mode(family: Family, firmware: int) -> int:
-    """Return the largest Drive Mode: reverse 1, slave 2, time-based profile 4, torque by goal 8."""
-    return (
-        1
-        + (2 if family == "X540" else 0)
-        + (4 if firmware >= _TIME_BASED_PROFILE or family == "X330" else 0)
-        + (8 if firmware >= fast_read_firmware(family) else 0)
-    )
-
-
 def _voltage_limits(family: Family, voltage: float) -> tuple[int, int, int, int]:
     """Return Max and Min Voltage Limit from the factory, and the range of both [0.1 V]."""
     if family == "X330":
         return (140, 55, 55, 140) if voltage > 10 else (70, 35, 31, 70)
-    if family in ("XL430", "2X430"):
-        return (160, 60, 60, 160) if voltage >= 12 else (140, 60, 60, 140)
     return (300, 110, 110, 300) if voltage > 20 else (160, 95, 95, 160)
-
-
-def _indirect_registers(family: Family, firmware: int) -> list[Register]:
-    if family != "X330":
-        return [*_indirect(1, 28, 168, 224, 661), *_indirect(29, 28, 578, 634, 661)]
-    if firmware < _X330_NEW_LAYOUT:
-        return [*_indirect(1, 20, 168, 208, 227)]
-    return [*_indirect(1, 28, 168, 224, 251)]
-
-
-def _indirect(first: int, count: int, addresses: int, data: int, last: int) -> Iterable[Register]:
-    """Return registers that map others: entry n of ``data`` has the byte of its address."""
-    for n in range(count):
-        at = data + n
-        yield Register(
-            f"indirect_address_{first + n}", addresses + 2 * n, 2, True, at, EEPROM_END, last
-        )
-        yield Register(f"indirect_data_{first + n}", at, 1, True, 0, *_ANY_8)

@@ -14,17 +14,13 @@ from haptic_wall.hw.dynamixel.codec import MAX_ID
 from haptic_wall.hw.dynamixel.health import DrivingRange
 from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.registers import WATCHDOG_FIRMWARE
-from haptic_wall.hw.dynamixel.tables import Model, model_by_number
+from haptic_wall.hw.dynamixel.tables import NO_CURRENT_MODE, Model, model_by_number
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw, torque_law
 from haptic_wall.hw.servo import Check
 
 STATUS_LEVEL: Final = 2
 """Status Return Level at which the servo replies to everything"""
 _FIX: Final = "`haptic-wall doctor CONFIG --fix`"
-_LEAST_PWM: Final = 0.1
-"""Least fraction of the full PWM that leaves a usable torque"""
-_WARM: Final = 8
-"""Distance to the highest temperature from which it is reported [°C]"""
 _ERRORS: Final = {
     0: ("input voltage", "bring its supply within Min and Max Voltage Limit (34, 32)"),
     2: ("overheating", "let it cool, and ask for less torque"),
@@ -120,6 +116,9 @@ class Rule(NamedTuple):
 def judge_model(number: int, name: str) -> Check:
     """Judge a model number against the name of the configured model."""
     model = model_by_number(number)
+    if (other := NO_CURRENT_MODE.get(number)) is not None:
+        why = f"It is an {other} (model number {number}), which has no current mode"
+        return Verdict(f"{other} ({number})", name, why, f"connect an {name}").check("model")
     if model is None:
         return Verdict(
             f"unknown model ({number})",
@@ -129,9 +128,7 @@ def judge_model(number: int, name: str) -> Check:
             "this one has torque, switch its power off",
         ).check("model")
     why, advice = f"It is an {model.name} (model number {number})", f"connect an {name}"
-    if not model.current_mode:
-        why += ", which has no current mode"
-    elif model.name == name:
+    if model.name == name:
         why = advice = ""
     else:
         advice += f", or set servo.model={model.name}"
@@ -175,14 +172,12 @@ def _clear(
     return Rule(name, (register,), judge, register != "torque_enable", register, 0, mask)
 
 
-def _equal(name: str, register: str, value: int, why: str, advice: str) -> Rule:
-    """Return the rule that a register must have a value; by its fault no start is refused."""
-
-    def judge(seen: Seen) -> Verdict:
-        found = seen[register]
-        return Verdict(str(found), str(value), *((why, advice) if found != value else ()))
-
-    return Rule(name, (register,), judge, register=register, value=value)
+def _return_delay(seen: Seen) -> Verdict:
+    found = seen["return_delay_time"]
+    if not found:
+        return Verdict("0", "0")
+    advice = "write 0 to Return Delay Time (9); a run does so itself"
+    return Verdict(str(found), "0", "It delays every reply", advice)
 
 
 def error_names(error: int) -> str:
@@ -241,26 +236,11 @@ def _current_limit(seen: Seen) -> Verdict:
     return Verdict(f"{current} ({torque:.2f} N·m)", f"1 to {most}", why, advice)
 
 
-def _pwm_limit(seen: Seen) -> Verdict:
-    pwm, full, model = seen["pwm_limit"], seen.factory("pwm_limit"), seen.model
-    stall = model.stall_torque or seen.law.torque(model.current_limit)
-    torque = pwm / full * seen.volts / model.voltage * stall
-    why = advice = ""
-    if pwm < _LEAST_PWM * full:
-        why = f"Its PWM Limit (36) bounds the torque to {torque:.2g} N·m at a standstill"
-        advice = "raise it with Dynamixel Wizard"
-    elif pwm < full:
-        advice = "the torque at high speed is lower: raise PWM Limit (36)"
-    return Verdict(f"{pwm} ({torque:.2g} N·m at a standstill)", str(full), why, advice)
-
-
 def _supply(seen: Seen) -> Verdict:
-    volts, bounds, nominal = seen.volts, seen.bounds(0), seen.model.voltage
+    volts, bounds = seen.volts, seen.bounds(0)
     why = advice = ""
     if fault := bounds.supply_fault(seen["present_input_voltage"]):
         why, advice = f"It {fault.what}", fault.advice.rstrip(".")
-    elif abs(volts - nominal) > 0.15 * nominal:
-        advice = f"its stall torque holds at {nominal:g} V; here the largest torque differs"
     wanted = f"{bounds.lowest / 10:g} to {bounds.highest / 10:g} V"
     return Verdict(f"{volts:g} V", wanted, why, advice)
 
@@ -270,21 +250,12 @@ def _temperature(seen: Seen) -> Verdict:
     why = advice = ""
     if fault := bounds.heat_fault(celsius):
         why, advice = f"It {fault.what}", fault.advice.rstrip(".")
-    elif celsius > bounds.warmest - _WARM:
-        advice = "it is close to the limit at which it shuts down"
     return Verdict(f"{celsius} °C", f"at most {bounds.warmest} °C", why, advice)
 
 
 _SUPPLY: Final = ("present_input_voltage", "min_voltage_limit", "max_voltage_limit")
 _HEAT: Final = ("present_temperature", "temperature_limit")
 RULES: Final = (
-    _equal(
-        "status return level",
-        "status_return_level",
-        STATUS_LEVEL,
-        "It does not confirm writes",
-        f"set Status Return Level (68) to {STATUS_LEVEL}; a run does so itself",
-    ),
     _clear(
         "torque",
         "torque_enable",
@@ -327,17 +298,10 @@ RULES: Final = (
         "Its Startup Configuration means {}",
         f"{_FIX} clears these bits of Startup Configuration (60)",
     ),
-    _equal(
-        "return delay",
-        "return_delay_time",
-        0,
-        "It delays every reply",
-        "write 0 to Return Delay Time (9); a run does so itself",
-    ),
+    Rule("return delay", ("return_delay_time",), _return_delay, register="return_delay_time"),
     Rule("secondary id", ("secondary_id",), _secondary_id, register="secondary_id", value=255),
     Rule("shutdown", ("shutdown",), _shutdown, register="shutdown", value=None),
     Rule("current limit", ("current_limit", "present_input_voltage"), _current_limit, True),
-    Rule("PWM limit", ("pwm_limit", "present_input_voltage"), _pwm_limit),
     Rule("supply", (*_SUPPLY, *_HEAT), _supply, True),
     Rule("temperature", (*_HEAT, *_SUPPLY), _temperature, True),
 )

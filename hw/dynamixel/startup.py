@@ -23,9 +23,7 @@ from haptic_wall.hw.dynamixel.rules import (
     read_servo,
 )
 from haptic_wall.hw.dynamixel.samples import Sample
-from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
 from haptic_wall.hw.errors import Problem, StrangeServoError, UnfitServoError
-from haptic_wall.hw.serialport.timer import describe, timer_file, timer_ms
 from haptic_wall.hw.servo import Check, Outcome
 
 _REPLIES: Final = 5
@@ -63,7 +61,6 @@ class Startup:
         """
         servo, settings, table = self._servo, self._settings, self._table
         number = servo.meet()
-        self._report_adapter()
         self._identify(number)
         table.be_alone()
         self._settle("torque_enable", 0, "torque at the start", advice="switch its power off")
@@ -72,9 +69,8 @@ class Startup:
         self._checks += (check for _, check in judge(seen, start=True))
         self._refuse_if_unfit()
         self._set_up()
-        self._judge_constant(seen.law)
         position = settings.sign * POSITION_UNIT * self._sample().counts + settings.offset
-        self._report("position", f"{position:.3f} rad", "known")
+        self._checks.append(Check("position", True, f"{position:.3f} rad", "known"))
         longest_ns = self._measure_reply()
         self._refuse_if_unfit()
         advice = "check its supply voltage and Hardware Error Status (70)"
@@ -84,16 +80,6 @@ class Startup:
         self._refuse_if_unfit()
         servo.begin(seen)
         return self._checks, longest_ns
-
-    def _report_adapter(self) -> None:
-        """Report how long the adapter holds short replies; the samples' age shows the effect."""
-        port, found = self._settings.port, "none"
-        if port:
-            found = describe(port)
-            if (timer_ms(port) or 0) > 1:
-                file = timer_file(port)
-                found += f", which delays replies; `echo 1 | sudo tee {file}` sets 1 ms"
-        self._report("latency timer", found, "1 ms, or none")
 
     def _identify(self, number: int) -> None:
         """Check model and firmware, and have every instruction answered."""
@@ -145,25 +131,6 @@ class Startup:
         verdict = Verdict(found, goal, *(told if after != wanted else ()))
         self._checks.append(verdict.check(name or register.replace("_", " ")))
 
-    def _judge_constant(self, law: TorqueLaw) -> None:
-        """Check that the torque limit leaves a torque."""
-        limit = self._settings.torque_limit
-        origin = "configured" if self._settings.torque_constant else "stall torque over current"
-        if self._servo.model.senses_supply_current:
-            origin += (
-                f"; of the motor's current: the servo senses that of its supply, so goals go with "
-                f"the square of the torque, in steps of at most {law.step:.2g} N·m"
-            )
-        told: tuple[str, ...] = ()
-        if limit > 0.0 and not law.within(limit):
-            told = (
-                f"Its smallest torque is {law.step:.2g} N·m at this supply, more than "
-                f"servo.torque_limit, {limit:g} N·m",
-                "raise servo.torque_limit",
-            )
-        found = f"{self._servo.constant:.3g} N·m/A, {origin}"
-        self._checks.append(Verdict(found, "measured", *told).check("torque per current"))
-
     def _measure_reply(self) -> int:
         """Return the time of a reply [ns], and check that the schedules allow it.
 
@@ -186,9 +153,6 @@ class Startup:
         verdict = Verdict(found, f"at most {most_ns * 1e-6:.1f} ms", *told)
         self._checks.append(verdict.check("adapter reply"))
         return middle
-
-    def _report(self, name: str, found: str, wanted: str) -> None:
-        self._checks.append(Check(name, True, found, wanted))
 
     def _refuse_if_unfit(self) -> None:
         """Raise if any check failed so far, with a sentence for each."""

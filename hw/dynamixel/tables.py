@@ -1,11 +1,10 @@
-"""The models of the X series: their numbers, units, limits and factory settings.
+"""The models of the X series with current control: numbers, units, limits, factory settings.
 
 Source: ROBOTIS e-Manual, specification and control table page of each model. Where editions of a
 page differ (velocity limits, the XH540-V's current limit), the latest one is used. Unknown values
 are left out: stall and no-load figures of XD430, XD540, XW430 and XW540-H260 (their torque constant
-must be configured); Startup Configuration and Backup Ready of 2XL430 and 2XC430. The XW430's page
-prints a Protocol Type of 1 from the factory, with which it could not be talked to as the page
-describes; 2 is taken.
+must be configured). The gains are the family's in every model. The XW430's page prints a Protocol
+Type of 1 from the factory, with which it could not be talked to as the page describes; 2 is taken.
 """
 
 from __future__ import annotations
@@ -25,41 +24,18 @@ from haptic_wall.hw.dynamixel.registers import (
     fast_read_firmware,
 )
 
-_GAINS: Final = ("velocity_i", "velocity_p", "position_d", "position_i", "position_p")
-_GAINS_OF: Final[Mapping[str, tuple[int, ...]]] = MappingProxyType(
-    {
-        "XL330-M077": (400, 40, 0, 400, 400),
-        "XL330-M288": (1600, 180, 0, 0, 400),
-        "XC330-M181": (1400, 100, 500, 0, 1200),
-        "XC330-M288": (1600, 50, 500, 0, 1100),
-        "XC330-T181": (1200, 40, 0, 0, 900),
-        "XC330-T288": (1200, 40, 0, 0, 900),
-        "XL430-W250": (1000, 100, 4000, 0, 640),
-        "XC430-W150": (1920, 100, 0, 0, 460),
-        "XC430-W240": (1920, 100, 0, 0, 700),
-        "2XC430-W250": (1920, 100, 0, 0, 700),
-        "2XL430-W250": (1800, 100, 2000, 0, 640),
-        "XH430-W210": (1920, 100, 0, 0, 900),
-        "XH430-W350": (1920, 100, 0, 0, 900),
-        "XD430-T210": (1920, 100, 0, 0, 900),
-        "XD430-T350": (1920, 100, 0, 0, 900),
-        "XW430-T200": (1920, 100, 0, 0, 900),
-        "XW430-T333": (1920, 100, 0, 0, 900),
-    }
-)
-"""Gains from the factory where they are not the family's"""
-_OTHER: Final[Mapping[str, Mapping[str, int]]] = MappingProxyType(
-    {
-        "XL330-M077": {"shutdown": 53},
-        "XL330-M288": {"shutdown": 53},
-        "XC330-T181": {"pwm_slope": 255},
-        "XC330-T288": {"pwm_slope": 255},
-        "XC430-W150": {"moving_threshold": 20},
-        "XL430-W250": {"temperature_limit": 72},
-        "2XL430-W250": {"temperature_limit": 72},
-    }
-)
-"""Other factory settings that are not the family's"""
+_SHUTDOWN_OF: Final[Mapping[str, int]] = {"XL330-M077": 53, "XL330-M288": 53}
+"""Shutdown from the factory where it is not the family's"""
+_SLOPE_OF: Final[Mapping[str, int]] = {"XC330-T181": 255, "XC330-T288": 255}
+"""The same of PWM Slope"""
+NO_CURRENT_MODE: Final[dict[int, str]] = {
+    1060: "XL430-W250",
+    1070: "XC430-W150",
+    1080: "XC430-W240",
+    1090: "2XL430-W250",
+    1160: "2XC430-W250",
+}
+"""Models that cannot be commanded in torque, by their numbers: nothing else is known of them"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,9 +50,9 @@ class Model:
     """At which the stall figures hold [V]"""
     velocity_limit: int
     """Velocity Limit from the factory"""
-    current_unit_ma: float = 0.0
-    """[mA] per unit of current; 0 where there is no current control"""
-    current_limit: int = 0
+    current_unit_ma: float
+    """[mA] per unit of current"""
+    current_limit: int
     """Largest value of Current Limit, also the factory's [current units]"""
     stall_torque: float | None = None
     """[N·m]"""
@@ -84,11 +60,6 @@ class Model:
     """[A]"""
     no_load_rpm: float | None = None
     """No-load speed [rev/min]"""
-
-    @property
-    def current_mode(self) -> bool:
-        """Whether it can be commanded in current, that is in torque."""
-        return self.current_unit_ma > 0
 
     @property
     def torque_constant(self) -> float | None:
@@ -126,19 +97,14 @@ class Model:
         return fast_read_firmware(self.family)
 
     def knows_fast_reads(self, firmware: int) -> bool:
-        """Whether it replies to fast sync and fast bulk reads; two-axis models never do."""
-        return self.family != "2X430" and firmware >= self.fast_sync_read_firmware
+        """Whether it replies to fast sync and fast bulk reads."""
+        return firmware >= self.fast_sync_read_firmware
 
     @property
     def supply(self) -> tuple[float, float]:
         """Return the lowest and highest supply, as limited from the factory [V]."""
         low, high = (self.registers[f"{end}_voltage_limit"].default for end in ("min", "max"))
         return low / 10, high / 10
-
-    @property
-    def modes(self) -> frozenset[int]:
-        """Return its operating modes: 0 current, 1 velocity, 3 position, 4 extended, 5, 16 PWM."""
-        return frozenset({0, 1, 3, 4, 5, 16} if self.current_mode else {1, 3, 4, 16})
 
     @property
     def registers(self) -> Mapping[str, Register]:
@@ -157,9 +123,10 @@ class Model:
 @cache
 def _control_table(model: Model, firmware: int) -> Mapping[str, Register]:
     factory = {"model_number": model.number, "velocity_limit": model.velocity_limit}
-    gains = _GAINS_OF.get(model.name, ())
-    factory |= {f"{name}_gain": gain for name, gain in zip(_GAINS, gains, strict=False)}
-    factory |= _OTHER.get(model.name, {})
+    if model.name in _SHUTDOWN_OF:
+        factory["shutdown"] = _SHUTDOWN_OF[model.name]
+    if model.name in _SLOPE_OF:
+        factory["pwm_slope"] = _SLOPE_OF[model.name]
     return control_table(
         model.family,
         firmware,
@@ -197,11 +164,6 @@ _ALL: Final = (
     Model("XW540-T140", 1180, "XW540", 12.0, 304, 2.69, 2047, 6.9, 4.9, 72),
     Model("XW540-T260", 1170, "XW540", 12.0, 167, 2.69, 2047, 9.5, 4.9, 40),
     Model("XW540-H260", 1310, "XW540", 24.0, 145, 2.69, 1188),
-    Model("XL430-W250", 1060, "XL430", 11.1, 265, 0.0, 0, 1.4, 1.3, 57),
-    Model("XC430-W150", 1070, "XL430", 12.0, 460, 0.0, 0, 1.6, 1.4, 106),
-    Model("XC430-W240", 1080, "XL430", 12.0, 306, 0.0, 0, 1.9, 1.4, 70),
-    Model("2XL430-W250", 1090, "2X430", 11.1, 250, 0.0, 0, 1.4, 1.3, 57),
-    Model("2XC430-W250", 1160, "2X430", 12.0, 275, 0.0, 0, 1.8, 1.4, 64),
 )
 
 MODELS: Final[Mapping[str, Model]] = MappingProxyType({model.name: model for model in _ALL})

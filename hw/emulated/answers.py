@@ -18,7 +18,6 @@ from haptic_wall.hw.dynamixel.codec import (
 from haptic_wall.hw.emulated.collision import Sending, collide, pull_low
 from haptic_wall.hw.emulated.instructions import (
     READS,
-    WRITES,
     Entry,
     carry_out,
     entries,
@@ -50,7 +49,7 @@ def addressed(frame: Frame) -> list[int] | None:
     """Return the ids an instruction is for; None: all of them."""
     if frame.id != BROADCAST:
         return [frame.id]
-    if frame.instruction in READS or frame.instruction in WRITES:
+    if frame.instruction in READS or frame.instruction == Instruction.SYNC_WRITE:
         return [entry.id for entry in entries(frame)]
     return None
 
@@ -101,7 +100,7 @@ def _broadcast(
     """
     if frame.error == ErrorCode.CRC:
         return []
-    if frame.instruction in READS or frame.instruction in WRITES:
+    if frame.instruction in READS or frame.instruction == Instruction.SYNC_WRITE:
         listed = entries(frame)
         for servo in (servo for entry in listed for servo in by_id.get(entry.id, ())):
             servo.heard(now_ns)

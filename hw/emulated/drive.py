@@ -1,15 +1,19 @@
-"""Simulates the drive of an emulated servo: controllers and motor that act on its mechanism.
+"""Simulates the drive of an emulated servo: control and motor that act on its mechanism.
 
 In current mode the motor's torque is Goal Current times the torque constant, held between
 instructions; ``haptic_wall.hw.plant.current_loop`` computes what a loop of current control makes of
-it. Every other mode runs once a millisecond, and so does current mode where the supply's current is
+it. Position control runs once a millisecond, and so does current mode where the supply's current is
 sensed or Goal PWM limits it; the motion in between is exact. The computation catches up on every
 access, so that the result does not depend on how often that happens.
+
+Position control is proportional, with the XM430's factory gain in every model: 6.25 units of PWM
+for a count. A goal acts at once, as with the factory's profile of 0.
+
+Source: ROBOTIS e-Manual, "Position PID Gain".
 """
 
 from __future__ import annotations
 
-import math
 import struct
 from collections.abc import Sequence
 from operator import attrgetter
@@ -17,37 +21,27 @@ from typing import Final
 
 from haptic_wall.hw.dynamixel.registers import COUNTS_PER_REV, CURRENT_MODE, VELOCITY_UNIT
 from haptic_wall.hw.dynamixel.tables import Model
-from haptic_wall.hw.emulated.control_modes import (
-    CURRENT_POSITION_MODE,
-    POSITION_MODE,
-    POSITION_MODES,
-    PWM_FULL,
-    PWM_MODE,
-    Controllers,
-)
 from haptic_wall.hw.emulated.motor import Motor
-from haptic_wall.hw.emulated.rules import ControlTable
+from haptic_wall.hw.emulated.rules import POSITION_MODE, ControlTable
 from haptic_wall.hw.plant.mechanism import Mechanism
 
 STEP_NS: Final = 1_000_000
-"""The controllers' period [ns]"""
+"""Period of the control [ns]"""
+PWM_FULL: Final = 885
+"""Units of PWM at which the motor has the full supply voltage"""
+_PWM_PER_COUNT: Final = 800 / 128
+"""Proportional gain of position control"""
 SLOPE_UNIT: Final = 1.977
 """[V/s] per unit of PWM Slope"""
 _NEVER_NS: Final = 1 << 62
 _next_ns = attrgetter("next_ns")
-_COUNTS_PER_RAD: Final = COUNTS_PER_REV / (2.0 * math.pi)
-HELD_POSE: Final = (-1, -3)
-"""Current and velocity [units] that a servo now and then measures while it holds a pose: side by
-side their bytes begin as a frame does, so that the sender has to stuff them"""
 _PRESENT = struct.Struct("<HBBhhiiiiHB")
 """Realtime Tick to Present Temperature, in the order of their addresses"""
 _LOWEST, _HIGHEST = -0x8000_0000, 0x7FFF_FFFF
-_LOAD_FULL = 1000
-"""Present Load at full output [0.1 %]"""
 
 
 class Drive:
-    """Controllers and motor of one servo.
+    """Control and motor of one servo.
 
     Args:
         table: Its registers.
@@ -70,9 +64,7 @@ class Drive:
         self.shifted = 0
         """Counts by which it is off"""
         self.current_unit = model.current_unit_ma * 1e-3
-        """[A] per unit of current; 0 where there is none"""
-        self.held_pose = False
-        """The measured current and velocity are those of ``HELD_POSE``"""
+        """[A] per unit of current"""
         self._loops = mechanism.has_current_loop
         self._stepped_current = motor.senses_supply
         self._on = False
@@ -81,7 +73,6 @@ class Drive:
         self._goal = 0
         self._duty = 0.0
         self._lost = 0
-        self.controllers = Controllers(table)
         self.mechanism = mechanism
         self.motor = motor
         self.next_ns = _NEVER_NS
@@ -102,7 +93,7 @@ class Drive:
             each.mechanism.advance(now_ns)
 
     def compute(self) -> None:
-        """Compute the next period of the controllers, at its time."""
+        """Compute the next period of the control, at its time."""
         time_ns = max(self.next_ns, self.mechanism.time_ns)
         self.mechanism.advance(time_ns)
         self.next_ns = time_ns + STEP_NS
@@ -129,20 +120,19 @@ class Drive:
             return
         if self._active != mode:
             self._active = mode
-            self._goal = 0  # the controllers run in steps from now on
+            self._goal = 0  # the control runs in steps from now on
             self._on = False
             if mode == POSITION_MODE:
                 self.forget_turns()
-            if mode != CURRENT_MODE:
-                hold = not self.table.enabled_by_goal
-                self.controllers.engage(mode, self.position(), hold=hold)
+            if mode != CURRENT_MODE:  # so that enabling torque moves nothing: an assumption
+                memory["goal_position"] = self.position()
             self.next_ns = now_ns
             self.compute()
 
     def stop(self, now_ns: int) -> None:
         """React to a trip of the Bus Watchdog: limp in current mode, else hold the position."""
         if self._active not in (None, CURRENT_MODE):
-            self.controllers.stop(self.position())
+            self._memory["goal_position"] = self.position()
         self.update(now_ns)
 
     def counts(self) -> int:
@@ -153,32 +143,16 @@ class Drive:
 
     def position(self) -> int:
         """Return Present Position [counts], at the present time."""
-        counts = self.counts() - self._lost
-        if self.table.reversed:
-            counts = -counts
-        return counts + self.table.homing_offset
+        return self.counts() - self._lost + self._memory["homing_offset"]
 
     def forget_turns(self) -> None:
         """Reduce Present Position to one turn, without the homing offset."""
-        counts, sign = self.counts(), self.table.position_inverted
-        self._lost = sign * (sign * counts // COUNTS_PER_REV * COUNTS_PER_REV)
-
-    def clear_turns(self) -> None:
-        """Reduce Present Position to one turn at a standstill, and shift Goal Position with it.
-
-        The manual is silent about the goal. An unchanged one would turn the servo by as many turns
-        as were cleared.
-        """
-        before = self.position()
-        self.forget_turns()
-        if self._active in POSITION_MODES:
-            self._memory["goal_position"] += self.position() - before
+        self._lost = self.counts() // COUNTS_PER_REV * COUNTS_PER_REV
 
     def measured(self, tick: int) -> bytes:
         """Return the bytes of the measured registers at the present time, with this Realtime Tick.
 
-        The velocity is the true one, unfiltered. Present Load, which replaces Present Current in
-        models without current control, is the output: "inferred from the internal output value".
+        The velocity is the true one, unfiltered. Moving Status and the trajectories are 0.
         """
         table = self.table
         # An unlimited motion may exceed the registers' range.
@@ -187,26 +161,17 @@ class Drive:
         if self.stuck_at is None:
             velocity = min(max(round(self.mechanism.velocity / VELOCITY_UNIT), -_HIGHEST), _HIGHEST)
         amperes, duty = self._electrical()
-        unit = self.current_unit
-        current = round(amperes / unit) if unit else round(duty * _LOAD_FULL)
-        pwm = round(duty * PWM_FULL)
-        if table.inverts_current:
-            velocity, current, pwm = -velocity, -current, -pwm
-        if self.held_pose:
-            current, velocity = HELD_POSE
-        status, lead_velocity, lead_position = 0, 0, position
-        if self._active not in (None, CURRENT_MODE, PWM_MODE):
-            status, lead_velocity, lead_position = self.controllers.motion(position)
+        current = round(amperes / self.current_unit)
         return _PRESENT.pack(
             tick,
             abs(velocity) > table.memory["moving_threshold"],
-            status,
-            pwm,
+            0,
+            round(duty * PWM_FULL),
             min(max(current, -0x8000), 0x7FFF),
             velocity,
             position,
-            lead_velocity,
-            lead_position,
+            0,
+            0,
             table.volts,
             min(max(round(table.temperature), 0), 0xFF),
         )
@@ -246,37 +211,19 @@ class Drive:
         self.mechanism.command(torque, now_ns)
 
     def _step(self, now_ns: int) -> None:
-        """Compute one period of the controllers."""
+        """Compute one period of the control."""
         memory, motor, volts = self._memory, self.motor, self.table.supply
         speed = self.mechanism.motor_velocity
-        mode = self._active
-        cap = None
-        if mode == CURRENT_MODE:
+        current_mode = self._active == CURRENT_MODE
+        if current_mode:
             wanted = motor.from_sensed(self.table.current * self.current_unit, volts, speed)
             asked = motor.duty(wanted, volts, speed)
-            limit = abs(memory["goal_pwm"]) / PWM_FULL
         else:
-            inverted = self.table.inverts_current
-            sign = self.table.position_inverted if mode in POSITION_MODES else 1 - 2 * inverted
-            seen = (
-                0.0
-                if self.stuck_at is not None
-                else sign * self.mechanism.velocity * _COUNTS_PER_RAD
-            )
-            output = self.controllers.output(self.position(), seen)
-            asked = sign * output / PWM_FULL
-            limit = 1.0
-            if mode == CURRENT_POSITION_MODE:
-                cap = abs(memory["goal_current"]) * self.current_unit
-        duty = self._sloped(_clamp(asked, limit), volts)
+            asked = (memory["goal_position"] - self.position()) * _PWM_PER_COUNT / PWM_FULL
+        duty = self._sloped(_clamp(asked, abs(memory["goal_pwm"]) / PWM_FULL), volts)
         current = motor.current(duty, volts, speed)
         # A current loop leads to what a limited duty makes, too: it is not passed by.
-        regulated = mode == CURRENT_MODE and (duty == asked or self._loops)
-        if cap is not None:
-            most = motor.from_sensed(math.copysign(cap, current), volts, speed)
-            if abs(current) > abs(most):
-                current, regulated = most, True
-                duty = motor.duty(current, volts, speed)
+        regulated = current_mode and (duty == asked or self._loops)
         self._duty = duty
         if regulated:
             self.mechanism.command(motor.torque_constant * current, now_ns)

@@ -102,7 +102,6 @@ KINDS: Final[Mapping[str, _Kind]] = MappingProxyType(
         "wrong-id": _Kind("wrong-id:p=0.01", ("to",), strikes_frames=True),
         "noise": _Kind("noise:p=0.01", ("bytes",), strikes_frames=True),
         "stuck": _Kind("stuck:at=2,for=0.5", ("for", "id")),
-        "stuffing": _Kind("stuffing:at=2,for=0.5", ("for", "id")),
         "jump": _Kind("jump:counts=500,at=2", ("counts", "for", "id"), ("counts",)),
         "hardware-error": _Kind("hardware-error:bits=overload,at=3", ("bits", "id"), ("bits",)),
         "supply": _Kind("supply:volts=9,at=2,for=0.5", ("volts", "for", "id"), ("volts",)),

@@ -91,7 +91,7 @@ def _sealed(data: bytes, crc: int) -> bytes:
 
 _DEAFENING = ("drop", "corrupt", "truncate", "wrong-id")
 """Faults of one id that keep a joint instruction from its servo"""
-_HELD = ("stuck", "stuffing", "supply", "ambient", "unplug", "unplug-adapter")
+_HELD = ("stuck", "supply", "ambient", "unplug", "unplug-adapter")
 """Faults with a duration; a jump only if one is given"""
 
 
@@ -281,8 +281,6 @@ def apply_fault(event: FaultEvent, servo: EmulatedServo, now_ns: int) -> None:
             servo.drive.stuck_at = servo.drive.counts()
         case "stuck":
             servo.drive.stuck_at = None
-        case "stuffing":
-            servo.drive.held_pose = begins
         case "jump":
             counts: int = fault.values["counts"]
             servo.drive.shifted += counts if begins else -counts

@@ -1,17 +1,11 @@
-"""Stores a control table: maps bytes to registers for reads and writes.
-
-Indirect Data maps the bytes that Indirect Address names, for reads and writes, so that scattered
-registers can be accessed in one block.
-"""
+"""Stores a control table: maps bytes to registers for reads and writes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 from haptic_wall.hw.dynamixel.codec import ErrorCode
 from haptic_wall.hw.dynamixel.registers import Register
-
-_DATA, _ADDRESS = "indirect_data_", "indirect_address_"
 
 
 class Memory:
@@ -31,16 +25,10 @@ class Memory:
         end = max(r.address + r.size for r in self.registers.values())
         self._bytes = bytearray(end)
         self._at: list[Register | None] = [None] * end
-        self._names_of: dict[int, str] = {}  # of Indirect Data: the register with its address
         for register in self.registers.values():
             for byte in range(register.address, register.address + register.size):
                 self._at[byte] = register
             self[register.name] = register.default
-            if register.name.startswith(_DATA):
-                self._names_of[register.address] = _ADDRESS + register.name.removeprefix(_DATA)
-
-    def __contains__(self, name: str) -> bool:
-        return name in self.registers
 
     def __getitem__(self, name: str) -> int:
         value = self._values.get(name)
@@ -71,26 +59,11 @@ class Memory:
         end = address + size
         if end > len(self._bytes):
             return None
-        if end <= self._measured.stop:  # no Indirect Data there
-            return bytes(self._bytes[address:end])
-        return bytes(self._bytes[self._target(at)] for at in range(address, end))
+        return bytes(self._bytes[address:end])
 
     def shows_measured(self, address: int, size: int) -> bool:
         """Whether these bytes contain measured values."""
-        end = address + size
-        if address < self._measured.stop:
-            return end > self._measured.start
-        return any(self._target(at) in self._measured for at in range(address, end))
-
-    def chained(self, register: Register, value: int) -> bool:
-        """Whether ``value`` in ``register`` would map Indirect Data to other Indirect Data."""
-        own = self.registers.get(_DATA + register.name.removeprefix(_ADDRESS))
-        return (
-            register.name.startswith(_ADDRESS)
-            and own is not None
-            and value != own.address
-            and value in self._names_of
-        )
+        return address < self._measured.stop and address + size > self._measured.start
 
     def split(self, address: int, data: bytes) -> list[tuple[Register, int]] | ErrorCode:
         """Return the registers and values that a write of ``data`` sets, or the error code.
@@ -100,19 +73,15 @@ class Memory:
         """
         if not data:
             return ErrorCode.DATA_LENGTH
-        targets: Sequence[int] = range(address, address + len(data))
-        if address + len(data) > self._measured.stop:  # there may be Indirect Data
-            targets = [self._target(at) for at in targets]
         values = []
         done = 0
         while done < len(data):
-            at = targets[done]
+            at = address + done
             register = self._at[at] if at < len(self._at) else None
             if register is None or not register.writable:
                 return ErrorCode.ACCESS
             end = done + register.size
-            whole = range(register.address, register.address + register.size)
-            if tuple(targets[done:end]) != tuple(whole):
+            if register.address != at or end > len(data):
                 return ErrorCode.DATA_LENGTH
             value = register.decode(data[done:end])
             if not register.minimum <= value <= register.maximum:
@@ -120,8 +89,3 @@ class Memory:
             values.append((register, value))
             done = end
         return values
-
-    def _target(self, address: int) -> int:
-        """Return the address of a byte after indirect addressing."""
-        name = self._names_of.get(address)
-        return address if name is None else self[name]

@@ -13,12 +13,11 @@ from haptic_wall.hw.dynamixel.registers import CURRENT_MODE, WATCHDOG_TRIPPED, R
 from haptic_wall.hw.dynamixel.tables import Model
 from haptic_wall.hw.emulated.memory import Memory
 
-_REVERSE, _TORQUE_ON_BY_GOAL = 0x01, 0x08
+_TORQUE_ON_BY_GOAL = 0x08
 _VOLTAGE_ERROR, _OVERHEATING_ERROR = 0x01, 0x04
-_POSITION_MODE, _MULTI_TURN_MODES = 3, (4, 5)
-_QUARTER_TURN = 1024
+POSITION_MODE, EXTENDED_MODE = 3, 4
 _FARTHEST = 1_048_575
-"""Largest Goal Position in the multi-turn modes: 256 turns either way [counts]"""
+"""Largest Goal Position in extended position mode: 256 turns either way [counts]"""
 _TORQUE_ON = 0x01
 """Bit of Startup Configuration"""
 MEASURED = range(120, 147)
@@ -29,17 +28,6 @@ _LIMIT_OF = {
     "goal_current": "current_limit",
     "goal_velocity": "velocity_limit",
 }
-_RESET_WITH_MODE = (
-    "profile_velocity",
-    "profile_acceleration",
-    "velocity_i_gain",
-    "velocity_p_gain",
-    "position_d_gain",
-    "position_i_gain",
-    "position_p_gain",
-    "feedforward_2nd_gain",
-    "feedforward_1st_gain",
-)
 
 
 class ControlTable:
@@ -54,7 +42,6 @@ class ControlTable:
 
     def __init__(self, model: Model, firmware: int, *, supply: float, ambient: float) -> None:
         """Create the registers at their defaults, before power-up."""
-        self._model = model
         # Torque-on-by-goal-update came with the same firmware as fast sync read.
         self._torque_on_by_goal_known = firmware >= model.fast_sync_read_firmware
         self.memory = Memory(model.registers_at(firmware).values(), MEASURED)
@@ -64,35 +51,6 @@ class ControlTable:
         """Present Input Voltage [0.1 V]"""
         self.temperature = ambient
         """Inside [°C]"""
-        self.enabled_by_goal = False
-        """Torque was last switched on by a goal, not by Torque Enable"""
-
-    @property
-    def position_inverted(self) -> int:
-        """Return the sign between the shaft's position and Present Position."""
-        return -1 if self.reversed else 1
-
-    @property
-    def reversed(self) -> bool:
-        """Whether the position counts in the reverse direction."""
-        return bool(self.memory.get("drive_mode") & _REVERSE)
-
-    @property
-    def inverts_current(self) -> bool:
-        """Whether velocity, current and PWM are reversed: X540 and XW only, says the manual."""
-        return self._model.family in ("X540", "XW540", "XW430") and self.reversed
-
-    @property
-    def homing_offset(self) -> int:
-        """Return Homing Offset as it acts [counts].
-
-        Position mode stays within a turn and ignores offsets of more than a quarter of one.
-        """
-        memory = self.memory
-        offset = memory["homing_offset"]
-        if abs(offset) > _QUARTER_TURN and memory["operating_mode"] == _POSITION_MODE:
-            return 0
-        return offset
 
     @property
     def tripped(self) -> bool:
@@ -111,25 +69,16 @@ class ControlTable:
         if not memory["torque_enable"] or memory.get("bus_watchdog") == WATCHDOG_TRIPPED:
             return 0
         limit = memory["current_limit"]
-        wanted = min(max(memory["goal_current"], -limit), limit)
-        return -wanted if self.inverts_current else wanted
+        return min(max(memory["goal_current"], -limit), limit)
 
-    def check(self, address: int, data: bytes) -> list[tuple[Register, int]] | ErrorCode:
-        """Check a write: return what it would store, or why it is refused; all of it or nothing."""
+    def write(self, address: int, data: bytes) -> ErrorCode:
+        """Store the data, with its consequences for other registers; all of it or nothing."""
         values = self.memory.split(address, data)
         if isinstance(values, ErrorCode):
             return values
         for register, value in values:
-            error = self._refusal(register, value)
-            if error:
+            if error := self._refusal(register, value):
                 return error
-        return values
-
-    def write(self, address: int, data: bytes) -> ErrorCode:
-        """Store the data, with its consequences for other registers."""
-        values = self.check(address, data)
-        if isinstance(values, ErrorCode):
-            return values
         for register, value in values:
             self._store(register.name, value)
         return ErrorCode.NONE
@@ -163,7 +112,6 @@ class ControlTable:
             if not register.eeprom:
                 memory[register.name] = register.default
         self._reset_with_mode()
-        self.enabled_by_goal = False
         self.check_health()
         if memory.get("startup_configuration") & _TORQUE_ON and not self.shut_down:
             memory["torque_enable"] = 1
@@ -172,24 +120,21 @@ class ControlTable:
         """Return why this value must not be stored now, beyond the register's own range.
 
         Open in the manual: the reply to enabling torque while shut down is "result fail"; a tripped
-        watchdog accepts nothing but 0; Indirect Data that would map other Indirect Data is out of
-        range.
+        watchdog accepts nothing but 0.
         """
         memory, name = self.memory, register.name
         if register.eeprom and memory["torque_enable"]:
             return ErrorCode.ACCESS
-        if memory.chained(register, value):
-            return ErrorCode.DATA_RANGE
         if (name in _GOALS or (name == "bus_watchdog" and value)) and self.tripped:
             return ErrorCode.DATA_RANGE
-        if name == "operating_mode" and value not in self._model.modes:
+        if name == "operating_mode" and value not in (CURRENT_MODE, POSITION_MODE, EXTENDED_MODE):
             return ErrorCode.DATA_RANGE
         if name in _LIMIT_OF and abs(value) > memory[_LIMIT_OF[name]]:
             return ErrorCode.DATA_LIMIT
-        if name == "goal_position" and memory["operating_mode"] == _POSITION_MODE:
+        if name == "goal_position" and memory["operating_mode"] == POSITION_MODE:
             low, high = memory["min_position_limit"], memory["max_position_limit"]
             return ErrorCode.NONE if low <= value <= high else ErrorCode.DATA_LIMIT
-        if name == "goal_position" and memory["operating_mode"] in _MULTI_TURN_MODES:
+        if name == "goal_position" and memory["operating_mode"] == EXTENDED_MODE:
             return ErrorCode.NONE if abs(value) <= _FARTHEST else ErrorCode.DATA_RANGE
         if name == "torque_enable" and value and self.shut_down:
             return ErrorCode.RESULT_FAIL
@@ -198,8 +143,6 @@ class ControlTable:
     def _store(self, name: str, value: int) -> None:
         memory = self.memory
         mode_changes = name == "operating_mode" and value != memory[name]
-        if name == "torque_enable":
-            self.enabled_by_goal = False
         memory[name] = value
         if mode_changes:
             self._reset_with_mode()
@@ -212,7 +155,6 @@ class ControlTable:
             and not self.shut_down
             and not memory["torque_enable"]
         ):
-            self.enabled_by_goal = True
             memory["torque_enable"] = 1
 
     def _reset_with_mode(self) -> None:
@@ -223,10 +165,7 @@ class ControlTable:
         """
         memory = self.memory
         memory["goal_pwm"] = memory["pwm_limit"]
-        if "goal_current" in memory:
-            memory["goal_current"] = memory["current_limit"]
-        for name in _RESET_WITH_MODE:
-            memory[name] = memory.registers[name].default
+        memory["goal_current"] = memory["current_limit"]
 
     def check_health(self) -> None:
         """Latch the errors of the present voltage and temperature; shut down if configured."""

@@ -6,19 +6,17 @@ Every instruction acts at its instant, and a read returns the state of that inst
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from haptic_wall.hw.dynamixel.codec import ALERT, ErrorCode
 from haptic_wall.hw.dynamixel.registers import (
     BAUD_RATES,
     COUNTS_PER_REV,
-    EEPROM_END,
     RETURN_DELAY_UNIT_NS,
     TICK_MODULUS,
     WATCHDOG_UNIT_NS,
 )
 from haptic_wall.hw.dynamixel.tables import Model
-from haptic_wall.hw.emulated.control_modes import EXTENDED_MODE, POSITION_MODE
 from haptic_wall.hw.emulated.drive import Drive
 from haptic_wall.hw.emulated.motor import motor_of
 from haptic_wall.hw.emulated.rules import ControlTable
@@ -30,8 +28,6 @@ from haptic_wall.hw.truth import TrueServo
 BOOT_NS = 200_000_000
 """A rebooting servo does not reply for this long [ns]; real ones take some tenths of a second"""
 
-_KEPT: Final = {0xFF: (), 0x01: ("id",), 0x02: ("id", "baud_rate")}
-"""Registers that each option of a factory reset keeps"""
 _NEVER_NS = 1 << 62
 """Time of the replies of a disconnected servo [ns]"""
 
@@ -107,8 +103,6 @@ class EmulatedServo:
         )
         self.mechanism.feed(motor.winding(self.true_supply).stall_torque)
         self._held = self._by_hand = False
-        self.registered: tuple[int, bytes] | None = None
-        """The write that a reg write has stored for the next action"""
         self.answers_from_ns = start_ns
         """End of its boot [ns]"""
         self._tick = tick
@@ -201,7 +195,7 @@ class EmulatedServo:
         """Trip the Bus Watchdog: the register reads -1 and the servo stops.
 
         The manual says no more than that. That it goes limp in current mode, and holds its position
-        in the other modes, is our interpretation.
+        in a position mode, is our interpretation.
         """
         self.drive.advance(now_ns)
         self.table.trip()
@@ -218,13 +212,8 @@ class EmulatedServo:
         drive = self.drive
         if drive.due(now_ns):
             drive.advance(now_ns)
-        mode = self.memory["operating_mode"] if address < EEPROM_END else None
         error = self.table.write(address, data)
         if error == ErrorCode.NONE:
-            now = self.memory["operating_mode"]
-            if mode not in (None, now) and now in (POSITION_MODE, EXTENDED_MODE):
-                drive.advance(now_ns)
-                drive.forget_turns()  # the position modes begin within one turn
             if self.memory["torque_enable"] and not self._held:
                 # The scripted operator waits for the torque, as a user of the wall would, and does
                 # not disturb a start-up that checks the shaft.
@@ -236,45 +225,8 @@ class EmulatedServo:
             drive.update(now_ns)
         return error
 
-    def register(self, address: int, data: bytes) -> ErrorCode:
-        """Store a write for the next ``act``."""
-        checked = self.table.check(address, data)
-        if isinstance(checked, ErrorCode):
-            return checked
-        self.registered = (address, data)
-        self.memory["registered_instruction"] = 1
-        return ErrorCode.NONE
-
-    def act(self, now_ns: int) -> ErrorCode:
-        """Execute the stored write; "instruction error" when there is none."""
-        if self.registered is None:
-            return ErrorCode.INSTRUCTION
-        (address, data), self.registered = self.registered, None
-        self.memory["registered_instruction"] = 0
-        return self.write(address, data, now_ns)
-
-    def clear_turns(self, now_ns: int) -> ErrorCode:
-        """Reduce Present Position to one turn; "result fail" while it moves."""
-        self._refresh(now_ns)
-        if self.memory["moving"]:
-            return ErrorCode.RESULT_FAIL
-        self.drive.clear_turns()
-        return ErrorCode.NONE
-
-    def reset(self, option: int, now_ns: int) -> ErrorCode:
-        """Restore the factory settings, except those that the option keeps, and reboot."""
-        if option not in _KEPT:
-            return ErrorCode.DATA_RANGE  # an assumption
-        memory = self.memory
-        for register in memory.registers.values():
-            if register.eeprom and register.writable and register.name not in _KEPT[option]:
-                memory[register.name] = register.default
-        self.reboot(now_ns)
-        return ErrorCode.NONE
-
     def reboot(self, now_ns: int) -> None:
         """Set RAM to its defaults, clear errors and turns; silent until it has booted."""
-        self.registered = None
         self.drive.advance(now_ns)
         self.drive.forget_turns()
         self._tick = 0

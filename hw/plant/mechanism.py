@@ -349,8 +349,8 @@ class Mechanism:
             operator, start_ns = self._grasped, 0
         if operator is None:
             return NOBODY, FOREVER_NS
-        reference, slope, turn_ns, grip, damping = operator.pull(now_ns - start_ns)
-        return Hand(grip, damping, reference, slope), start_ns + turn_ns
+        hand, turn_ns = operator.pull(now_ns - start_ns)
+        return hand, start_ns + turn_ns
 
     def _step(self, hand: Hand, length_ns: int) -> None:
         """Move for a time under the acting torque."""

@@ -11,6 +11,7 @@ from bisect import bisect_right
 from typing import NamedTuple, Protocol
 
 from haptic_wall.hw.hand import EVERY_NS, Grasp
+from haptic_wall.hw.plant.step import Hand
 from haptic_wall.hw.truth import HandName, TrueServo
 
 STIFFNESS = 4.0
@@ -26,26 +27,14 @@ FOREVER_NS = 1 << 62
 """Later than every time [ns]"""
 
 
-class ReferenceStretch(NamedTuple):
-    """A linear stretch of the reference, and how firmly the operator holds on to it."""
-
-    reference: float
-    """At the requested instant [rad]"""
-    slope: float
-    """[rad/s]"""
-    until_ns: int
-    """Time of the next change [ns since the start]"""
-    stiffness: float = STIFFNESS
-    """[N·m/rad]"""
-    damping: float = DAMPING
-    """[N·m·s/rad]"""
-
-
 class OperatorModel(Protocol):
     """Interface of an operator model: a hand that moves a servo's output."""
 
-    def pull(self, elapsed_ns: int) -> ReferenceStretch:
-        """Return the stretch of the reference at ``elapsed_ns`` [ns since the start]."""
+    def pull(self, elapsed_ns: int) -> tuple[Hand, int]:
+        """Return the hand at ``elapsed_ns``, and when its slope or grip changes [ns].
+
+        Times count from the start.
+        """
 
 
 class Script(NamedTuple):
@@ -76,20 +65,16 @@ class Grasped:
     def __init__(self, grasp: Grasp) -> None:
         self._grasp = grasp
 
-    def pull(self, elapsed_ns: int) -> ReferenceStretch:
-        """Return the stretch of the hand's motion at a time of the clock [ns]."""
+    def pull(self, elapsed_ns: int) -> tuple[Hand, int]:
+        """Return the hand at a time of the clock, and when its slope or grip changes [ns]."""
         grasp = self._grasp
         if elapsed_ns >= grasp.until_ns:
-            return ReferenceStretch(grasp.target, 0.0, FOREVER_NS, 0.0, 0.0)
+            return Hand(reference=grasp.target), FOREVER_NS
         arrives_ns = grasp.begin_ns + EVERY_NS
         moving = elapsed_ns < arrives_ns
-        return ReferenceStretch(
-            grasp.position(elapsed_ns),
-            grasp.slope if moving else 0.0,
-            arrives_ns if moving else grasp.until_ns,
-            grasp.stiffness,
-            grasp.damping,
-        )
+        slope = grasp.slope if moving else 0.0
+        hand = Hand(grasp.stiffness, grasp.damping, grasp.position(elapsed_ns), slope)
+        return hand, arrives_ns if moving else grasp.until_ns
 
 
 class ScriptedOperator:
@@ -113,21 +98,20 @@ class ScriptedOperator:
         self._lead_in_ns = round(lead_in_s * 1e9)
         self._lead_in_slope = way / lead_in_s
 
-    def pull(self, elapsed_ns: int) -> ReferenceStretch:
-        """Return the stretch of the reference at ``elapsed_ns`` [ns since the start]."""
+    def pull(self, elapsed_ns: int) -> tuple[Hand, int]:
+        """Return the hand at ``elapsed_ns``, and when its slope changes [ns since the start]."""
         since_ns = elapsed_ns - self._lead_in_ns
         if since_ns < 0:
             slope = self._lead_in_slope
-            return ReferenceStretch(
-                self._origin + slope * elapsed_ns * 1e-9, slope, self._lead_in_ns
-            )
+            reference = self._origin + slope * elapsed_ns * 1e-9
+            return Hand(STIFFNESS, DAMPING, reference, slope), self._lead_in_ns
         phase_ns = since_ns % self._period_ns
         index = bisect_right(self._knots_ns, phase_ns) - 1
         start_ns, end_ns = self._knots_ns[index : index + 2]
         before, after = self._references[index : index + 2]
         slope = (after - before) / ((end_ns - start_ns) * 1e-9)
         reference = before + slope * (phase_ns - start_ns) * 1e-9
-        return ReferenceStretch(reference, slope, elapsed_ns - phase_ns + end_ns)
+        return Hand(STIFFNESS, DAMPING, reference, slope), elapsed_ns - phase_ns + end_ns
 
 
 def operator_of(true: TrueServo) -> ScriptedOperator | None:

@@ -33,9 +33,3 @@ def set_timer_to_1_ms(path: str, classes: Path = CLASSES) -> bool:
     except OSError:
         return False
     return True
-
-
-def describe(path: str, classes: Path = CLASSES) -> str:
-    """Describe the timer for people; "none" where there is no sign of one."""
-    latency_ms = timer_ms(path, classes)
-    return "none" if latency_ms is None else f"{latency_ms} ms"

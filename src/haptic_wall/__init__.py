@@ -26,11 +26,9 @@ if TYPE_CHECKING:
     from haptic_wall.controller.live.ask import NotAppliedError
     from haptic_wall.controller.logs.table import Log, read_log
     from haptic_wall.hw.errors import ServoError
-    from haptic_wall.hw.servo import Bus
 
 __version__ = "0.1.0"
 __all__ = [
-    "Bus",
     "BusError",
     "ConfigError",
     "HapticWallError",
@@ -51,7 +49,6 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Bus": "hw.servo",
     "BusError": "controller.emulated_bus.bus",
     "ConfigError": "controller.errors",
     "HapticWallError": "controller.errors",

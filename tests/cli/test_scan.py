@@ -50,24 +50,24 @@ def test_a_port_that_is_not_there_ends_with_4(cli: Cli, tmp_path: Path) -> None:
 @pytest.mark.whole
 @pytest.mark.realtime
 def test_servos_are_found_at_whatever_rate_they_are(cli: Cli) -> None:
-    servos = [f"--servo={each}" for each in ("XM430-W350:3", "XL430-W250:7", "XH430-W350:9")]
+    servos = [f"--servo={each}" for each in ("XM430-W350:3", "XL330-M288:7", "XH430-W350:9")]
     with emulate(*servos, "--baud=57600") as (_, port):
         status, out, err = cli("scan", "--port", port, "--json")
         found = json.loads(out)
         assert status == 0
         assert [(s["id"], s["baud"], s["model"]) for s in found["servos"]] == [
             (3, 57600, "XM430-W350"),
-            (7, 57600, "XL430-W250"),
+            (7, 57600, "XL330-M288"),
             (9, 57600, "XH430-W350"),
         ]
-        assert [s["current_mode"] for s in found["servos"]] == [True, False, True]
+        assert [s["current_mode"] for s in found["servos"]] == [True] * 3
         assert len(found["bauds"]) == 8
         assert "4000000 bit/s" in err
         axes = yaml.safe_load(
             cli("scan", "--port", port, "--baud=57600").out.partition("\naxes:")[2]
         )
         assert axes["axis_9"] == {"servo": {"id": 9, "model": "XH430-W350"}}
-        assert list(axes) == ["axis_3", "axis_9"]
+        assert list(axes) == ["axis_3", "axis_7", "axis_9"]
         status, out, _ = cli("scan", "--port", port, "--baud=1e6,2000000")
         assert status == 4
         assert "Nothing answers" in out

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 
 import pytest
 
-from haptic_wall.hw.capabilities import TakesHand
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.hand import EVERY_NS, FASTEST, MOST_STIFFNESS, SILENCE_NS, SharedHand
 from haptic_wall.hw.simulated import SimulatedBus
@@ -35,7 +34,6 @@ class Held:
             transmission_stiffness=200.0 if load else 0.0,
         )
         self.servo = SimulatedBus([true], self.clock)
-        assert isinstance(self.servo, TakesHand)
         self.servo.take_hand(SharedHand(hand.descriptor))  # as another process sees it
         self.servo.start()
 

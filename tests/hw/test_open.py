@@ -123,3 +123,13 @@ def test_several_servos_are_one_bus_and_the_hands_wait_for_the_last() -> None:
     assert [reading.position for reading in readings] == pytest.approx([-0.3] * 4, abs=0.02)
     assert bus.stop()
     bus.close()
+
+
+def test_a_simulated_servo_has_no_port_and_ends_with_its_process() -> None:
+    settings = ServoSettings(true=TrueServo(0.01))
+    assert open_port([settings]) is None
+    assert cut_torque([settings], None, SimulatedClock()) is True
+
+
+def test_a_real_servo_without_a_port_is_never_said_to_be_off() -> None:
+    assert cut_torque([settings()], None, MonotonicClock()) is False

@@ -64,8 +64,7 @@ class TestMarkers:
 def test_faults_come_and_go(dynamixel_bus: DynamixelBus) -> None:
     with Client(dynamixel_bus) as client:
         assert client.ping(patience_ms=SHORT_MS)[1] == sdk.COMM_RX_TIMEOUT
-        dynamixel_bus.inject("late:ms=1")
-        dynamixel_bus.clear()
+        dynamixel_bus.lift("drop")
         assert client.ping() == (1020, 0, 0)
         dynamixel_bus.inject("hardware-error:bits=overload")
         dynamixel_bus.lift("hardware-error")

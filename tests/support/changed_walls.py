@@ -68,6 +68,7 @@ class _Asking:
         self.facts, self.traffic = bus.facts, bus.traffic
         self.start, self.collect, self.write = bus.start, bus.collect, bus.write
         self.stop, self.close = bus.stop, bus.close
+        self.trouble, self.health, self.given_up = bus.trouble, bus.health, bus.given_up
 
     def request(self) -> None:
         """Request the position of the servo, and let the other side ask."""

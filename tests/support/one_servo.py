@@ -49,5 +49,4 @@ class OneServo:
         return self.bus.write([torque])[0]
 
     def health(self) -> tuple[float, float]:
-        assert isinstance(self.bus, DynamixelGroup)
         return self.bus.health()[0]

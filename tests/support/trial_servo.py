@@ -8,14 +8,14 @@ take no time, nothing is lost), a current sensor, or temperature.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.plant.current_loop import Winding
 from haptic_wall.hw.plant.mechanics import mechanics_of
 from haptic_wall.hw.plant.mechanism import Mechanism
-from haptic_wall.hw.plant.operator_model import ReferenceStretch
+from haptic_wall.hw.plant.step import Hand
 from haptic_wall.hw.servo import Check, Facts, Outcome, Reading
 from haptic_wall.hw.truth import TrueServo
 from tests.support.operators import NOBODY, Operator
@@ -65,6 +65,8 @@ class TrialServo:
             )
         ]
         self.traffic = None
+        self.trouble = ""
+        self.given_up: Callable[[], bool] = lambda: False
         self.outputs: list[float] = []
         self._now_ns = clock.now_ns
         self._reading: Reading | None = None
@@ -81,6 +83,10 @@ class TrialServo:
         )
         if struck:
             self._plant._z[2] += struck
+
+    def health(self) -> list[tuple[float, float]]:
+        """Return nothing: it reports none."""
+        return []
 
     def start(self) -> list[list[Check]]:
         """Return no checks; its time runs since its creation."""
@@ -156,14 +162,14 @@ class _Rows:
     def __init__(self, operator: Operator) -> None:
         self._rows, self._row_ns = operator.rows, operator.row_ns
 
-    def pull(self, elapsed_ns: int) -> ReferenceStretch:
-        """Return the stretch of the reference at ``elapsed_ns`` [ns since the start]."""
+    def pull(self, elapsed_ns: int) -> tuple[Hand, int]:
+        """Return the hand at ``elapsed_ns``, and when it changes [ns since the start]."""
         at = elapsed_ns // self._row_ns
         if at >= len(self._rows):
-            return ReferenceStretch(0.0, 0.0, _NEVER_NS, 0.0, 0.0)
+            return Hand(), _NEVER_NS
         spring, damper, wanted, speed, push = self._rows[at]
         if push:
             spring = spring or _SOFT
             wanted += push / spring
         wanted += speed * (elapsed_ns - at * self._row_ns) * 1e-9
-        return ReferenceStretch(wanted, speed, (at + 1) * self._row_ns, spring, damper)
+        return Hand(spring, damper, wanted, speed), (at + 1) * self._row_ns

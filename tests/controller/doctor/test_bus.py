@@ -32,7 +32,7 @@ from haptic_wall.hw.truth import TrueServo
 MS = 1_000_000
 BAUD = 4_000_000
 TORQUE_ENABLE = 64
-WRITING = {Instruction.WRITE, Instruction.REG_WRITE, Instruction.SYNC_WRITE}
+WRITING = {Instruction.WRITE, Instruction.SYNC_WRITE}
 
 
 class Bus:
@@ -108,12 +108,12 @@ class Bus:
 
 
 def test_everybody_on_the_bus_is_found_with_model_and_firmware() -> None:
-    bus = Bus(("XM430-W350", 3), ("XL330-M288", 1), ("XL430-W250", 17))
+    bus = Bus(("XM430-W350", 3), ("XL330-M288", 1), ("XH430-W350", 17))
     found = search(bus, BAUD)
     assert [(s.id, s.model, s.firmware) for s in found.servos] == [
         (1, "XL330-M288", 48),
         (3, "XM430-W350", 48),
-        (17, "XL430-W250", 48),
+        (17, "XH430-W350", 48),
     ]
     assert found.garbled == 0
 

@@ -7,6 +7,7 @@ import random
 import subprocess
 import sys
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,25 @@ from haptic_wall.controller.laws.own import OwnLaw, allow, own_law, own_table, t
 from haptic_wall.controller.laws.profile import Profile
 from haptic_wall.controller.laws.shape import Grid, LawError
 from haptic_wall.controller.settings.load import load_config
-from tests.hw.test_backends import PROGRAM, install
 
 EXAMPLE = Path(__file__).parents[3] / "docs" / "examples" / "ridge_law"
 GRID = Grid(1e-3, math.tau / 4096)
+PROGRAM = (sys.executable, "-P", "-m", "haptic_wall.controller.cli.main")
+
+
+def install(folder: Path, project: Mapping[str, Any], *modules: Path) -> None:
+    """What an installer leaves of a distribution: its modules, and what it says of itself."""
+    info = folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text(
+        f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n"
+    )
+    lines = []
+    for group, entries in project["entry-points"].items():
+        lines += [f"[{group}]", *(f"{name} = {value}" for name, value in entries.items())]
+    (info / "entry_points.txt").write_text("\n".join(lines) + "\n")
+    for module in modules:
+        (folder / module.name).symlink_to(module)
 
 
 @pytest.mark.whole

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -60,6 +60,8 @@ class ScriptedBus:
         self.clock, self.scripts, self.age_ns = clock, [list(one) for one in scripts], age_ns
         self.facts = [Facts("scripted", 0, torque_limit=5.0, torque_step=0.0)] * len(scripts)
         self.traffic = Traffic([BusCounts() for _ in scripts])
+        self.trouble = ""
+        self.given_up: Callable[[], bool] = lambda: False
         self.frames: list[list[float]] = []
         self.calls: list[str] = []
         self.deadlines: list[int] = []
@@ -68,6 +70,9 @@ class ScriptedBus:
     def sent(self) -> list[float]:
         """Torques of the first servo."""
         return [frame[0] for frame in self.frames]
+
+    def health(self) -> list[tuple[float, float]]:
+        return []
 
     def start(self) -> list[list[Check]]:
         return [[] for _ in self.scripts]

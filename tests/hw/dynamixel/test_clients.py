@@ -66,10 +66,11 @@ def wait_until(happened: Callable[..., object]) -> None:
 def test_the_vendors_bulk_and_fast_reads_and_writes_of_several_servos(
     vendor: Sdk, dynamixel_bus: DynamixelBus
 ) -> None:
-    write = sdk.GroupBulkWrite(vendor.port, vendor.handler)
-    assert write.addParam(1, LED, 1, [1])
-    assert write.addParam(7, GOAL_POSITION, 4, list((3000).to_bytes(4, "little")))
+    write = sdk.GroupSyncWrite(vendor.port, vendor.handler, LED, 1)
+    assert write.addParam(1, [1])
     assert write.txPacket() == sdk.COMM_SUCCESS
+    done = vendor.handler.write4ByteTxRx(vendor.port, 7, GOAL_POSITION, 3000)
+    assert done == (sdk.COMM_SUCCESS, 0)
     for fast in (False, True):
         read = sdk.GroupBulkRead(vendor.port, vendor.handler)
         assert read.addParam(7, GOAL_POSITION, 4)
@@ -82,24 +83,6 @@ def test_the_vendors_bulk_and_fast_reads_and_writes_of_several_servos(
         assert (together.fastSyncRead() if fast else together.txRxPacket()) == sdk.COMM_SUCCESS
         assert [together.getData(i, POSITION, 4) for i in (1, 2, 7)] == [2048] * 3
     assert dynamixel_bus.position(7) == pytest.approx(math.pi)  # torque is off
-
-
-@three
-def test_the_vendors_set_up_registered_writes_reboot_and_factory_reset(vendor: Sdk) -> None:
-    port, handler = vendor.port, vendor.handler
-    done = (sdk.COMM_SUCCESS, 0)
-    for i in (1, 2):
-        assert handler.regWriteTxRx(port, i, LED, 1, [1]) == done
-    handler.action(port, ALL)
-    assert [handler.read1ByteTxRx(port, i, LED)[0] for i in (1, 2)] == [1, 1]
-    assert handler.write4ByteTxRx(port, 2, 20, 1000) == done  # Homing Offset
-    assert handler.factoryReset(port, 2, 0x02) == done
-    assert handler.reboot(port, 1) == done
-    vendor.patience_s = SHORT_S
-    wait_until(lambda: all(handler.ping(port, i)[1] == sdk.COMM_SUCCESS for i in (1, 2)))
-    vendor.patience_s = PATIENCE_S
-    assert handler.read4ByteTxRx(port, 2, 20) == (0, *done)
-    assert handler.read1ByteTxRx(port, 1, LED) == (0, *done)
 
 
 def test_the_vendor_is_told_each_error_by_its_name(

@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import pytest
 
-from haptic_wall.hw.capabilities import HasHealth
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser
 from haptic_wall.hw.errors import ServoLostError, TorqueLostError
 from tests.hw.dynamixel.bench import TRUE, Bench
@@ -52,7 +51,6 @@ def test_the_servos_own_current_limit_bounds_the_torque() -> None:
 
 def test_supply_and_temperature_are_known_once_polled() -> None:
     bench = started()
-    assert isinstance(bench.servo, HasHealth)
     assert bench.servo.health() == (0.0, 0.0)
     bench.truth.table.temperature = 41
     for _ in range(600):

@@ -351,7 +351,6 @@ STEADY = [
     "wrong-id:p=0.3",
     "noise:p=0.3,bytes=40",
     "stuck:for=0.003,repeat=0.007",
-    "stuffing:for=0.002,repeat=0.005",
     "jump:counts=-77,repeat=0.003",
     "hardware-error:bits=overload,repeat=0.05",
     "supply:volts=2,for=0.01,repeat=0.03",

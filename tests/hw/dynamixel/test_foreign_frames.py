@@ -71,7 +71,7 @@ VELOCITY_AND_POSITION = bytes([128, 0, 8, 0])
 ANSWERED = [
     Asked(
         "position 794 of id 2",
-        "XL430-W250",
+        "XM430-W350",
         2,
         encode(2, READ, bytes([132, 0, 4, 0])),
         counts=794,
@@ -87,7 +87,7 @@ ANSWERED = [
     *(
         Asked(
             f"id {id_}",
-            "XL430-W250",
+            "XM430-W350",
             id_,
             encode(254, SYNC, VELOCITY_AND_POSITION + bytes([id_])),
             counts=counts,
@@ -110,17 +110,6 @@ def test_an_emulated_servo_says_it_byte_for_byte(asked: Asked) -> None:
     for name, value in asked.registers:
         servo.memory[name] = value
     assert reply(line, asked.request) == frame_of(asked.note)
-
-
-def test_an_emulated_servo_takes_the_instructions() -> None:
-    """Extended position, where -150 degrees is a goal; then the turns are cleared."""
-    line, servo = bus_of("XL330-M288", 1, 49, 5 * 4096 + 100)
-    assert reply(line, encode(1, WRITE, bytes([11, 0, 4]))) == encode_status(1, 0)
-    servo.clear_turns(line.clock.now_ns())
-    assert reply(line, frame_of("goal_position -150 deg")) == encode_status(1, 0)
-    assert servo.memory["goal_position"] == -1706
-    assert reply(line, frame_of("clear multi-turn")) == encode_status(1, 0)
-    assert 0 <= servo.drive.position() < 4096
 
 
 def bus_of(model: str, id_: int, firmware: int, counts: int) -> tuple[MemoryLine, EmulatedServo]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -282,11 +283,16 @@ def test_a_servo_that_also_obeys_the_id_of_another_is_refused() -> None:
     assert [truth.memory["torque_enable"] for truth in bench.truths] == [0, 0, 0]
 
 
-def test_two_servos_with_one_id_are_refused() -> None:
-    bench = Bench([48])
-    settings = DriverSettings("", 4_000_000, 1, MODEL)
-    with pytest.raises(UnfitServoError, match="give each another"):
-        DynamixelGroup([settings, settings], bench.line)
+def hold_a_pose(servo: EmulatedServo, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a servo measure a current of -1 and a velocity of -3."""
+    measured = servo.drive.measured
+
+    def posed(tick: int) -> bytes:
+        block = bytearray(measured(tick))
+        struct.pack_into("<hi", block, 6, -1, -3)
+        return bytes(block)
+
+    monkeypatch.setattr(servo.drive, "measured", posed)
 
 
 @pytest.mark.parametrize("way", ["fast", "sync"])
@@ -298,7 +304,7 @@ def test_a_held_pose_whose_replies_need_stuffing_costs_no_reading(
     exchange = exchange_of(bench, way)
     received = tapped(bench.line, monkeypatch)
     for id_ in (1, 3, 4):
-        bench.bus.inject(f"stuffing:id={id_}", bench.clock.now_ns())
+        hold_a_pose(bench.truths[id_ - 1], monkeypatch)
     for _ in range(50):
         begun = bench.clock.now_ns()
         exchange.request()

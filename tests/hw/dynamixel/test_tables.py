@@ -5,7 +5,7 @@ from pathlib import Path
 import dynamixel_easy_sdk
 import pytest
 
-from haptic_wall.hw.dynamixel.tables import MODELS, REGISTERS
+from haptic_wall.hw.dynamixel.tables import MODELS, NO_CURRENT_MODE, REGISTERS
 
 VENDOR = Path(dynamixel_easy_sdk.__file__).parent / "control_table"
 UNLISTED = {"XW430-T200": 1280}
@@ -41,8 +41,8 @@ def vendor_table(file: str) -> dict[str, tuple[int, int]]:
     for row in rows:
         address, size, title = row.split("\t")
         key = title.lower().replace("(shadow)", "").replace(" ", "_")
-        if key.startswith("indirect") and key.endswith(("read", "write")):
-            continue  # the vendor's grouping of the same bytes
+        if key.startswith("indirect"):
+            continue  # not in ours
         table[key] = (int(address), int(size))
     return table
 
@@ -54,7 +54,8 @@ def test_every_x_series_model_of_the_vendor_is_known_by_its_number() -> None:
         for file, number in vendor_numbers().items()
         if file.lstrip("2").startswith("x") and file != "xl320.model"
     }
-    ours = {model.number: path_of(name).name for name, model in MODELS.items()}
+    names = {model.number: name for name, model in MODELS.items()} | NO_CURRENT_MODE
+    ours = {number: path_of(name).name for number, name in names.items()}
     unlisted = {number: path_of(name).name for name, number in UNLISTED.items()}
     assert dict(ours.items() - listed.items()) == unlisted
     assert listed.items() <= ours.items()
@@ -69,62 +70,54 @@ def test_addresses_and_sizes_are_the_vendors(name: str, file: str, firmware: int
     for register, place in vendor.items():
         assert ours[register] == place, register
     # Ours may know more, but only what the manual adds to the vendor's file.
-    extra = {r for r in ours if not r.startswith("indirect")} - set(vendor)
+    extra = set(ours) - set(vendor)
     assert extra <= {"startup_configuration", "backup_ready", "pwm_slope"}
 
 
 # From the manual's pages: current limit, velocity limit, voltages [0.1 V], temperature, shutdown,
-# drive mode's largest value, velocity I and P, position D, I and P gain.
+# drive mode's largest value.
 PAGES = {
-    "XL330-M077": (1750, 1620, 35, 70, 70, 53, 13, 400, 40, 0, 400, 400),
-    "XL330-M288": (1750, 445, 35, 70, 70, 53, 13, 1600, 180, 0, 0, 400),
-    "XC330-M181": (2352, 545, 35, 70, 70, 52, 13, 1400, 100, 500, 0, 1200),
-    "XC330-M288": (2352, 350, 35, 70, 70, 52, 13, 1600, 50, 500, 0, 1100),
-    "XC330-T181": (910, 510, 55, 140, 70, 52, 13, 1200, 40, 0, 0, 900),
-    "XC330-T288": (910, 320, 55, 140, 70, 52, 13, 1200, 40, 0, 0, 900),
-    "XM430-W210": (1193, 330, 95, 160, 80, 52, 13, 1920, 100, 0, 0, 800),
-    "XM430-W350": (1193, 200, 95, 160, 80, 52, 13, 1920, 100, 0, 0, 800),
-    "XH430-W210": (648, 210, 95, 160, 80, 52, 13, 1920, 100, 0, 0, 900),
-    "XH430-W350": (648, 130, 95, 160, 80, 52, 13, 1920, 100, 0, 0, 900),
-    "XH430-V210": (689, 230, 110, 300, 80, 52, 13, 1920, 100, 0, 0, 800),
-    "XH430-V350": (689, 135, 110, 300, 80, 52, 13, 1920, 100, 0, 0, 800),
-    "XD430-T210": (648, 210, 95, 160, 80, 52, 13, 1920, 100, 0, 0, 900),
-    "XD430-T350": (648, 130, 95, 160, 80, 52, 13, 1920, 100, 0, 0, 900),
-    "XM540-W150": (2047, 230, 95, 160, 80, 52, 15, 1920, 100, 0, 0, 800),
-    "XM540-W270": (2047, 128, 95, 160, 80, 52, 15, 1920, 100, 0, 0, 800),
-    "XH540-W150": (2047, 300, 95, 160, 80, 52, 15, 1920, 100, 0, 0, 800),
-    "XH540-W270": (2047, 167, 95, 160, 80, 52, 15, 1920, 100, 0, 0, 800),
-    "XH540-V150": (1188, 230, 110, 300, 80, 52, 15, 1920, 100, 0, 0, 800),
-    "XH540-V270": (1188, 128, 110, 300, 80, 52, 15, 1920, 100, 0, 0, 800),
-    "XD540-T150": (2047, 300, 95, 160, 80, 52, 15, 1920, 100, 0, 0, 800),
-    "XD540-T270": (2047, 167, 95, 160, 80, 52, 15, 1920, 100, 0, 0, 800),
-    "XW430-T200": (2047, 235, 95, 160, 80, 52, 13, 1920, 100, 0, 0, 900),
-    "XW430-T333": (2047, 139, 95, 160, 80, 52, 13, 1920, 100, 0, 0, 900),
-    "XW540-T140": (2047, 304, 95, 160, 80, 52, 13, 1920, 100, 0, 0, 800),
-    "XW540-T260": (2047, 167, 95, 160, 80, 52, 13, 1920, 100, 0, 0, 800),
-    "XW540-H260": (1188, 145, 110, 300, 80, 52, 13, 1920, 100, 0, 0, 800),
-    "XL430-W250": (None, 265, 60, 140, 72, 52, 13, 1000, 100, 4000, 0, 640),
-    "XC430-W150": (None, 460, 60, 160, 80, 52, 13, 1920, 100, 0, 0, 460),
-    "XC430-W240": (None, 306, 60, 160, 80, 52, 13, 1920, 100, 0, 0, 700),
-    "2XL430-W250": (None, 250, 60, 140, 72, 52, 13, 1800, 100, 2000, 0, 640),
-    "2XC430-W250": (None, 275, 60, 160, 80, 52, 13, 1920, 100, 0, 0, 700),
+    "XL330-M077": (1750, 1620, 35, 70, 70, 53, 13),
+    "XL330-M288": (1750, 445, 35, 70, 70, 53, 13),
+    "XC330-M181": (2352, 545, 35, 70, 70, 52, 13),
+    "XC330-M288": (2352, 350, 35, 70, 70, 52, 13),
+    "XC330-T181": (910, 510, 55, 140, 70, 52, 13),
+    "XC330-T288": (910, 320, 55, 140, 70, 52, 13),
+    "XM430-W210": (1193, 330, 95, 160, 80, 52, 13),
+    "XM430-W350": (1193, 200, 95, 160, 80, 52, 13),
+    "XH430-W210": (648, 210, 95, 160, 80, 52, 13),
+    "XH430-W350": (648, 130, 95, 160, 80, 52, 13),
+    "XH430-V210": (689, 230, 110, 300, 80, 52, 13),
+    "XH430-V350": (689, 135, 110, 300, 80, 52, 13),
+    "XD430-T210": (648, 210, 95, 160, 80, 52, 13),
+    "XD430-T350": (648, 130, 95, 160, 80, 52, 13),
+    "XM540-W150": (2047, 230, 95, 160, 80, 52, 15),
+    "XM540-W270": (2047, 128, 95, 160, 80, 52, 15),
+    "XH540-W150": (2047, 300, 95, 160, 80, 52, 15),
+    "XH540-W270": (2047, 167, 95, 160, 80, 52, 15),
+    "XH540-V150": (1188, 230, 110, 300, 80, 52, 15),
+    "XH540-V270": (1188, 128, 110, 300, 80, 52, 15),
+    "XD540-T150": (2047, 300, 95, 160, 80, 52, 15),
+    "XD540-T270": (2047, 167, 95, 160, 80, 52, 15),
+    "XW430-T200": (2047, 235, 95, 160, 80, 52, 13),
+    "XW430-T333": (2047, 139, 95, 160, 80, 52, 13),
+    "XW540-T140": (2047, 304, 95, 160, 80, 52, 13),
+    "XW540-T260": (2047, 167, 95, 160, 80, 52, 13),
+    "XW540-H260": (1188, 145, 110, 300, 80, 52, 13),
 }
 
 
 @pytest.mark.parametrize("name", MODELS)
 def test_factory_settings_and_limits_are_those_of_the_models_own_page(name: str) -> None:
     table = MODELS[name].registers
-    gains = ["velocity_i_gain", "velocity_p_gain"]
-    gains += ["position_d_gain", "position_i_gain", "position_p_gain"]
     found = (
-        table["current_limit"].default if "current_limit" in table else None,
+        table["current_limit"].default,
         table["velocity_limit"].default,
         table["min_voltage_limit"].default,
         table["max_voltage_limit"].default,
         table["temperature_limit"].default,
         table["shutdown"].default,
         table["drive_mode"].maximum,
-        *(table[gain].default for gain in gains),
     )
     assert found == PAGES[name]
     assert table["velocity_limit"].maximum == (2047 if name in X330 else 1023)

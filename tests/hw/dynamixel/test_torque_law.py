@@ -51,15 +51,6 @@ def test_a_limit_below_the_smallest_torque_is_refused() -> None:
         bench(TrueServo(inertia=INERTIA), torque_limit=0.01)
 
 
-def test_a_limit_that_only_the_supply_found_puts_out_of_reach_is_refused() -> None:
-    rig = bench(TrueServo(inertia=INERTIA), torque_limit=0.0140)
-    rig.servo.stop()
-    rig.truth.set_supply(6.0, rig.clock.now_ns())
-    with pytest.raises(UnfitServoError, match=r"0\.015 N·m at this supply"):
-        rig.servo.start()
-    assert rig.truth.memory["torque_enable"] == 0
-
-
 @given(
     torque=st.floats(-0.9, 0.9),
     volts=st.floats(3.7, 6.0),

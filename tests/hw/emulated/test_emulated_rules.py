@@ -55,6 +55,7 @@ def test_eeprom_is_locked_while_torque_is_enabled(address: int) -> None:
     [
         (ID, 253, 1, ErrorCode.DATA_RANGE),
         (8, 8, 1, ErrorCode.DATA_RANGE),
+        (OPERATING_MODE, 1, 1, ErrorCode.DATA_RANGE),
         (OPERATING_MODE, 2, 1, ErrorCode.DATA_RANGE),
         (OPERATING_MODE, 17, 1, ErrorCode.DATA_RANGE),
         (CURRENT_LIMIT, 1194, 2, ErrorCode.DATA_RANGE),
@@ -233,29 +234,6 @@ def test_reboot_drops_torque_and_ram_keeps_eeprom_and_takes_time() -> None:
     assert client.read(1, TORQUE_ENABLE, 1) == 0
     assert client.read(1, OPERATING_MODE, 1) == 0
     assert client.read(1, GOAL_CURRENT, 2) == 1193
-
-
-def test_reg_write_waits_for_action() -> None:
-    client = Client()
-    client.enable_current_mode()
-    assert client.answer(1, Instruction.ACTION).error == ErrorCode.INSTRUCTION
-    goal = bytes([GOAL_CURRENT, 0, 40, 0])
-    assert client.answer(1, Instruction.REG_WRITE, goal).error == 0
-    assert client.read(1, 69, 1) == 1
-    assert client.torque() == 0.0
-    client.send(0xFE, Instruction.ACTION)
-    client.pass_time(MS)
-    assert client.torque() == pytest.approx(40 * TORQUE_UNIT)
-    assert client.read(1, 69, 1) == 0
-    refused = bytes([GOAL_CURRENT, 0, 0xFF, 0x7F])
-    assert client.answer(1, Instruction.REG_WRITE, refused).error == ErrorCode.DATA_LIMIT
-
-
-def test_xl430_has_no_current_mode() -> None:
-    client = Client(("XL430-W250", 1))
-    assert client.write(1, OPERATING_MODE, 0, 1) == ErrorCode.DATA_RANGE
-    assert client.write(1, GOAL_CURRENT, 0, 2) == ErrorCode.ACCESS
-    assert client.read(1, 126, 2) == 0
 
 
 def test_a_servo_without_published_stall_data_needs_a_torque_constant() -> None:

@@ -26,22 +26,22 @@ def test_it_starts_where_the_servo_stands_and_never_jumps(name: HandName) -> Non
     now = 0
     expected = 0.2
     while now < 10_000 * MS:
-        stretch = hand.pull(now)
-        assert stretch.until_ns > now
-        assert stretch.reference == pytest.approx(expected, abs=1e-12)
-        halfway = (now + stretch.until_ns) // 2
-        between = hand.pull(halfway)
-        assert between.slope == stretch.slope
-        assert between.until_ns == stretch.until_ns
+        held, until = hand.pull(now)
+        assert until > now
+        assert held.reference == pytest.approx(expected, abs=1e-12)
+        halfway = (now + until) // 2
+        between, same = hand.pull(halfway)
+        assert (between.slope, same) == (held.slope, until)
         assert between.reference == pytest.approx(
-            stretch.reference + stretch.slope * (halfway - now) * 1e-9, abs=1e-12
+            held.reference + held.slope * (halfway - now) * 1e-9, abs=1e-12
         )
-        expected = stretch.reference + stretch.slope * (stretch.until_ns - now) * 1e-9
-        now = stretch.until_ns
+        expected = held.reference + held.slope * (until - now) * 1e-9
+        now = until
 
 
 def test_leaning_pushes_with_a_steady_torque() -> None:
     for direction in (1, -1):
         hand = not_none(operator_of(servo("lean", hand_origin=0.3, hand_direction=direction)))
-        assert hand.pull(2_000 * MS).reference == pytest.approx(0.3 + direction * 0.5)
-        assert hand.pull(2_000 * MS).slope == 0.0
+        held, _ = hand.pull(2_000 * MS)
+        assert held.reference == pytest.approx(0.3 + direction * 0.5)
+        assert held.slope == 0.0

@@ -1,1 +1,0 @@
-"""The servo backends that come with the program, one file each, written like outside ones."""
