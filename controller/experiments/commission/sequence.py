@@ -35,8 +35,8 @@ from haptic_wall.controller.system.json_text import RESULT_MARK, plain
 from haptic_wall.controller.system.signals import interrupting
 from haptic_wall.hw.errors import ServoError
 
-JSON, PAGE, ALLOWED, ROWS = "commission.json", "report.html", "allowed.png", "commission.rows"
-"""In the folder: report, page, the verdict's picture, the outcomes that are kept"""
+JSON, TEXT, ROWS = "commission.json", "report.txt", "commission.rows"
+"""In the folder: the report as data and as text, the outcomes that are kept"""
 COMPLETE, INCOMPLETE, NOT_MEASURED = "complete", "incomplete", "not measured"
 """Values of ``status``"""
 HARDWARE, WRONG = 4, 1
@@ -85,7 +85,7 @@ def kept_steps(bench: StepContext) -> Kept[Step, StepOutcome]:
     Raises:
         UserError: The folder is of other settings, or has files that no commissioning wrote.
     """
-    written = [CONFIG, PAGE, ALLOWED, JSON, SWEEP, *(f"{step}.png" for step in STEPS)]
+    written = [CONFIG, TEXT, JSON, SWEEP, *(f"{step}.png" for step in STEPS)]
     refuse_foreign(bench.folder, ROWS, written)
     return Kept(
         bench.folder / ROWS,
@@ -223,7 +223,7 @@ def _fatal_text(data: Mapping[str, Any]) -> str:
 
 
 def report(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
-    """Return the data of a commissioning's page, text and JSON; a step not done is null.
+    """Return the data of a commissioning's text and JSON; a step not done is null.
 
     Args:
         ended: The commissioning, as far as it came.
@@ -231,14 +231,14 @@ def report(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
         folder: Folder with the files of the steps.
     """
     config, doctor = ended.config, ended.outcomes.get("doctor")
-    identify, delay, sweep = (ended.data(step) for step in ("identify", "delay", "sweep"))
+    identify, sweep = ended.data("identify"), ended.data("sweep")
     complete = is_complete(ended.outcomes)
     status = COMPLETE if complete else INCOMPLETE
-    delays = boundary = None
-    if identify is not None and delay is not None:
-        delays = agreement.delays(identify, delay, config.period_s)
-    if identify is not None and sweep is not None:
-        boundary = agreement.boundary(config, sweep["points"], identify.get("effects"))
+    age = boundary = None
+    if identify is not None:
+        age = float(identify["sample_age_s"])
+        if sweep is not None:
+            boundary = agreement.boundary(config, sweep["points"], identify.get("effects"))
     return {
         **RESULT_MARK,
         "name": name,
@@ -249,8 +249,8 @@ def report(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
         "interrupted": ended.interrupted,
         "status": NOT_MEASURED if identify is None else status,
         "complete": complete,
-        "verdict": verdict(GuardQuestion.of(config, delay), identify is not None),
-        "agreement": {"delay": delays, "boundary": boundary},
+        "verdict": verdict(GuardQuestion.of(config, age), identify is not None),
+        "agreement": {"boundary": boundary},
         "steps": [
             {**each, "picture": picture if (folder / picture).exists() else None}
             for each in ended.steps()
@@ -259,7 +259,6 @@ def report(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
         # After a fatal finding of the doctor only its checks matter.
         "doctor": (doctor.data or None) if doctor else None,
         "identify": identify and {k: v for k, v in identify.items() if k != "config_text"},
-        "delay": delay,
         "sweep": sweep,
         "config": str(folder / CONFIG) if identify is not None else None,
     }

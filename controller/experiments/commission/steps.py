@@ -13,8 +13,8 @@ from typing import Any, Literal, NamedTuple
 from pydantic import ValidationError
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.experiments.commission.plan import DELAY_STEPS, OPTIONS, short_sweep
-from haptic_wall.controller.experiments.delay import delay_report, measure_delay
+from haptic_wall.controller.experiments.commission.plan import OPTIONS, short_sweep
+from haptic_wall.controller.experiments.delay import high_age
 from haptic_wall.controller.experiments.holding import without_hand
 from haptic_wall.controller.experiments.identify.identification import identify
 from haptic_wall.controller.experiments.identify.identified_config import identified_config
@@ -41,12 +41,11 @@ _HARMLESS |= {"secondary id", "shutdown"}
 them. With any other one a run would be refused, or could not be trusted."""
 
 
-Step = Literal["doctor", "identify", "delay", "sweep"]
-STEPS: tuple[Step, ...] = ("doctor", "identify", "delay", "sweep")
+Step = Literal["doctor", "identify", "sweep"]
+STEPS: tuple[Step, ...] = ("doctor", "identify", "sweep")
 TITLES: Mapping[Step, str] = {
     "doctor": "the testbed examined",
     "identify": "inertia, friction and delay identified",
-    "delay": "the loop's delay measured",
     "sweep": "the critical stiffness measured",
 }
 
@@ -127,10 +126,11 @@ def run_doctor(bench: StepContext) -> StepResult:
 
 
 def run_identify(bench: StepContext) -> StepResult:
-    """Identify the servo; return the text of the configuration with the result, too."""
+    """Identify the servo; return the configuration with the result, and the age of samples too."""
     found = identify(bench.config, bench.folder / LOGS, bench.reach, bench.tell)
     text = identified_config(bench.config, found, bench.name)
-    return StepResult({**identify_report(found), "config_text": text}, (found,))
+    more = {"sample_age_s": high_age(found.played, bench.config), "config_text": text}
+    return StepResult({**identify_report(found), **more}, (found,))
 
 
 def identified(text: str, config: Config) -> Config:
@@ -160,13 +160,6 @@ def identified(text: str, config: Config) -> Config:
     return found
 
 
-def run_delay(bench: StepContext) -> StepResult:
-    """Measure the loop's delay, and whether inserted delays are recovered."""
-    config = bench.config
-    found = measure_delay(config, bench.folder / LOGS, DELAY_STEPS, tell=bench.tell)
-    return StepResult(delay_report(found, config.period_s, config.belief().delay.high))
-
-
 def run_sweep(bench: StepContext) -> StepResult:
     """Measure the critical stiffness at a few points; an interrupted sweep continues.
 
@@ -194,7 +187,6 @@ def run_sweep(bench: StepContext) -> StepResult:
 RUN: dict[Step, Callable[[StepContext], StepResult]] = {
     "doctor": run_doctor,
     "identify": run_identify,
-    "delay": run_delay,
     "sweep": run_sweep,
 }
 """The function of each step"""

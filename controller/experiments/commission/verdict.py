@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -38,15 +37,15 @@ class GuardQuestion:
     settings: GuardSettings
 
     @classmethod
-    def of(cls, config: Config, delay: Mapping[str, Any] | None) -> GuardQuestion:
-        """Return the question for a model, and a measured delay where there is one.
+    def of(cls, config: Config, age: float | None) -> GuardQuestion:
+        """Return the question for a model, and a measured age where there is one.
 
         Args:
             config: Configuration with the best known model.
-            delay: Result of the step ``delay``; None: the age is an estimate for the bus.
+            age: Percentile of the samples' ages [s]; None: it is an estimate for the bus.
         """
         step = config.servo.position_step
-        age = sample_age(config) if delay is None else float(delay["parts"]["age"]["guard"])
+        age = sample_age(config) if age is None else age
         if config.servo.kind != "simulated" or config.loop.clock != "simulated":
             # A run uses the next larger age of its gain schedule.
             bins = age_bins_ns(config.period_ns)

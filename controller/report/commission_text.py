@@ -11,7 +11,6 @@ from haptic_wall.controller.experiments.commission.sequence import (
     NOT_MEASURED,
     check_text,
 )
-from haptic_wall.controller.experiments.identify.text import UNITS
 from haptic_wall.controller.guard.delay_parts import ms
 
 Report = Mapping[str, Any]
@@ -22,7 +21,6 @@ _PARTS = {
     "inserted": "inserted",
     "device": "the lag at its upper bound",
 }
-_NAMES = {"coulomb": "Coulomb friction", "torque_gain": "torque gain"}
 _ENDS = {"failed": "tried and failed", "skipped": "left out"}
 
 
@@ -110,32 +108,10 @@ def _configured(decided: Mapping[str, Any]) -> Iterator[str]:
 def agrees(report: Report) -> Iterator[str]:
     """Yield whether theory and measurements agree."""
     found = report["agreement"]
-    if found["delay"] is not None:
-        yield from _delay(found["delay"])
     if found["boundary"] is not None:
         yield from _boundary(found["boundary"], report["verdict"]["margin"])
-    if all(value is None for value in found.values()):
-        yield "No quantity was measured twice, so none could be compared."
-
-
-def _delay(found: Mapping[str, Any]) -> Iterator[str]:
-    device = found["device"]
-    one, other = device["identify"], device["delay"]
-    said = f"The lag is {_pm_ms(one)} by identify, {_pm_ms(other)} by further runs:"
-    if device["agree"]:
-        yield f"{said} the two agree within two standard errors."
     else:
-        longest = max(each["value"] + 2.0 * each["stderr"] for each in (one, other))
-        yield (
-            f"{said} the two do NOT agree (they differ by {device['periods']:.2g} periods). Until"
-            f" the cause is known, set model.delay.high to {longest:.3g} s."
-        )
-    for point in found["inserted"]["points"]:
-        end = "which agrees" if point["agree"] else "which does NOT agree"
-        yield (
-            f"An inserted delay of {ms(point['inserted'])} was measured as"
-            f" {_pm_ms(point['recovered'])}, {end}."
-        )
+        yield "The boundary was not measured, so it could not be compared."
 
 
 def _boundary(points: Sequence[Mapping[str, Any]], margin: float) -> Iterator[str]:
@@ -246,21 +222,6 @@ def following(report: Report) -> Iterator[tuple[str, str]]:
         )
 
 
-def model_rows(report: Report) -> Iterator[tuple[str, str, str, str]]:
-    """Yield name, value, bounds and unit of each quantity of the model."""
-    for name, each in report["verdict"]["model"].items():
-        late = name == "delay"
-        value, low, high = (
-            f"{1e3 * each[end]:.3f}" if late else f"{each[end]:.4g}"
-            for end in ("value", "low", "high")
-        )
-        yield _NAMES.get(name, name), value, f"{low} to {high}", "ms" if late else UNITS[name]
-
-
 def _n(value: float) -> str:
     """Format three digits, without an exponent where that is short."""
     return f"{float(f'{value:.3g}'):g}"
-
-
-def _pm_ms(each: Mapping[str, float]) -> str:
-    return f"{1e3 * each['value']:.3f} ± {1e3 * each['stderr']:.3f} ms"
