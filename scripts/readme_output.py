@@ -38,7 +38,7 @@ from haptic_wall.controller.cli.main import main as haptic_wall
 from haptic_wall.controller.errors import EXIT_STATUSES
 from haptic_wall.controller.guard.guard import Decision, Situation, decide
 from haptic_wall.controller.guard.limits import LIMITS as GUARD_LIMITS
-from haptic_wall.controller.report.report_keys import REPORT_KEYS
+from scripts.report_keys import REPORT_KEYS
 from haptic_wall.controller.runtime.safety import EXPLANATIONS, Trip
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.fields import fields
