@@ -65,15 +65,12 @@ _MOST_STEPS = 1000
     metavar="FRACTION",
     help="Trials continue until the standard error is this fraction of the stiffness.",
 )
-@click.option("--workers", type=Number(1, whole=True), metavar="N",
-              help="Parallel processes on the simulated clock; default: one per core.")  # fmt: skip
 @experiment(
     folder_option(
         "Folder for sweep.csv, sweep.json, sweep.png and logs/; default: a new one in ./runs/. The"
         " command continues an interrupted sweep of the same settings in DIR."
     ),
     of_walls=True,
-    filters=True,
 )
 def command(
     asked: Asked,
@@ -81,7 +78,6 @@ def command(
     steps: list[int],
     kick: float | None,
     tolerance: float,
-    workers: int | None,
 ) -> None:
     """Measure the stiffness above which CONFIG's servo oscillates, at each damping and delay.
 
@@ -118,7 +114,7 @@ def command(
         kept = question.kept(is_forced())
         try:
             progress = _Progress(len(settings), len(before)).point
-            finished = sweep(question, kept, tell=say, progress=progress, workers=workers)
+            finished = sweep(question, kept, tell=say, progress=progress)
             said, status = "interrupted", INTERRUPTED
         except ExperimentTrippedError as error:
             finished, said = False, f"{error.stop_reason}: {error}"

@@ -93,16 +93,6 @@ def why(report: Report) -> Iterator[str]:
             f"At {_n(stiffness)} N·m/rad the torque limit of {_n(verdict['torque_limit'])} N·m is"
             f" reached {_n(depth)} rad ({_n(math.degrees(depth))}°) inside the wall."
         )
-    yield from _configured(verdict["configured"])
-
-
-def _configured(decided: Mapping[str, Any]) -> Iterator[str]:
-    asked, given = decided["requested"], decided["commanded"]
-    wall = f"{_n(asked['stiffness'])} N·m/rad, {_n(asked['damping'])} N·m·s/rad"
-    if asked == given:
-        yield f"The wall of this configuration ({wall}) is commanded as requested."
-    else:
-        yield f"The wall of this configuration ({wall}): {'; '.join(decided['reasons'])}."
 
 
 def agrees(report: Report) -> Iterator[str]:
@@ -144,12 +134,6 @@ def _boundary(points: Sequence[Mapping[str, Any]], margin: float) -> Iterator[st
         )
     if not low:
         yield "No measured point requires a lower guard.margin than the configured one."
-    bounded = [p["kick_rad"] for p in measured if p["larger_grows"] is False]
-    if bounded:
-        yield (
-            f"At {len(bounded)} of the points larger motion dies: the oscillation has about"
-            f" {_n(1e3 * max(bounded))} mrad there, and does not grow further."
-        )
 
 
 def _below(point: Mapping[str, Any]) -> bool:

@@ -3,7 +3,6 @@
 import json
 import socket
 import zipfile
-from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -12,7 +11,6 @@ import pytest
 from haptic_wall.controller.experiments import acceptance
 from haptic_wall.controller.experiments.commission import steps
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
-from haptic_wall.controller.experiments.sweep.sweep import sweep
 from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
 )
@@ -36,9 +34,8 @@ def named(patch: pytest.MonkeyPatch, home: Path) -> None:
 
 
 def quicker(patch: pytest.MonkeyPatch) -> None:
-    """Measure fewer points, in this process alone."""
+    """Measure fewer points."""
     patch.setattr(acceptance, "short_sweep", lambda _config: SWEPT)
-    patch.setattr(steps, "sweep", partial(sweep, workers=1))
 
 
 @pytest.fixture(scope="module")

@@ -53,7 +53,7 @@ def test_an_interrupt_ends_with_130_and_no_traceback(
     ("command", "more"),
     [
         ("delay", ()),
-        ("sweep", ("--virtual-damping=0.02,0.04", "--delay-steps=0", "--workers=1")),
+        ("sweep", ("--virtual-damping=0.02,0.04", "--delay-steps=0")),
     ],
 )
 def test_a_servo_that_is_lost_on_the_way_ends_with_4(

@@ -18,7 +18,7 @@ _TORQUES = frozenset(("excess", "drag", "dead_band"))
 _KEYS = {
     **{key: key for key in ("virtual_damping", "delay_steps", "delay_s", "kick_rad", "measured")},
     **{"stderr": "uncertainty", "without_friction": "exact"},
-    **{key: key for key in ("larger_grows", "reason")},
+    "reason": "reason",
 }
 """Keys of a compared point, with the keys of the sweep's point that they repeat"""
 _PERCENT = 0.05

@@ -123,7 +123,6 @@ def verdict(question: GuardQuestion, identified: bool) -> dict[str, Any]:
         ],
         "plain": decision_report(question.decide(ASKED, 0.0)),
         "best": decision_report(question.decide(ASKED, best)),
-        "configured": decision_report(question.decide(wall.stiffness, wall.damping)),
     }
 
 

@@ -30,9 +30,6 @@ class PointResult:
     predicted_with_friction: float | None = None
     """Stiffness that sustains the kick's amplitude, with the believed friction and backlash
     [N·m/rad]; with a load or a filter without the backlash"""
-    larger_grows: bool | None = None
-    """At the measured stiffness larger motion grows (true), or dies down to a cycle of about the
-    kick (false); None: the trials do not tell"""
     trials: int = 0
     disturbed: int = 0
     """Further trials in which too much was lost to tell growth from decay"""
@@ -76,14 +73,6 @@ def bracket_text(low: float, high: float, *, mixed: bool) -> str:
         else f"between {low:.4g}, where motion died, and {high:.4g}, where it grew"
     )
     return f"{found}: too few undisturbed half-cycles to fit the growth, as with much friction"
-
-
-def bounded_text(amplitude: float) -> str:
-    """Explain a figure at which larger motion decays; amplitude [rad]."""
-    return (
-        f"larger motion dies: a limit cycle of about {1e3 * amplitude:.2g} mrad, as of backlash,"
-        " not growth without end"
-    )
 
 
 def nothing_text(

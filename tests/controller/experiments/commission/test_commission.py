@@ -16,7 +16,6 @@ from haptic_wall.controller.experiments.commission import plan, steps
 from haptic_wall.controller.experiments.commission.steps import Step, StepContext, StepResult
 from haptic_wall.controller.experiments.identify.bench import UnidentifiableError
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
-from haptic_wall.controller.experiments.sweep.sweep import sweep
 from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
     ExperimentTrippedError,
@@ -38,10 +37,9 @@ SWEPT = (PlanePoint(0.0, 3), PlanePoint(0.09, 3), PlanePoint(0.18, 3))
 
 
 def commission(folder: Path, *sets: str) -> None:
-    """Take all steps on the simulated servo, with fewer points, in this process alone."""
+    """Take all steps on the simulated servo, with fewer points."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(steps, "short_sweep", lambda _config: SWEPT)
-        patch.setattr(steps, "sweep", partial(sweep, workers=1))
         assert call("commission", *SIMULATED, *sets, "--out", folder) == 0
 
 
