@@ -22,7 +22,7 @@ from haptic_wall.controller.cli.experiment import REACH, Asked, experiment, fold
 from haptic_wall.controller.cli.failure import EndedEarlyError
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
 from haptic_wall.controller.cli.options import answer, as_json, say, writing
-from haptic_wall.controller.cli.places import is_forced, take_folder
+from haptic_wall.controller.cli.places import take_folder
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.system.files import whole
 from haptic_wall.controller.system.json_text import RESULT_MARK
@@ -42,10 +42,7 @@ _EMULATED_S = 60.0
 @click.command()
 @click.option("--plan", "only_plan", is_flag=True, help="Only announce the steps.")
 @experiment(
-    folder_option(
-        "Folder for report.txt, acceptance.json, acceptance.zip and the measurements. The command"
-        " continues an interrupted acceptance in DIR."
-    ),
+    folder_option("Folder for report.txt, acceptance.json, acceptance.zip and the measurements."),
     of_walls=True,
 )
 def command(asked: Asked, only_plan: bool) -> None:
@@ -58,21 +55,19 @@ def command(asked: Asked, only_plan: bool) -> None:
     """
     from haptic_wall.controller.experiments import acceptance, bundle
     from haptic_wall.controller.experiments.commission.plan import announce
-    from haptic_wall.controller.experiments.commission.sequence import ROWS, run_steps
+    from haptic_wall.controller.experiments.commission.sequence import FILES, run_steps
     from haptic_wall.controller.experiments.commission.steps import StepContext
-    from haptic_wall.controller.experiments.kept import refuse_foreign
 
     config = asked.config
     announcement = announce(config, REACH)
     out = folder_for(asked, announcement, only_plan, "acceptance")
     if out is None:
         return
-    take_folder("--out", out, ())
-    mark = f"{_MEASURED}/{ROWS}"
-    refuse_foreign(out, mark, (_JSON, _REPORT, bundle.FILE, _MEASURED, _EMULATED))
+    measured = [f"{folder}/{name}" for folder in (_MEASURED, _EMULATED) for name in FILES]
+    take_folder("--out", out, (_JSON, _REPORT, bundle.FILE, *measured))
     announced(asked, announcement)
 
-    bench = StepContext(config, asked.name, REACH, out / _MEASURED, say, is_forced(), step_plots())
+    bench = StepContext(config, asked.name, REACH, out / _MEASURED, say, step_plots())
     bench = replace(bench, points=acceptance.points(config))
     with writing("--out", out):
         with moving(config, announcement.seconds):
@@ -80,10 +75,7 @@ def command(asked: Asked, only_plan: bool) -> None:
         written(real, asked.name, bench.folder)
         doctor = real.outcomes.get("doctor")
         if doctor is not None and doctor.ends_all:
-            advice = f"then the same command with --out {out} continues"
-            raise EndedEarlyError(
-                Problem(f"nothing has moved: {doctor.reason}", advice=advice), real.exit_status
-            )
+            raise EndedEarlyError(Problem(f"nothing has moved: {doctor.reason}"), real.exit_status)
         twin = real
         if not real.interrupted:
             say("the same steps run on an emulated servo; nothing moves")
@@ -98,9 +90,7 @@ def command(asked: Asked, only_plan: bool) -> None:
                     )
                 )
         if twin.interrupted:
-            advice = f"the same command with --out {out} continues"
-            kept = Problem("interrupted: finished steps are kept", advice=advice)
-            raise EndedEarlyError(kept, INTERRUPTED)
+            raise EndedEarlyError(Problem(f"interrupted: finished steps are in {out}"), INTERRUPTED)
         with working("writing the report", DRAWING_S):
             report = _packed(asked, out, real, twin)
     answer(report, lambda: f"{_text(report)}\nlook through {report['bundle']}, and send it back")

@@ -15,7 +15,7 @@ import click
 from haptic_wall.controller.cli.experiment import REACH, Asked, experiment, folder_option, moving
 from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import answer, as_json, say, writing
-from haptic_wall.controller.cli.places import is_forced, take_folder
+from haptic_wall.controller.cli.places import take_folder
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.settings.load import Loaded
@@ -40,10 +40,7 @@ if TYPE_CHECKING:
     help="Largest excursion of the shaft to either side of its position, for identify.",
 )
 @experiment(
-    folder_option(
-        "Folder for report.txt, config.yaml, commission.json, pictures and logs/. The command"
-        " continues an interrupted commissioning of the same settings in DIR."
-    ),
+    folder_option("Folder for report.txt, config.yaml, commission.json, pictures and logs/."),
     of_walls=True,
 )
 def command(asked: Asked, only_plan: bool, reach: float) -> None:
@@ -61,22 +58,16 @@ def command(asked: Asked, only_plan: bool, reach: float) -> None:
     out = folder_for(asked, announcement, only_plan, "my-testbed")
     if out is None:
         return
-    from haptic_wall.controller.experiments.commission.sequence import (
-        is_complete,
-        kept_steps,
-        run_steps,
-    )
+    from haptic_wall.controller.experiments.commission.sequence import FILES, run_steps
     from haptic_wall.controller.experiments.commission.steps import CONFIG, StepContext
 
     if asked.file is not None and asked.file.resolve() == (out / CONFIG).resolve():
         raise UserError(f"it would replace its own CONFIG {asked.file}", field="--out")
-    take_folder("--out", out, ())  # the sequence knows what may be replaced
-    bench = StepContext(config, asked.name, reach, out, say, is_forced(), step_plots())
-    left = not is_complete(kept_steps(bench).done)
-    if left:
-        announced(asked, announcement)
+    take_folder("--out", out, FILES)
+    bench = StepContext(config, asked.name, reach, out, say, step_plots())
+    announced(asked, announcement)
     with writing("--out", out):
-        with moving(config, announcement.seconds * left):
+        with moving(config, announcement.seconds):
             ended = run_steps(bench)
         with (
             on_signals(signal.SIG_IGN),  # a held Ctrl-C must not cost the report
@@ -85,7 +76,7 @@ def command(asked: Asked, only_plan: bool, reach: float) -> None:
             report = written(ended, asked.name, out)
     answer(report, lambda: _text(report, out))
     if ended.interrupted:
-        say(f"interrupted: finished steps are kept; the same command with --out {out} continues")
+        say(f"interrupted: finished steps are in {out}")
     sys.exit(ended.exit_status)
 
 

@@ -162,7 +162,7 @@ def unknown(report: Report) -> Iterator[str]:
         if step["state"] in ("failed", "skipped") and step["step"] != "doctor":
             yield f"The step {step['step']} was {_ENDS[step['state']]}: {step['reason']}."
         elif step["state"] == "not taken":
-            yield f"The step {step['step']} was not reached; the same command continues."
+            yield f"The step {step['step']} was not reached."
     for point in report["agreement"]["boundary"] or ():
         if point["measured"] is None:
             yield (

@@ -98,20 +98,13 @@ def test_the_bundle_names_nobody(accepted: Path) -> None:
     assert "python" in report_of(accepted)["versions"]
 
 
-def test_the_same_command_measures_nothing_twice_and_others_are_refused(
-    accepted: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+def test_an_earlier_acceptance_is_not_replaced(
+    accepted: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def forbidden(*_: object, **__: object) -> NoReturn:
-        raise AssertionError
-
-    monkeypatch.setattr("haptic_wall.controller.experiments.testbed.Testbed.play", forbidden)
-    quicker(monkeypatch)
-    rows = report_of(accepted)["rows"]
-    assert call("acceptance", *SIMULATED, "--yes", "--json", "--out", accepted) == 0
-    assert json.loads(capsys.readouterr().out)["rows"] == rows
-    other = call("acceptance", *SIMULATED, "--set=model.damping=0.5", "--yes", "--out", accepted)
-    assert other == 2
-    assert "found results with other settings" in capsys.readouterr().err
+    before = (accepted / "acceptance.json").read_bytes()
+    assert call("acceptance", *SIMULATED, "--yes", "--out", accepted) == 2
+    assert "give --force to replace it" in capsys.readouterr().err
+    assert (accepted / "acceptance.json").read_bytes() == before
 
 
 @pytest.mark.parametrize(
@@ -140,9 +133,8 @@ def test_ctrl_c_keeps_what_is_done_and_writes_no_bundle(
     words = ("simulated", "--set=loop.clock=simulated", "--out", tmp_path / "out")
     assert call("acceptance", *words, "--json") == 130
     said = capsys.readouterr()
-    assert f"--out {tmp_path / 'out'} continues" in said.err
     answer = json.loads(said.out)
-    assert answer["error"].startswith("interrupted: finished steps are kept")
+    assert answer["error"].startswith("interrupted: finished steps are in")
     assert answer["exit_status"] == 130
     assert not (tmp_path / "out" / "acceptance.zip").exists()
 

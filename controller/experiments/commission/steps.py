@@ -10,8 +10,6 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from pydantic import ValidationError
-
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.commission.plan import OPTIONS, short_sweep
 from haptic_wall.controller.experiments.delay import high_age
@@ -25,7 +23,6 @@ from haptic_wall.controller.experiments.sweep.result import PointResult
 from haptic_wall.controller.experiments.sweep.sweep import Sweep, sweep
 from haptic_wall.controller.experiments.sweep.text import point_text
 from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError
-from haptic_wall.controller.settings import yaml_text as config_yaml
 from haptic_wall.controller.settings.config import Config
 
 LOGS, SWEEP, CONFIG = "logs", "sweep", "config.yaml"
@@ -54,12 +51,10 @@ State = Literal["done", "failed", "skipped"]
 
 @dataclass(frozen=True, slots=True)
 class StepOutcome:
-    """The outcome of one step, as it is kept."""
+    """The outcome of one step."""
 
     step: Step
     state: State
-    basis: str
-    """Fingerprint of the step's configuration; with another one the step is repeated"""
     reason: str | None = None
     """Why it failed or was skipped; None: it is done"""
     exit_status: int = 0
@@ -81,8 +76,6 @@ class StepContext:
     """Largest excursion during the identification [rad]"""
     folder: Path
     tell: Tell
-    fresh: bool = False
-    """Discard the results of an earlier call"""
     plots: Mapping[Step, Plot] = field(default_factory=dict)
     """Draws each step's picture; a step without one has no picture"""
     points: tuple[PlanePoint, ...] | None = None
@@ -131,33 +124,6 @@ def run_identify(bench: StepContext) -> StepResult:
     text = identified_config(bench.config, found, bench.name)
     more = {"sample_age_s": high_age(found.played, bench.config), "config_text": text}
     return StepResult({**identify_report(found), **more}, (found,))
-
-
-def identified(text: str, config: Config) -> Config:
-    """Check the configuration that ``run_identify`` has stored, and return it.
-
-    Args:
-        text: The stored text.
-        config: Its original: all but the model must be equal, or a foreign folder could raise a
-            torque limit.
-
-    Raises:
-        UserError: It differs, or is invalid.
-    """
-    where = "the identified configuration"
-    try:
-        found = Config.model_validate(config_yaml.parse(text, where))
-    except ValidationError as error:
-        raise UserError(
-            f"{where} has {error.error_count()} wrong fields",
-            advice="give --force to identify again",
-        ) from None
-    if found.model_copy(update={"model": config.model}) != config:
-        raise UserError(
-            f"{where} differs from CONFIG in more than the model",
-            advice="give --force to identify again",
-        )
-    return found
 
 
 def run_sweep(bench: StepContext) -> StepResult:
