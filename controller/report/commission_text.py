@@ -11,16 +11,9 @@ from haptic_wall.controller.experiments.commission.sequence import (
     NOT_MEASURED,
     check_text,
 )
-from haptic_wall.controller.guard.delay_parts import ms
 
 Report = Mapping[str, Any]
 
-_PARTS = {
-    "hold": "half the period",
-    "sample_age": "age of the sample",
-    "inserted": "inserted",
-    "device": "the lag at its upper bound",
-}
 _ENDS = {"failed": "tried and failed", "skipped": "left out"}
 
 
@@ -80,12 +73,6 @@ def why(report: Report) -> Iterator[str]:
         # the verdict asks for more than any limit allows: that figure tells nothing
         asked = f" instead of {decided['requested']['stiffness']:.4g} N"
         yield f"{which} {'; '.join(decided['reasons']).replace(asked, ' N')}."
-    parts = ", ".join(
-        f"{_PARTS[part['name']]} {ms(part['seconds'])} ({100 * part['share']:.0f} %)"
-        for part in verdict["delay_parts"]
-        if part["seconds"] > 0.0
-    )
-    yield f"The total delay, by which the damping is divided, has these parts: {parts}."
     stiffness = verdict["best"]["commanded"]["stiffness"]
     if stiffness > 0.0:
         depth = verdict["torque_limit"] / stiffness

@@ -11,7 +11,6 @@ import numpy as np
 
 from haptic_wall.controller.experiments.holding import sample_age, torque_limit_of
 from haptic_wall.controller.guard.decision_report import decision_report
-from haptic_wall.controller.guard.delay_parts import SAMPLE_AGE, DelayParts
 from haptic_wall.controller.guard.evaluation import Evaluation
 from haptic_wall.controller.guard.guard import Situation, decide
 from haptic_wall.controller.guard.limits import evaluate, least_of
@@ -89,12 +88,6 @@ class GuardQuestion:
             low, high = tried[max(top - 1, 0)], tried[min(top + 1, _POINTS - 1)]
         return best
 
-    def parts(self) -> DelayParts:
-        """Return the parts of the delay, with the device's own longest lag."""
-        device = self.situation.belief.delay.high
-        named = {SAMPLE_AGE: self.age, "inserted": self.inserted, "device": device}
-        return DelayParts(self.situation.period, named)
-
 
 def verdict(question: GuardQuestion, identified: bool) -> dict[str, Any]:
     """Return the possible stiffness, its damping, and the binding limit.
@@ -103,24 +96,17 @@ def verdict(question: GuardQuestion, identified: bool) -> dict[str, Any]:
         question: The servo in its loop.
         identified: The model was measured, not only believed.
     """
-    config, belief = question.config, question.situation.belief
-    wall, parts = config.wall, question.parts()
+    belief = question.situation.belief
     # Rounded down, so that the guard still allows it; stiffness grows with it, so three digits.
     best = _rounded_down(question.best_damping())
     return {
         "basis": "identified" if identified else "believed",
         "margin": question.settings.margin,
-        "side": wall.side,
-        "velocity_samples": wall.velocity_samples,
         "torque_limit": question.situation.torque_limit,
         "model": {
             name: asdict(getattr(belief, name))
             for name in ("inertia", "damping", "coulomb", "delay", "torque_gain")
         },
-        "delay_parts": [
-            {"name": name, "seconds": size, "share": size / parts.total}
-            for name, size in parts.sizes().items()
-        ],
         "plain": decision_report(question.decide(ASKED, 0.0)),
         "best": decision_report(question.decide(ASKED, best)),
     }
