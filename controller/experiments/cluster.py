@@ -60,13 +60,7 @@ def cluster(address: str) -> Iterator[Executor]:
             )
         try:
             yield client.get_executor(pure=False)
-        except KilledWorker as error:
-            what = "several workers of the cluster were lost with the same task"
-            raise PlatformError(Problem(what, advice="look at their logs")) from error
-        except CancelledError as error:
-            what = f"the scheduler at {address} was lost"
-            raise PlatformError(Problem(what, advice="start it again, and the command")) from error
-        except ModuleNotFoundError as error:
-            what = f"a worker of the cluster lacks {error.name}"
-            advice = "install the same packages on each worker as here"
+        except (KilledWorker, CancelledError, ModuleNotFoundError) as error:
+            what = f"the cluster at {address} failed: {type(error).__name__}: {error}"
+            advice = "look at its logs; each worker needs the packages that are here"
             raise PlatformError(Problem(what, advice=advice)) from error

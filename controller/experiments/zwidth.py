@@ -18,6 +18,7 @@ from haptic_wall.controller.experiments.commission.verdict import GuardQuestion
 from haptic_wall.controller.experiments.holding import sample_age, without_hand
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.guard.limits import evaluate, least_of
+from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import loaded
 from haptic_wall.controller.system.json_text import plain
@@ -63,10 +64,10 @@ class Width:
     """[N·m·s/rad]"""
     exact: FloatArray = field(default_factory=lambda: np.empty(0))
     """Two-sided, for the middle of the belief [N·m/rad]"""
-    guard_two_sided: FloatArray = field(default_factory=lambda: np.empty(0))
-    """Commanded for a two-sided wall; NaN above the damping that is commanded [N·m/rad]"""
     guard: FloatArray = field(default_factory=lambda: np.empty(0))
-    """The same for the wall's side in CONFIG; NaN where that is not known too"""
+    """Commanded; NaN above the damping that is commanded [N·m/rad]"""
+    side: Side = "both"
+    """Side of that wall: CONFIG's, but with a filter both, because such a wall is two-sided"""
     ceiling: float = math.nan
     """Of the exact theory [N·m·s/rad]"""
     delay_s: float = math.nan
@@ -74,15 +75,12 @@ class Width:
 
     def report(self) -> dict[str, Any]:
         """Return JSON-ready values."""
-        curves = {
-            "exact": self.exact,
-            "guard": self.guard,
-            "guard_two_sided": self.guard_two_sided,
-        }
+        curves = {"exact": self.exact, "guard": self.guard}
         return {
             "velocity": asdict(self.velocity),
             "label": self.velocity.label,
             "reason": self.reason,
+            "side": self.side,
             "delay_s": plain(self.delay_s),
             "max_virtual_damping": plain(self.ceiling),
             "peak": {name: self.peak(curve) for name, curve in curves.items()},
@@ -143,22 +141,19 @@ def width_of(config: Config, velocity: Velocity) -> Width:
     ceiling = device.loop.ceiling(delay)
     # Denser at small dampings: the encoder allows most servos a small part of the ceiling.
     dampings = np.concatenate([[0.0], ceiling * np.geomspace(_LEAST, _MOST, _POINTS)])
-    one_sided = np.full(dampings.size, np.nan)
-    if velocity.filter == "none" and config.wall.side != "both":
-        one_sided = _guarded(_with(config, velocity, side=config.wall.side), dampings)
-    both = _guarded(two_sided, dampings)
+    side: Side = config.wall.side if velocity.filter == "none" else "both"
     return Width(
         velocity,
         virtual_damping=dampings,
         exact=np.asarray(device.loop.critical(dampings, delay).stiffness),
-        guard_two_sided=both,
-        guard=both if config.wall.side == "both" else one_sided,
+        guard=_guarded(_with(config, velocity, side), dampings),
+        side=side,
         ceiling=ceiling,
         delay_s=delay,
     )
 
 
-def _with(config: Config, velocity: Velocity, side: str) -> Config:
+def _with(config: Config, velocity: Velocity, side: Side) -> Config:
     raw: dict[str, Any] = without_hand(config).model_dump(mode="json")
     raw["wall"] |= {
         "side": side,
@@ -188,15 +183,13 @@ def text(found: Sequence[Width]) -> list[str]:
 
 
 def _width_line(width: Width) -> str:
-    exact, own = width.peak(width.exact), width.peak(width.guard)
     if width.reason is not None:
         return f"{width.velocity.label:<26}{width.reason}"
-    guard = own or width.peak(width.guard_two_sided)
     cells = f"{width.ceiling:>10.4g}"
-    for peak in (exact, guard):
+    for peak in (width.peak(width.exact), width.peak(width.guard)):
         cells += (
             f"{'-':>10}{'-':>9}"
             if peak is None
             else f"{peak['stiffness']:>10.4g}{peak['virtual_damping']:>9.3g}"
         )
-    return f"{width.velocity.label:<26}{cells}" + ("" if own else "  two-sided")
+    return f"{width.velocity.label:<26}{cells}" + ("  two-sided" if width.side == "both" else "")

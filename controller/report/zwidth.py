@@ -44,7 +44,7 @@ def _plane(ax: Axes, widths: list[Width], wall: Wall) -> None:
     top = 1e-9
     least = np.inf
     for width, colour in zip(widths, style.shades(len(widths)), strict=True):
-        own = width.guard if np.isfinite(width.guard).any() else width.guard_two_sided
+        own = width.guard
         ax.plot(width.virtual_damping, width.exact, color=colour, linewidth=0.9)
         ax.plot(width.virtual_damping, own, color=colour, linewidth=1.4, linestyle=style.DASHED)
         best = width.peak(own)

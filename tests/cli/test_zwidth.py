@@ -43,8 +43,8 @@ def test_the_curves_are_those_of_theory_and_guard(tmp_path: Path, cli: Cli) -> N
         assert 0 < len(guard) < len(exact)
         assert all(k <= 0.8001 * e for k, e in zip(guard, exact, strict=False))
     filtered = report["widths"][2]
-    assert all(point["guard"] is None for point in filtered["curve"])
-    assert filtered["peak"]["guard_two_sided"]["stiffness"] > 0.0
+    assert filtered["side"] == "both"
+    assert filtered["peak"]["guard"]["stiffness"] > 0.0
 
 
 def test_a_length_of_no_sample_is_refused_in_a_sentence(
