@@ -88,8 +88,8 @@ def command(
     from haptic_wall.controller.experiments.holding import without_hand
     from haptic_wall.controller.experiments.sweep.device import Device
     from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint
+    from haptic_wall.controller.experiments.sweep.result import sweep_text
     from haptic_wall.controller.experiments.sweep.sweep import ROWS, Sweep, expected_s, sweep
-    from haptic_wall.controller.experiments.sweep.text import sweep_text
     from haptic_wall.controller.experiments.testbed import ExperimentTrippedError
     from haptic_wall.controller.processes.run_report import exit_status
     from haptic_wall.controller.report.sweep import plot_sweep
@@ -166,7 +166,7 @@ class _Progress:
         self._began = time.monotonic()
 
     def point(self, _setting: PlanePoint, result: PointResult) -> None:
-        from haptic_wall.controller.experiments.sweep.text import point_text
+        from haptic_wall.controller.experiments.sweep.result import point_text
 
         self._done += 1
         left = self._total - self._done

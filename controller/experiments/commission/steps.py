@@ -19,9 +19,8 @@ from haptic_wall.controller.experiments.identify.identified_config import identi
 from haptic_wall.controller.experiments.identify.text import report as identify_report
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
-from haptic_wall.controller.experiments.sweep.result import PointResult
+from haptic_wall.controller.experiments.sweep.result import PointResult, point_text
 from haptic_wall.controller.experiments.sweep.sweep import Sweep, sweep
-from haptic_wall.controller.experiments.sweep.text import point_text
 from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError
 from haptic_wall.controller.settings.config import Config
 
