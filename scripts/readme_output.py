@@ -38,7 +38,6 @@ from haptic_wall.controller.cli.main import main as haptic_wall
 from haptic_wall.controller.errors import EXIT_STATUSES
 from haptic_wall.controller.guard.guard import Decision, Situation, decide
 from haptic_wall.controller.guard.limits import LIMITS as GUARD_LIMITS
-from haptic_wall.controller.report.report_keys import REPORT_KEYS
 from haptic_wall.controller.runtime.safety import EXPLANATIONS, Trip
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.fields import fields
@@ -47,6 +46,7 @@ from haptic_wall.controller.theory import critical_stiffness, max_virtual_dampin
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.open import open_bus
 from scripts.whole_program import PROGRAM, emulated_bus
+from tests.support.report_keys import REPORT_KEYS
 
 ROOT = Path(__file__).resolve().parent.parent
 PART = re.compile(r"(<!-- (output|measured|table): (.*?) -->\n)(.*?)(<!-- end -->)", re.S)

@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from haptic_wall.controller.cli.commission import announced, folder_for, write_all, written
+from haptic_wall.controller.cli.commission import (
+    announced,
+    folder_for,
+    step_plots,
+    write_all,
+    written,
+)
 from haptic_wall.controller.cli.experiment import REACH, Asked, experiment, folder_option, moving
 from haptic_wall.controller.cli.failure import EndedEarlyError
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
 from haptic_wall.controller.cli.options import answer, as_json, say, writing
-from haptic_wall.controller.cli.places import is_forced, take_folder
+from haptic_wall.controller.cli.places import take_folder
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.system.files import whole
 from haptic_wall.controller.system.json_text import RESULT_MARK
@@ -25,7 +32,7 @@ from haptic_wall.hw.errors import Problem
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.commission.sequence import Ended
 
-_JSON, _PAGE = "acceptance.json", "report.html"
+_JSON, _REPORT = "acceptance.json", "report.txt"
 _MEASURED, _EMULATED = "measured", "emulated"
 """Folders of the two commissionings"""
 _EMULATED_S = 60.0
@@ -35,10 +42,7 @@ _EMULATED_S = 60.0
 @click.command()
 @click.option("--plan", "only_plan", is_flag=True, help="Only announce the steps.")
 @experiment(
-    folder_option(
-        "Folder for report.html, acceptance.json, acceptance.zip and the measurements. The command"
-        " continues an interrupted acceptance in DIR."
-    ),
+    folder_option("Folder for report.txt, acceptance.json, acceptance.zip and the measurements."),
     of_walls=True,
 )
 def command(asked: Asked, only_plan: bool) -> None:
@@ -51,22 +55,19 @@ def command(asked: Asked, only_plan: bool) -> None:
     """
     from haptic_wall.controller.experiments import acceptance, bundle
     from haptic_wall.controller.experiments.commission.plan import announce
-    from haptic_wall.controller.experiments.commission.sequence import ROWS, run_steps
+    from haptic_wall.controller.experiments.commission.sequence import FILES, run_steps
     from haptic_wall.controller.experiments.commission.steps import StepContext
-    from haptic_wall.controller.experiments.kept import refuse_foreign
-    from haptic_wall.controller.report.commission.picture import PLOTS
 
     config = asked.config
     announcement = announce(config, REACH)
     out = folder_for(asked, announcement, only_plan, "acceptance")
     if out is None:
         return
-    take_folder("--out", out, ())
-    mark = f"{_MEASURED}/{ROWS}"
-    refuse_foreign(out, mark, (_JSON, _PAGE, bundle.FILE, _MEASURED, _EMULATED))
+    measured = [f"{folder}/{name}" for folder in (_MEASURED, _EMULATED) for name in FILES]
+    take_folder("--out", out, (_JSON, _REPORT, bundle.FILE, *measured))
     announced(asked, announcement)
 
-    bench = StepContext(config, asked.name, REACH, out / _MEASURED, say, is_forced(), PLOTS)
+    bench = StepContext(config, asked.name, REACH, out / _MEASURED, say, step_plots())
     bench = replace(bench, points=acceptance.points(config))
     with writing("--out", out):
         with moving(config, announcement.seconds):
@@ -74,10 +75,7 @@ def command(asked: Asked, only_plan: bool) -> None:
         written(real, asked.name, bench.folder)
         doctor = real.outcomes.get("doctor")
         if doctor is not None and doctor.ends_all:
-            advice = f"then the same command with --out {out} continues"
-            raise EndedEarlyError(
-                Problem(f"nothing has moved: {doctor.reason}", advice=advice), real.exit_status
-            )
+            raise EndedEarlyError(Problem(f"nothing has moved: {doctor.reason}"), real.exit_status)
         twin = real
         if not real.interrupted:
             say("the same steps run on an emulated servo; nothing moves")
@@ -92,19 +90,16 @@ def command(asked: Asked, only_plan: bool) -> None:
                     )
                 )
         if twin.interrupted:
-            advice = f"the same command with --out {out} continues"
-            kept = Problem("interrupted: finished steps are kept", advice=advice)
-            raise EndedEarlyError(kept, INTERRUPTED)
+            raise EndedEarlyError(Problem(f"interrupted: finished steps are in {out}"), INTERRUPTED)
         with working("writing the report", DRAWING_S):
             report = _packed(asked, out, real, twin)
-    answer(report, lambda: _text(report))
+    answer(report, lambda: f"{_text(report)}\nlook through {report['bundle']}, and send it back")
     sys.exit(real.exit_status)
 
 
 def _packed(asked: Asked, out: Path, real: Ended, twin: Ended) -> dict[str, Any]:
     """Write report and bundle; return the report's data."""
     from haptic_wall.controller.experiments import acceptance, bundle
-    from haptic_wall.controller.report.acceptance.page import page
 
     config = asked.config
     found = acceptance.rows(config, real, twin)
@@ -127,30 +122,47 @@ def _packed(asked: Asked, out: Path, real: Ended, twin: Ended) -> dict[str, Any]
         "versions": bundle.versions(),
     }
     clean: dict[str, Any] = scrubber.values(json.loads(as_json(report)))
-    own = {_JSON: as_json(clean) + "\n", _PAGE: page(clean)}
+    own = {_JSON: as_json(clean) + "\n", _REPORT: _text(clean) + "\n"}
     write_all(out, own)
     folders = {name: out / name for name in (_MEASURED, _EMULATED)}
     with whole(out / bundle.FILE) as part:
         bundle.pack(part, folders, own, scrubber)
-    return clean | {"bundle": str(out / bundle.FILE), "report": str(out / _PAGE)}
+    return clean | {"bundle": str(out / bundle.FILE), "report": str(out / _REPORT)}
 
 
 def _text(report: dict[str, Any]) -> str:
-    from haptic_wall.controller.report.acceptance.page import figure_text, predicted_text
-
     lines = [f"{report['name']}: {report['headline']}", ""]
     for row in report["rows"]:
         unit = f" [{row['unit']}]" if row["unit"] else ""
         note = f": {row['note']}" if row["note"] else ""
         lines.append(f"{row['name']}{unit}: {row['verdict']}{note}")
         lines.append(
-            f"    predicted {predicted_text(row)}; this servo {figure_text(row['real'])};"
-            f" emulated {figure_text(row['emulated'])}"
+            f"    predicted {_predicted_text(row)}; this servo {_figure_text(row['real'])};"
+            f" emulated {_figure_text(row['emulated'])}"
         )
     lines.append("")
     for step in report["steps"]:
         if step["reason"]:
             lines += wrapped(f"{step['step']}: {step['state']}: {step['reason']}", "", "  ")
-    return "\n".join(
-        [*lines, f"report {report['report']}", f"look through {report['bundle']}, and send it back"]
-    )
+    versions = (f"{name} {version}" for name, version in report["versions"].items() if version)
+    lines += wrapped(f"versions: {', '.join(versions)}", "", "  ")
+    return "\n".join(lines)
+
+
+def _predicted_text(row: Mapping[str, Any]) -> str:
+    """Return the bounds of a prediction."""
+    if row["low"] is None or row["high"] is None:
+        return "-"
+    return f"{row['low']:.3g} to {row['high']:.3g}"
+
+
+def _figure_text(found: Mapping[str, Any] | None) -> str:
+    """Return a figure with its standard error and its kick."""
+    if found is None:
+        return "-"
+    text = f"{found['value']:.4g}"
+    if found["stderr"] is not None:
+        text += f" ± {found['stderr']:.2g}"
+    if found["kick_rad"] is not None:
+        text += f" (kick {found['kick_rad']:.3g} rad)"
+    return text

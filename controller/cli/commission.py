@@ -7,17 +7,15 @@ import signal
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from haptic_wall.controller.cli.drawing import drawn_or_noted
 from haptic_wall.controller.cli.experiment import REACH, Asked, experiment, folder_option, moving
 from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import answer, as_json, say, writing
-from haptic_wall.controller.cli.places import is_forced, take_folder
+from haptic_wall.controller.cli.places import take_folder
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.settings.load import Loaded
@@ -28,6 +26,7 @@ from haptic_wall.controller.system.wrapping import wrapped
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.commission.plan import Announcement
     from haptic_wall.controller.experiments.commission.sequence import Ended
+    from haptic_wall.controller.experiments.commission.steps import Plot, Step
 
 
 @click.command()
@@ -41,17 +40,14 @@ if TYPE_CHECKING:
     help="Largest excursion of the shaft to either side of its position, for identify.",
 )
 @experiment(
-    folder_option(
-        "Folder for report.html, config.yaml, commission.json, pictures and logs/. The command"
-        " continues an interrupted commissioning of the same settings in DIR."
-    ),
+    folder_option("Folder for report.txt, config.yaml, commission.json, pictures and logs/."),
     of_walls=True,
 )
 def command(asked: Asked, only_plan: bool, reach: float) -> None:
     """Examine, identify and measure CONFIG's servo; report its stiffest wall and the reasons.
 
-    It runs doctor, identify, delay and a short sweep, and writes DIR/config.yaml for haptic-wall
-    run, and DIR/report.html for you. The shaft moves by itself and must be free.
+    It runs doctor, identify and a short sweep, and writes DIR/config.yaml for haptic-wall
+    run, and DIR/report.txt for you. The shaft moves by itself and must be free.
 
     Exit status: that of the first step that failed.
     """
@@ -62,23 +58,16 @@ def command(asked: Asked, only_plan: bool, reach: float) -> None:
     out = folder_for(asked, announcement, only_plan, "my-testbed")
     if out is None:
         return
-    from haptic_wall.controller.experiments.commission.sequence import (
-        is_complete,
-        kept_steps,
-        run_steps,
-    )
+    from haptic_wall.controller.experiments.commission.sequence import FILES, run_steps
     from haptic_wall.controller.experiments.commission.steps import CONFIG, StepContext
-    from haptic_wall.controller.report.commission.picture import PLOTS
 
     if asked.file is not None and asked.file.resolve() == (out / CONFIG).resolve():
         raise UserError(f"it would replace its own CONFIG {asked.file}", field="--out")
-    take_folder("--out", out, ())  # the sequence knows what may be replaced
-    bench = StepContext(config, asked.name, reach, out, say, is_forced(), PLOTS)
-    left = not is_complete(kept_steps(bench).done)
-    if left:
-        announced(asked, announcement)
+    take_folder("--out", out, FILES)
+    bench = StepContext(config, asked.name, reach, out, say, step_plots())
+    announced(asked, announcement)
     with writing("--out", out):
-        with moving(config, announcement.seconds * left):
+        with moving(config, announcement.seconds):
             ended = run_steps(bench)
         with (
             on_signals(signal.SIG_IGN),  # a held Ctrl-C must not cost the report
@@ -87,8 +76,16 @@ def command(asked: Asked, only_plan: bool, reach: float) -> None:
             report = written(ended, asked.name, out)
     answer(report, lambda: _text(report, out))
     if ended.interrupted:
-        say(f"interrupted: finished steps are kept; the same command with --out {out} continues")
+        say(f"interrupted: finished steps are in {out}")
     sys.exit(ended.exit_status)
+
+
+def step_plots() -> dict[Step, Plot]:
+    """Return the function that draws each step's picture."""
+    from haptic_wall.controller.report.identify import plot_identification
+    from haptic_wall.controller.report.sweep import plot_sweep
+
+    return {"identify": plot_identification, "sweep": plot_sweep}
 
 
 def folder_for(
@@ -141,21 +138,16 @@ def announced(asked: Asked, announcement: Announcement) -> None:
 
 
 def written(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
-    """Write report, page and picture of a commissioning; return the report's data.
+    """Write the report of a commissioning, as text and data; return its data.
 
     Raises:
         OSError: They cannot be written.
     """
-    from haptic_wall.controller.experiments.commission.sequence import ALLOWED, JSON, PAGE, report
-    from haptic_wall.controller.experiments.commission.verdict import GuardQuestion
-    from haptic_wall.controller.report.commission.page import page
-    from haptic_wall.controller.report.commission.picture import draw_allowed
+    from haptic_wall.controller.experiments.commission.sequence import JSON, TEXT, report
 
     data: dict[str, Any] = json.loads(as_json(report(ended, name, folder)))
-    question = GuardQuestion.of(ended.config, data["delay"])
-    allowed = drawn_or_noted("--out", folder / ALLOWED, partial(draw_allowed, question, data))
-    data["report"] = str(folder / PAGE)
-    write_all(folder, {PAGE: page(data, folder, allowed), JSON: as_json(data) + "\n"})
+    data["report"] = str(folder / TEXT)
+    write_all(folder, {TEXT: _text(data, folder) + "\n", JSON: as_json(data) + "\n"})
     return data
 
 
@@ -172,7 +164,7 @@ def write_all(folder: Path, texts: Mapping[str, str]) -> None:
 
 
 def _text(report: dict[str, Any], folder: Path) -> str:
-    from haptic_wall.controller.report.commission import words
+    from haptic_wall.controller.report import commission_text as words
 
     lines = [*_wrapped(words.headline(report), "")]
     parts = (
@@ -195,7 +187,7 @@ def _text(report: dict[str, Any], folder: Path) -> str:
     if following:
         lines += ["", "What next", *(f"  {command}" for command, _ in following)]
     more = "" if report["config"] is None else ", config.yaml"
-    files = f"report.html, commission.json, pictures, logs/{more}"
+    files = f"report.txt, commission.json, pictures, logs/{more}"
     return "\n".join([*lines, "", f"written to {folder}: {files}"])
 
 

@@ -160,7 +160,7 @@ def asked_of(
             "velocity_filter",
             "none" if filters else wall.velocity_filter,
             "none",
-            "only the experiments sweep and zwidth know a filter",
+            "only the experiment zwidth knows a filter",
         ),
     ):
         if found != wanted:

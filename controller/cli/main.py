@@ -41,7 +41,7 @@ COMMANDS = {
     "config": "List all settings: value, unit, origin, range, meaning.",
     "boundary": "Compute the stiffness limits of a servo and their causes.",
     "map": "Simulate many walls of a servo; map the critical stiffness.",
-    "commission": "Run doctor, identify, delay and sweep in one.",
+    "commission": "Run doctor, identify and sweep in one.",
     "acceptance": "Guide you through the acceptance of a first real servo.",
     "identify": "Measure inertia, friction and delay of a servo.",
     "sweep": "Measure the critical stiffness of a servo.",

@@ -65,15 +65,12 @@ _MOST_STEPS = 1000
     metavar="FRACTION",
     help="Trials continue until the standard error is this fraction of the stiffness.",
 )
-@click.option("--workers", type=Number(1, whole=True), metavar="N",
-              help="Parallel processes on the simulated clock; default: one per core.")  # fmt: skip
 @experiment(
     folder_option(
         "Folder for sweep.csv, sweep.json, sweep.png and logs/; default: a new one in ./runs/. The"
         " command continues an interrupted sweep of the same settings in DIR."
     ),
     of_walls=True,
-    filters=True,
 )
 def command(
     asked: Asked,
@@ -81,7 +78,6 @@ def command(
     steps: list[int],
     kick: float | None,
     tolerance: float,
-    workers: int | None,
 ) -> None:
     """Measure the stiffness above which CONFIG's servo oscillates, at each damping and delay.
 
@@ -92,8 +88,8 @@ def command(
     from haptic_wall.controller.experiments.holding import without_hand
     from haptic_wall.controller.experiments.sweep.device import Device
     from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint
+    from haptic_wall.controller.experiments.sweep.result import sweep_text
     from haptic_wall.controller.experiments.sweep.sweep import ROWS, Sweep, expected_s, sweep
-    from haptic_wall.controller.experiments.sweep.text import sweep_text
     from haptic_wall.controller.experiments.testbed import ExperimentTrippedError
     from haptic_wall.controller.processes.run_report import exit_status
     from haptic_wall.controller.report.sweep import plot_sweep
@@ -118,7 +114,7 @@ def command(
         kept = question.kept(is_forced())
         try:
             progress = _Progress(len(settings), len(before)).point
-            finished = sweep(question, kept, tell=say, progress=progress, workers=workers)
+            finished = sweep(question, kept, tell=say, progress=progress)
             said, status = "interrupted", INTERRUPTED
         except ExperimentTrippedError as error:
             finished, said = False, f"{error.stop_reason}: {error}"
@@ -170,7 +166,7 @@ class _Progress:
         self._began = time.monotonic()
 
     def point(self, _setting: PlanePoint, result: PointResult) -> None:
-        from haptic_wall.controller.experiments.sweep.text import point_text
+        from haptic_wall.controller.experiments.sweep.result import point_text
 
         self._done += 1
         left = self._total - self._done

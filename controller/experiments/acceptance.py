@@ -22,13 +22,11 @@ from haptic_wall.controller.settings.config import Config
 HOLDS, FAILS, MISSING = "holds", "does not hold", "not measured"
 _ERRORS = 2.0
 """Standard errors within which a prediction holds"""
-_PERIODS = 0.1
-"""Uncertainty of an inserted delay that is recovered [periods]"""
 _PARAMETERS = {
     "inertia": ("inertia", "kg·m²"),
     "damping": ("viscous friction", "N·m·s/rad"),
     "coulomb": ("Coulomb friction", "N·m"),
-    "delay": ("delay of the servo, by its motions", "s"),
+    "delay": ("delay of the servo", "s"),
     "torque_gain": ("torque gain", ""),
     "backlash": ("backlash", "rad"),
 }
@@ -106,7 +104,7 @@ _BELOW = "below: the guard allows too much; use the report's model, or lower gua
 
 def _rows(config: Config, measured: Ended) -> Iterator[dict[str, Any]]:
     """Yield one servo's figures, each with the bounds of the belief."""
-    identify, delay, sweep = (measured.data(s) or {} for s in ("identify", "delay", "sweep"))
+    identify, sweep = measured.data("identify") or {}, measured.data("sweep") or {}
     belief = config.belief()
 
     def row(name: str, unit: str, step: str, bounds: Any, figure: Any) -> dict[str, Any]:  # noqa: ANN401 - JSON
@@ -119,15 +117,6 @@ def _rows(config: Config, measured: Ended) -> Iterator[dict[str, Any]]:
         bounds, figure = asdict(getattr(belief, key)), identify.get(key)
         if figure:
             yield row(name, unit, "identify", bounds, figure)
-    if delay:
-        device = delay["parts"]["device"]
-        yield row("delay of the servo, by further runs", "s", "delay", asdict(belief.delay), device)
-        for point in delay["points"]:
-            if point["recovered"] is not None:
-                name = f"inserted delay of {1e3 * point['inserted']:g} ms, as measured"
-                room = _PERIODS * config.period_s
-                bounds = {"low": point["inserted"] - room, "high": point["inserted"] + room}
-                yield row(name, "s", "delay", bounds, point["recovered"])
     for point in sweep.get("points", ()):
         name = (
             f"critical stiffness at B {point['virtual_damping']:.3g} N·m·s/rad,"

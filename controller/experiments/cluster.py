@@ -1,22 +1,14 @@
-"""Runs computations on a Dask cluster; refuses workers with other versions of the program."""
+"""Runs computations on a Dask cluster."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError, Executor, Future
+from collections.abc import Iterator
+from concurrent.futures import CancelledError, Executor
 from contextlib import contextmanager, suppress
-from functools import partial
-from typing import Any, TypeVar
 
-import numpy
-import scipy
-
-from haptic_wall import __version__
 from haptic_wall.controller.errors import PlatformError, UserError
 from haptic_wall.hw.errors import Problem
-
-Result = TypeVar("Result")
 
 _ADDRESS = re.compile(r"[a-z]+://\S+:\d+")
 _PATIENCE_S = 10.0
@@ -24,19 +16,18 @@ _PATIENCE_S = 10.0
 
 
 @contextmanager
-def cluster(address: str) -> Iterator[Cluster]:
+def cluster(address: str) -> Iterator[Executor]:
     """Yield an executor on a cluster, which stays as it is.
 
-    Tasks of a worker that is lost are done again by others. A worker with another version of this
-    program, of NumPy or of SciPy does none: its last digits could differ.
+    Tasks of a worker that is lost are done again by others. The last digits of workers with another
+    version of this program, of NumPy or of SciPy could differ.
 
     Args:
         address: Of the scheduler, such as ``tcp://127.0.0.1:8786``.
 
     Raises:
         UserError: Dask is not installed, there is no scheduler, or no worker.
-        PlatformError: The cluster or too many of its workers were lost, or one is of another
-            version.
+        PlatformError: The cluster or too many of its workers were lost, or one lacks a package.
     """
     try:
         from distributed import Client, KilledWorker
@@ -68,47 +59,8 @@ def cluster(address: str) -> Iterator[Cluster]:
                 advice=f"start some: dask worker {address} --nworkers -1 --nthreads 1",
             )
         try:
-            yield Cluster(client.get_executor(pure=False))
-        except KilledWorker as error:
-            what = "several workers of the cluster were lost with the same task"
-            raise PlatformError(Problem(what, advice="look at their logs")) from error
-        except CancelledError as error:
-            what = f"the scheduler at {address} was lost"
-            raise PlatformError(Problem(what, advice="start it again, and the command")) from error
-        except ModuleNotFoundError as error:
-            what = f"a worker of the cluster lacks {error.name}"
-            advice = "install the same packages on each worker as here"
+            yield client.get_executor(pure=False)
+        except (KilledWorker, CancelledError, ModuleNotFoundError) as error:
+            what = f"the cluster at {address} failed: {type(error).__name__}: {error}"
+            advice = "look at its logs; each worker needs the packages that are here"
             raise PlatformError(Problem(what, advice=advice)) from error
-
-
-class Cluster(Executor):
-    """Has each task check the worker that it came to."""
-
-    def __init__(self, pool: Executor) -> None:
-        self._pool = pool
-
-    def submit(self, task: Callable[..., Any], /, *args: object, **kwargs: object) -> Future[Any]:
-        """Submit a task; see ``concurrent.futures.Executor``."""
-        return self._pool.submit(checked, versions(), partial(task, *args, **kwargs))
-
-
-def versions() -> str:
-    """Return the versions on which a result's digits depend."""
-    return f"haptic-wall {__version__}, NumPy {numpy.__version__}, SciPy {scipy.__version__}"
-
-
-def checked(wanted: str, task: Callable[[], Result]) -> Result:
-    """Do a task, where the versions are the wanted ones.
-
-    Raises:
-        PlatformError: They are others.
-    """
-    if (found := versions()) != wanted:
-        raise PlatformError(
-            Problem(
-                f"found a worker of the cluster with {found}",
-                wanted=wanted,
-                advice="install the same versions on all, and start them again",
-            )
-        )
-    return task()

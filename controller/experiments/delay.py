@@ -1,14 +1,13 @@
 """Measures the loop's delay, from the sample of a torque to the motion that the torque causes.
 
 The servo makes the motions of its identification, and the same model is fitted: it gives the lag
-from the sending of a torque. The log shows when a torque was computed and when it was sent. Runs
-with inserted periods must find exactly that much more, which proves the measurement.
+from the sending of a torque. The log shows when a torque was computed and when it was sent.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.experiments.estimated import Estimated
-from haptic_wall.controller.experiments.identify.bench import (
-    SPOILT,
-    Bench,
-    UnidentifiableError,
-)
-from haptic_wall.controller.experiments.identify.excitation import Bounds
-from haptic_wall.controller.experiments.identify.fit import Fit
+from haptic_wall.controller.experiments.identify.bench import SPOILT, UnidentifiableError
 from haptic_wall.controller.experiments.identify.fitting import rounding_of
 from haptic_wall.controller.experiments.identify.identification import (
     FULL,
@@ -33,12 +26,10 @@ from haptic_wall.controller.experiments.identify.identification import (
 from haptic_wall.controller.experiments.testbed import Played
 from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.theory.checks import FloatArray, IntArray
+from haptic_wall.controller.theory.checks import IntArray
 
-START_S, RUN_S = 30.0, 25.0
-"""Approximate duration of the first motions, and of each run, in real time [s]"""
-CHECK_STEPS = 5
-"""Periods inserted in addition to the configured ones, to be recovered."""
+SECONDS = 55.0
+"""Approximate duration of all motions in real time [s]"""
 _DOUBTFUL = 1.2
 """Residual without noise, over the rounding's, from which the lag is doubtful"""
 _MORE = 5
@@ -48,81 +39,39 @@ GUARD_SHARE = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class DelayPoint:
-    """The motions with one number of inserted periods, and their fit."""
+class LoopDelay:
+    """The delay of the loop, and its parts."""
 
-    steps: int
-    inserted: float
-    """Set [s]"""
-    fit: Fit
-    """Delay from sending a torque until it acts"""
+    device: Estimated
+    """From sending a torque to the motion [s]"""
     wait: float
     """From the sample of a torque to its sending [s]"""
-    ages: FloatArray
-    """Ages of all samples when their torque was sent [s]"""
-    played: Played
-    note: str
-    """Remark for a person; empty: none"""
-    recovered: Estimated | None = None
-    """Measured inserted delay, relative to the run with the fewest periods [s]; None: this is that
-    run"""
-
-    @property
-    def device(self) -> Estimated:
-        """Return the delay from sending a torque to the motion [s]."""
-        return Estimated(self.fit["delay"], self.fit.error("delay"))
+    inserted: float
+    """By the configuration [s]"""
+    age_median: float
+    """Of a sample when a torque is sent in the same period [s]"""
+    age_high: float
+    """Percentile that the guard uses [s]"""
+    residual: float
+    """Root mean square of the fit's residual [rad]"""
+    log: Path
+    notes: tuple[str, ...]
+    """Remarks for a person"""
 
     @property
     def total(self) -> Estimated:
         """Return the delay from the sample to the motion [s]: t_d of the theory."""
-        return Estimated(self.wait + self.fit["delay"], self.fit.error("delay"))
-
-    @property
-    def age(self) -> Estimated:
-        """Return the mean age of a sample when a torque is sent in the same period [s]."""
-        ages = self.ages
-        return Estimated(float(np.mean(ages)), float(np.std(ages) / np.sqrt(ages.size)))
-
-    def beside(self, first: DelayPoint) -> DelayPoint:
-        """Return this point with the inserted delay that it recovers, beside the first one."""
-        more = self.total.value - self.age.value - (first.total.value - first.age.value)
-        error = float(np.hypot(self.total.stderr, first.total.stderr))
-        return replace(self, recovered=Estimated(first.inserted + more, error))
-
-
-@dataclass(frozen=True, slots=True)
-class LoopDelay:
-    """The delay of the loop, and its parts."""
-
-    total: Estimated
-    """At the configured inserted delay [s]"""
-    device: Estimated
-    """From all runs [s]"""
-    age_median: float
-    age_high: float
-    """Percentile that the guard uses [s]"""
-    points: tuple[DelayPoint, ...]
-    configured: int
-    """Periods inserted by the configuration"""
-
-    @property
-    def notes(self) -> list[str]:
-        """Return remarks for a person."""
-        return [point.note for point in self.points if point.note]
+        return Estimated(self.wait + self.device.value, self.device.stderr)
 
 
 def measure_delay(
-    config: Config,
-    folder: Path,
-    delay_steps: Sequence[int],
-    tell: Callable[[str], None] = lambda _text: None,
+    config: Config, folder: Path, tell: Callable[[str], None] = lambda _text: None
 ) -> LoopDelay:
     """Measure the loop's delay on the servo of a configuration.
 
     Args:
         config: The servo and its settings; a scripted operator is switched off.
         folder: Folder for the logs.
-        delay_steps: Periods to be inserted and recovered, in addition to the configured ones.
         tell: Called with messages for a person.
 
     Raises:
@@ -134,37 +83,8 @@ def measure_delay(
     """
     bounds = bounds_of(config, REACH)
     bench, fit = begun(config, folder, bounds, tell)
-    points: list[DelayPoint] = []
-    runs = sorted({config.delay.steps, *delay_steps})
-    for place, steps in enumerate(runs):
-        tell(f"run {place + 1} of {len(runs)}: {steps} periods inserted")
-        point = _measured(bench, fit, bounds, steps)
-        fit = point.fit
-        points.append(point.beside(points[0]) if points else point)
-    ages = np.concatenate([point.ages for point in points])
-    device = _together([point.device for point in points])
-    wait = next(point.wait for point in points if point.steps == config.delay.steps)
-    return LoopDelay(
-        total=Estimated(wait + device.value, device.stderr),
-        device=device,
-        age_median=float(np.median(ages)),
-        age_high=float(np.percentile(ages, config.guard.delay_percentile)),
-        points=tuple(points),
-        configured=config.delay.steps,
-    )
-
-
-def _measured(bench: Bench, fit: Fit, bounds: Bounds, steps: int) -> DelayPoint:
-    """Move the servo with inserted periods, and fit its delay.
-
-    Args:
-        bench: The servo.
-        fit: Fit of an earlier motion, for the scale.
-        bounds: Limits of the motions.
-        steps: Periods to be inserted.
-    """
-    bench.delay_steps = steps
-    played, fit = bench.fitted(f"delay-{steps}", bench.corrected(fit), FULL * bounds.reach)
+    bench.delay_steps = config.delay.steps
+    played, fit = bench.fitted("delay", bench.corrected(fit), FULL * bounds.reach)
     rounding = rounding_of(bounds.step)
     left = fit.smooth_part(rounding)
     if left > SPOILT * rounding:
@@ -174,16 +94,28 @@ def _measured(bench: Bench, fit: Fit, bounds: Bounds, steps: int) -> DelayPoint:
             advice="check for a loose horn, an elastic link or transmission, and contact with the"
             " shaft",
         )
-    note = ""
+    notes: tuple[str, ...] = ()
     if left > _DOUBTFUL * rounding:
-        note = (
+        notes = (
             f"the residual without noise is {1e3 * left:.2g} mrad, of which rounding explains"
             f" {1e3 * rounding:.2g}: the lag may be further off than its error says, as where a"
-            " load vibrates"
+            " load vibrates",
         )
-    ages: FloatArray = played.rows["age_ns"] * 1e-9
-    wait = _waiting(played.rows, steps)
-    return DelayPoint(steps, steps * bounds.period, fit, wait, ages, played, note)
+    return LoopDelay(
+        device=Estimated(fit["delay"], fit.error("delay")),
+        wait=_waiting(played.rows, config.delay.steps),
+        inserted=config.delay.steps * bounds.period,
+        age_median=float(np.median(played.rows["age_ns"])) * 1e-9,
+        age_high=high_age(played, config),
+        residual=fit.residual,
+        log=played.log,
+        notes=notes,
+    )
+
+
+def high_age(played: Played, config: Config) -> float:
+    """Return the percentile that the guard uses of the samples' ages when a torque is sent [s]."""
+    return float(np.percentile(played.rows["age_ns"], config.guard.delay_percentile)) * 1e-9
 
 
 def _waiting(rows: NDArray[np.void], steps: int) -> float:
@@ -207,62 +139,32 @@ def _waiting(rows: NDArray[np.void], steps: int) -> float:
     return float(np.median(waits)) * 1e-9
 
 
-def delay_report(found: LoopDelay, period: float, believed: float) -> dict[str, Any]:
-    """Return the result as JSON-ready values.
-
-    Args:
-        found: The result.
-        period: [s].
-        believed: The longest believed lag of the device [s].
-    """
+def delay_report(found: LoopDelay) -> dict[str, Any]:
+    """Return the result as JSON-ready values."""
     low = found.device.value - GUARD_SHARE * found.device.stderr
     high = found.device.value + GUARD_SHARE * found.device.stderr
     return {
         **found.total.report(),
         "unit": "s",
         "parts": {
-            "inserted": found.configured * period,
+            "inserted": found.inserted,
             "age": {"median": found.age_median, "guard": found.age_high},
             "device": found.device.report(),
         },
         "model_delay": {"value": max(found.device.value, 0.0), "low": max(low, 0.0), "high": high},
-        "believed_high": believed,
-        "points": [
-            {
-                "delay_steps": point.steps,
-                "inserted": point.inserted,
-                "total": point.total.report(),
-                "device": point.device.report(),
-                "age": point.age.report(),
-                "recovered": point.recovered and point.recovered.report(),
-                "residual_rad": point.fit.residual,
-                "log": point.played.log,
-            }
-            for point in found.points
-        ],
-        "notes": found.notes,
+        "residual_rad": found.residual,
+        "log": found.log,
+        "notes": list(found.notes),
     }
 
 
-def _together(found: Sequence[Estimated]) -> Estimated:
-    """Return the mean weighted by information."""
-    weights = np.array([max(each.stderr, 1e-9) ** -2 for each in found])
-    values = np.array([each.value for each in found])
-    return Estimated(float(weights @ values / weights.sum()), float(weights.sum() ** -0.5))
-
-
-def delay_text(found: LoopDelay, period: float) -> list[str]:
-    """Format a table of the parts, one of the recovered delays, and the notes."""
-    lines = [
+def delay_text(found: LoopDelay) -> list[str]:
+    """Format the parts, one a line, and the notes."""
+    return [
         f"delay from sample to motion  {found.total.in_ms()}",
-        f"  inserted                   {ms(found.configured * period)}",
+        f"  inserted                   {ms(found.inserted)}",
         f"  age of the sample          {ms(found.age_median)} (median; the guard counts"
         f" {ms(found.age_high)})",
         f"  device, sending to motion  {found.device.in_ms()}",
-        "",
-        f"{'inserted':>10}  {'measured':>20}  {'recovered':>20}",
+        *found.notes,
     ]
-    for point in found.points:
-        recovered = point.recovered.in_ms() if point.recovered else "(reference)"
-        lines.append(f"{ms(point.inserted):>10}  {point.total.in_ms():>20}  {recovered:>20}")
-    return [*lines, *found.notes]

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -94,25 +93,6 @@ class Kept(Generic[Key, Value]):
             raise refused(self._path.parent, what, advice) from error
         self.done[key] = self._read(json.loads(line))[1]
         return self.done[key]
-
-
-def refuse_foreign(folder: Path, mark: str, names: Iterable[str]) -> None:
-    """Refuse a folder with files that an experiment would replace, and did not write.
-
-    Args:
-        folder: The folder.
-        mark: The file that the experiment writes first.
-        names: The files that it would replace.
-
-    Raises:
-        UserError: One of them is there without the mark.
-    """
-    if (folder / mark).is_file():
-        return
-    for name in names:
-        if os.path.lexists(folder / name):
-            what = f"found {name} without {mark}, which would be lost"
-            raise refused(folder, what, "name another place")
 
 
 def fingerprint(described: Mapping[str, Any]) -> str:

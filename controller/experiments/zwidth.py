@@ -1,30 +1,24 @@
 """The Z-width of a servo: its largest stiffness over the virtual damping, by velocity estimates.
 
 By exact theory for the servo in the middle of the belief, and by the guard, which uses the belief's
-least safe corner and its margin. The measured points are those of a sweep.
+least safe corner and its margin. A sweep measures points of it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from haptic_wall.controller.errors import ConfigError
-from haptic_wall.controller.experiments.commission.plan import OPTIONS, points_at
 from haptic_wall.controller.experiments.commission.verdict import GuardQuestion
 from haptic_wall.controller.experiments.holding import sample_age, without_hand
 from haptic_wall.controller.experiments.sweep.device import Device
-from haptic_wall.controller.experiments.sweep.plan import PlanePoint
-from haptic_wall.controller.experiments.sweep.result import PointResult
-from haptic_wall.controller.experiments.sweep.sweep import Sweep, sweep
-from haptic_wall.controller.experiments.sweep.text import cell, point_text
-from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError
 from haptic_wall.controller.guard.limits import evaluate, least_of
+from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import loaded
 from haptic_wall.controller.system.json_text import plain
@@ -58,60 +52,35 @@ class Velocity:
         filtered = "" if self.filter == "none" else f", {self.filter} {self.hz:g} Hz q {self.q:g}"
         return f"N {self.samples}{filtered}"
 
-    @property
-    def folder(self) -> str:
-        """Return the name of the folder of its measured points."""
-        return self.label.replace(", ", "-").replace(" ", "")
 
-
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Width:
     """Stiffness over virtual damping with one estimate of the velocity."""
 
     velocity: Velocity
-    config: Config | None
-    """With this estimate, and with a two-sided wall; None: such a configuration is refused"""
     reason: str | None = None
-    """Why it is refused"""
+    """Why a configuration with this estimate is refused; None: it is not"""
     virtual_damping: FloatArray = field(default_factory=lambda: np.empty(0))
     """[N·m·s/rad]"""
     exact: FloatArray = field(default_factory=lambda: np.empty(0))
     """Two-sided, for the middle of the belief [N·m/rad]"""
-    guard_two_sided: FloatArray = field(default_factory=lambda: np.empty(0))
-    """Commanded for a two-sided wall; NaN above the damping that is commanded [N·m/rad]"""
     guard: FloatArray = field(default_factory=lambda: np.empty(0))
-    """The same for the wall's side in CONFIG; NaN where that is not known too"""
+    """Commanded; NaN above the damping that is commanded [N·m/rad]"""
+    side: Side = "both"
+    """Side of that wall: CONFIG's, but with a filter both, because such a wall is two-sided"""
     ceiling: float = math.nan
     """Of the exact theory [N·m·s/rad]"""
     delay_s: float = math.nan
     """Total, believed"""
-    points: list[PointResult] = field(default_factory=list)
-    """Measured"""
-    _wanted: tuple[PlanePoint, ...] = ()
-    """Points to measure, when they have been asked for"""
-
-    def sweep(self, folder: Path) -> Sweep | None:
-        """Return what measures it: at no, a third, and two thirds of the useful damping.
-
-        Args:
-            folder: Has a folder for each estimate.
-        """
-        if self.config is None:
-            return None
-        self._wanted = self._wanted or points_at(self.config, self.config.delay.steps)
-        return Sweep(self.config, self._wanted, OPTIONS, folder / self.velocity.folder)
 
     def report(self) -> dict[str, Any]:
         """Return JSON-ready values."""
-        curves = {
-            "exact": self.exact,
-            "guard": self.guard,
-            "guard_two_sided": self.guard_two_sided,
-        }
+        curves = {"exact": self.exact, "guard": self.guard}
         return {
             "velocity": asdict(self.velocity),
             "label": self.velocity.label,
             "reason": self.reason,
+            "side": self.side,
             "delay_s": plain(self.delay_s),
             "max_virtual_damping": plain(self.ceiling),
             "peak": {name: self.peak(curve) for name, curve in curves.items()},
@@ -120,7 +89,6 @@ class Width:
                 | {name: plain(curve[i]) for name, curve in curves.items()}
                 for i, damping in enumerate(self.virtual_damping)
             ],
-            "measured": [asdict(point) for point in self.points],
         }
 
     def peak(self, curve: FloatArray) -> dict[str, float] | None:
@@ -167,29 +135,25 @@ def width_of(config: Config, velocity: Velocity) -> Width:
     try:
         two_sided = _with(config, velocity, side="both")
     except ConfigError as error:
-        return Width(velocity, None, str(error.problem))
+        return Width(velocity, str(error.problem))
     device = Device.of(two_sided)
     delay = device.lag + two_sided.delay.steps * device.period + sample_age(two_sided)
     ceiling = device.loop.ceiling(delay)
     # Denser at small dampings: the encoder allows most servos a small part of the ceiling.
     dampings = np.concatenate([[0.0], ceiling * np.geomspace(_LEAST, _MOST, _POINTS)])
-    one_sided = np.full(dampings.size, np.nan)
-    if velocity.filter == "none" and config.wall.side != "both":
-        one_sided = _guarded(_with(config, velocity, side=config.wall.side), dampings)
-    both = _guarded(two_sided, dampings)
+    side: Side = config.wall.side if velocity.filter == "none" else "both"
     return Width(
         velocity,
-        two_sided,
         virtual_damping=dampings,
         exact=np.asarray(device.loop.critical(dampings, delay).stiffness),
-        guard_two_sided=both,
-        guard=both if config.wall.side == "both" else one_sided,
+        guard=_guarded(_with(config, velocity, side), dampings),
+        side=side,
         ceiling=ceiling,
         delay_s=delay,
     )
 
 
-def _with(config: Config, velocity: Velocity, side: str) -> Config:
+def _with(config: Config, velocity: Velocity, side: Side) -> Config:
     raw: dict[str, Any] = without_hand(config).model_dump(mode="json")
     raw["wall"] |= {
         "side": side,
@@ -209,68 +173,23 @@ def _guarded(config: Config, dampings: FloatArray) -> FloatArray:
     return np.where(walls.damping < dampings * (1.0 - 1e-9), np.nan, commanded)
 
 
-def measure_points(
-    widths: Sequence[Width], folder: Path, fresh: bool, tell: Callable[[str], None]
-) -> None:
-    """Measure the boundary at some dampings of each width, as ``sweep`` does.
-
-    Args:
-        widths: Those to measure; each gets its points.
-        folder: Each width keeps its points in a folder there; those of the same settings are kept.
-        fresh: Measure all of them anew.
-        tell: Called with messages.
-
-    Raises:
-        ExperimentInterruptedError: A person has ended it; finished points are kept.
-        ExperimentTrippedError: The servo must be examined before it may move again.
-        ServoError: The servo could not be started.
-        UserError: A folder holds points of other settings.
-    """
-    asked = [(width, each) for width in widths if (each := width.sweep(folder)) is not None]
-    kept_points = [each.kept(fresh) for _, each in asked]  # all are looked at before one moves
-    for (width, each), kept in zip(asked, kept_points, strict=True):
-
-        def progress(_at: PlanePoint, point: PointResult, width: Width = width) -> None:
-            tell(f"{width.velocity.label}, {point_text(point)}")
-
-        finished = sweep(each, kept, tell=tell, progress=progress)
-        width.points = each.points(kept)
-        if not finished:
-            raise ExperimentInterruptedError(
-                "interrupted", advice=f"the same command with --out {folder.parent} continues"
-            )
-
-
 def text(found: Sequence[Width]) -> list[str]:
-    """Return a table of the peaks, with the measured points."""
+    """Return a table of the peaks."""
     return [
         "largest stiffness K [N·m/rad], and the virtual damping B [N·m·s/rad] there",
         f"{'velocity':<26}{'ceiling B':>10}{'exact K':>10}{'at B':>9}{'guard K':>10}{'at B':>9}",
-        *(line for width in found for line in _width_lines(width)),
+        *map(_width_line, found),
     ]
 
 
-def _width_lines(width: Width) -> list[str]:
-    if width.config is None:
-        return [f"{width.velocity.label:<26}{width.reason}"]
-    exact, own = width.peak(width.exact), width.peak(width.guard)
-    guard = own or width.peak(width.guard_two_sided)
+def _width_line(width: Width) -> str:
+    if width.reason is not None:
+        return f"{width.velocity.label:<26}{width.reason}"
     cells = f"{width.ceiling:>10.4g}"
-    for peak in (exact, guard):
+    for peak in (width.peak(width.exact), width.peak(width.guard)):
         cells += (
             f"{'-':>10}{'-':>9}"
             if peak is None
             else f"{peak['stiffness']:>10.4g}{peak['virtual_damping']:>9.3g}"
         )
-    lines = [f"{width.velocity.label:<26}{cells}" + ("" if own else "  two-sided")]
-    for point in width.points:
-        at = f"  measured at B {point.virtual_damping:<10.3g}"
-        if point.measured is None:
-            lines.append(f"{at}{point.reason}")
-            continue
-        lines.append(
-            f"{at}{point.measured:.4g} ± {point.uncertainty:.2g}, exact {point.exact:.4g}, with"
-            f" friction {cell(point.predicted_with_friction, 3)}, kick {cell(point.kick_rad, 3)}"
-            " rad"
-        )
-    return lines
+    return f"{width.velocity.label:<26}{cells}" + ("  two-sided" if width.side == "both" else "")

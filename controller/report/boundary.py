@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from haptic_wall.controller.guard.boundary import Curve, Question, WallSide, curve
+from haptic_wall.controller.guard.limits import BY_NAME
 from haptic_wall.controller.report import style
-from haptic_wall.controller.report.limit_curves import draw_limits
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
 _SHARES = np.linspace(1e-3, 1 - 1e-3, 160)
@@ -22,9 +21,16 @@ _FEWER = np.linspace(1e-3, 1 - 1e-3, 40)
 """Of a servo with a load, whose contacts are simulated for each point"""
 _FAR = 10.0
 """Multiple of the highest exact limit above which another limit is not drawn"""
-_SMALL = 0.08
-"""Ratio of the servo's own damping to the ceiling below which the origin gets an inset."""
 _ONE_SIDED_FILL, _ALLOWED_FILL = "#dcebdf", "#9cc7a5"
+_LOOKS = {
+    "linear": (style.GREY, "--"),
+    "exact": (style.BLUE, "-"),
+    "one_sided": (style.GREEN, "-"),
+    "quantisation": ("#a5004f", ":"),
+    "passive": (style.ORANGE, "-"),
+    "backlash": ("#7a4b00", "-."),
+    "flexible": ("#5a3fa0", "--"),
+}
 
 
 def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> None:
@@ -52,15 +58,7 @@ def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> N
         ax.set_ylim(0.0, 1.25 * peak)
         ax.set_ylabel(style.STIFFNESS)
         ax.set_title(_title(question, found), fontsize=8.5, loc="left")
-        shown = [ax]
-        if not question.load and -lowest < _SMALL * top:
-            shown.append(_origin(ax, question, lowest, found))
-        keys: dict[str, Artist] = {}
-        for each in shown:
-            for handle, label in zip(*each.get_legend_handles_labels(), strict=True):
-                keys.setdefault(label, handle)
-        place = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0), "borderaxespad": 0.0}
-        ax.legend(keys.values(), keys, **place)
+        ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
         stable = across.frequency > 0
         below.plot(across.virtual_damping[stable], across.frequency[stable], color=style.INK)
         below.set_ylim(bottom=0.0)
@@ -89,7 +87,14 @@ def _plane(ax: Axes, across: Curve, side: WallSide) -> None:
         damping, 0.0, allowed, color=_ALLOWED_FILL, linewidth=0, label="below all limits"
     )
     passive = {} if np.isnan(across.passive).any() else {"passive": across.passive}
-    draw_limits(ax, damping, {**limits, **passive}, _FAR * float(np.max(exact)))
+    most = _FAR * float(np.max(exact))
+    for name, values in {**limits, **passive}.items():
+        color, line = _LOOKS.get(name, (style.INK, ":"))
+        where = np.flatnonzero(values > 0)
+        if where.size:
+            shown = slice(max(where[0] - 1, 0), where[-1] + 2)
+            within = np.where(values <= most, values, np.nan)[shown]
+            ax.plot(damping[shown], within, line, color=color, label=BY_NAME[name].label)
 
 
 def _marks(ax: Axes, question: Question, found: Mapping[str, Any]) -> None:
@@ -113,20 +118,6 @@ def _marks(ax: Axes, question: Question, found: Mapping[str, Any]) -> None:
         clip_on=False,
         label=f"smallest limit, {'one' if question.side == 'one' else 'two'}-sided",
     )
-
-
-def _origin(ax: Axes, question: Question, lowest: float, found: Mapping[str, Any]) -> Axes:
-    """Draw the neighbourhood of the origin, where own damping and passivity matter."""
-    near = -5.0 * lowest if lowest < 0 else 0.02 * found["max_virtual_damping"]
-    close = curve(question, lowest + (near - lowest) * _SHARES)
-    inset = ax.inset_axes((1.065, -0.1, 0.2, 0.3))
-    _plane(inset, close, question.side)
-    inset.set_xlim(min(1.15 * lowest, -0.02 * near), near)
-    inset.set_ylim(0.0, 1.05 * float(np.max(close.limits["exact"])))
-    inset.tick_params(labelsize=7)
-    inset.set_title("near the origin", fontsize=7.5, pad=2)
-    style.grid(inset)
-    return inset
 
 
 def _title(question: Question, found: Mapping[str, Any]) -> str:

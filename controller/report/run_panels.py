@@ -219,8 +219,7 @@ def timing(ax: Axes, run: DrawnRun) -> None:
                 color=color,
             )
             # A separate dot for the legend, large enough to see.
-            median = run.sketch.medians_us[field]
-            ax.plot([], [], ".", color=color, label=f"{label} (median {median:.3g} µs)")
+            ax.plot([], [], ".", color=color, label=label)
     period_us = 1e-3 * run.config.period_ns
     missed = np.flatnonzero(rows["missed"] > 0)
     ax.axhline(
@@ -228,14 +227,13 @@ def timing(ax: Axes, run: DrawnRun) -> None:
     )
     ax.set_ylim(_LEAST_US, max(3 * period_us, 2e-3 * float(rows["lateness_ns"].max())))
     if len(missed):
-        on, before = run.sketch.missed
         ax.plot(
             run.time[missed],
             np.full(len(missed), 1.6 * period_us),
             "v",
             color=_ALARM,
             markersize=5,
-            label=f"missed: {on} ticks" + (f" (and {before} in the warm-up)" if before else ""),
+            label="missed ticks",
         )
     ax.set_ylabel("time per tick [µs]")
 

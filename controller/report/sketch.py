@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.runtime.statistics import TimeStatistics
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_CHANGED,
     FLAG_CONTACT,
@@ -37,16 +36,12 @@ _FLAGS = (FLAG_CHANGED, FLAG_CONTACT, FLAG_OFF, FLAG_SATURATED, FLAG_WARM_UP)
 
 @dataclass(frozen=True, slots=True)
 class Sketch:
-    """The selected rows of a run, and the statistics that its picture shows."""
+    """The selected rows of a run, and the mean velocity that its picture shows."""
 
     rows: NDArray[np.void]
     """The drawn rows in order, the first and the last of the run among them"""
     time: Floats
     """Time of each [s]"""
-    medians_us: dict[str, float]
-    """Median of each of ``TIMES`` while the wall was on, or of all rows where it never was [µs]"""
-    missed: tuple[int, int]
-    """Missed ticks while the wall was on, and before that"""
     mean_time: Floats
     """Middles of the slices [s]; empty where every row is drawn"""
     mean_velocity: Floats
@@ -61,14 +56,12 @@ def sketched(blocks: Iterable[NDArray[np.void]], count: int, origin_ns: int) -> 
         count: Their number.
         origin_ns: Zero of the time, on the run's clock [ns].
     """
-    counts = _Counts()
     kept: list[NDArray[np.void]] = []
     middles: list[float] = []
     means: list[float] = []
     slices = count if count <= WHOLE else SLICES
     edges = [count] if count <= WHOLE else np.linspace(0, count, slices + 1).astype(int)[1:]
     for rows in _parted(blocks, edges):
-        counts.add(rows)
         if count <= WHOLE:
             kept.append(rows)
             continue
@@ -80,37 +73,9 @@ def sketched(blocks: Iterable[NDArray[np.void]], count: int, origin_ns: int) -> 
     return Sketch(
         chosen,
         (chosen["deadline_ns"] - origin_ns) * 1e-9,
-        counts.medians_us(),
-        (counts.missed_on, counts.missed_before),
         np.array(middles),
         np.array(means),
     )
-
-
-class _Counts:
-    """Figures of all rows for the legend."""
-
-    def __init__(self) -> None:
-        self.missed_on = self.missed_before = 0
-        self._on = {field: TimeStatistics() for field in TIMES}
-        self._before = {field: TimeStatistics() for field in TIMES}
-
-    def add(self, rows: NDArray[np.void]) -> None:
-        on = (rows["flags"] & FLAG_WARM_UP) == 0
-        self.missed_on += int(rows["missed"][on].sum())
-        self.missed_before += int(rows["missed"][~on].sum())
-        for field in TIMES:
-            self._on[field].add(rows[field][on])
-            self._before[field].add(rows[field][~on])
-
-    def medians_us(self) -> dict[str, float]:
-        medians = {}
-        for field in TIMES:
-            median = self._on[field].percentile_us(50)
-            if median is None:
-                median = self._before[field].percentile_us(50)
-            medians[field] = np.nan if median is None else median
-        return medians
 
 
 def _parted(blocks: Iterable[NDArray[np.void]], edges: Iterable[int]) -> Iterator[NDArray[np.void]]:

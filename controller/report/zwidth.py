@@ -33,7 +33,7 @@ def plot_zwidth(widths: Sequence[Width], wall: Wall, name: str, path: Path) -> N
     """
     with style.picture(path, 0.8 * style.PAGE, 4.2) as figure:
         figure.suptitle(f"{style.titled(name)}: Z-width", fontsize=9, ha="left", x=0.01)
-        shown = [width for width in widths if width.config is not None]
+        shown = [width for width in widths if width.reason is None]
         _plane(figure.subplots(), shown, wall)
         figure.legend(handles=_legend(shown), loc="outside lower center", ncols=2, fontsize=7)
 
@@ -44,25 +44,13 @@ def _plane(ax: Axes, widths: list[Width], wall: Wall) -> None:
     top = 1e-9
     least = np.inf
     for width, colour in zip(widths, style.shades(len(widths)), strict=True):
-        own = width.guard if np.isfinite(width.guard).any() else width.guard_two_sided
+        own = width.guard
         ax.plot(width.virtual_damping, width.exact, color=colour, linewidth=0.9)
         ax.plot(width.virtual_damping, own, color=colour, linewidth=1.4, linestyle=style.DASHED)
         best = width.peak(own)
         top = max(top, best["virtual_damping"] if best is not None else 0.0)
         positive = [*width.exact[width.exact > 0.0], *own[np.isfinite(own) & (own > 0.0)]]
         least = min([least, *positive[:1]])
-        points = [point for point in width.points if point.measured is not None]
-        ax.errorbar(
-            [point.virtual_damping for point in points],
-            [point.measured or np.nan for point in points],
-            [2.0 * (point.uncertainty or 0.0) for point in points],
-            color=colour,
-            linestyle=" ",
-            marker="o",
-            markersize=3.5,
-            capsize=2.0,
-            elinewidth=0.8,
-        )
     ax.plot([wall.damping], [wall.stiffness], "*", color=style.INK, ms=7)
     ax.set_xscale("asinh", linear_width=_LINEAR * top)
     decades = 10.0 ** np.arange(np.ceil(np.log10(0.2 * top)), 9.0)
@@ -84,6 +72,4 @@ def _legend(widths: list[Width]) -> list[Any]:
     ]
     keys.append(style.key("exact, two-sided, no friction", linewidth=0.9))
     keys.append(style.key("the guard", linewidth=1.4, linestyle=style.DASHED))
-    if any(point.measured is not None for width in widths for point in width.points):
-        keys.append(style.key("measured, ±2 s.e.", marker="o", ms=3.5, linestyle=" "))
     return [*keys, style.key("the wall of CONFIG", marker="*", ms=7, linestyle=" ")]

@@ -15,11 +15,10 @@ import numpy as np
 
 from haptic_wall.controller.experiments.identify.fit import Fit
 from haptic_wall.controller.experiments.identify.motion import taken
-from haptic_wall.controller.experiments.recorded.choice import start_with
 from haptic_wall.controller.experiments.recorded.estimate import identify_record
 from haptic_wall.controller.experiments.recorded.friction import MODELS
 from haptic_wall.controller.experiments.recorded.record import pieces_of, record_of
-from haptic_wall.controller.experiments.recorded.shooting import first_terms, fit
+from haptic_wall.controller.experiments.recorded.shooting import first_terms, fit, start_with
 from haptic_wall.controller.theory.checks import FloatArray
 from scripts.recorded_motions import (
     DRIVEN,

@@ -50,7 +50,7 @@ def test_nobody_else_is(asked: list[str], monkeypatch: pytest.MonkeyPatch) -> No
     assert not asked
 
 
-@pytest.mark.parametrize("command", ["delay", "identify", "sweep", "zwidth"])
+@pytest.mark.parametrize("command", ["delay", "identify", "sweep"])
 def test_every_experiment_that_moves_asks_before_it_opens_the_port(
     command: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -59,7 +59,6 @@ def test_every_experiment_that_moves_asks_before_it_opens_the_port(
         raise click.Abort
 
     monkeypatch.setattr(experiment.Asked, "may_move", stop)
-    monkeypatch.setattr("haptic_wall.controller.experiments.zwidth._POINTS", 4)
     monkeypatch.chdir(tmp_path)
     options = ["--virtual-damping=0.02", "--delay-steps=0"] if command == "sweep" else []
     module = import_module(f"haptic_wall.controller.cli.{command}")

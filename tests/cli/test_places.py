@@ -17,7 +17,7 @@ FOLDERS = [
     (["paper", "fig3"], "fig3.csv"),
     (["delay", *SIMULATED], "delay.json"),
     (SWEEP, "sweep.csv"),
-    (["commission", *SIMULATED], "report.html"),
+    (["commission", *SIMULATED], "report.txt"),
 ]
 FILES = [
     (["run", *SIMULATED], "--log"),

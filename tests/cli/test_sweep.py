@@ -23,7 +23,7 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 PNG = b"\x89PNG\r\n\x1a\n"
 PLANT = ("--set", "loop.clock=simulated", "--set", "servo.coulomb=0", "--set",
          "servo.counts_per_rev=0", "--set", "servo.torque_step=0")  # fmt: skip
-POINTS = ("--virtual-damping=0.05,12", "--delay-steps=1,3", "--workers=1")
+POINTS = ("--virtual-damping=0.05,12", "--delay-steps=1,3")
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def test_an_interrupted_sweep_keeps_what_is_finished(tmp_path: Path) -> None:
     many = [0.02 + 1e-4 * i for i in range(19)]  # however late the signal comes, some are left
     command = [
         sys.executable, "-m", "haptic_wall.controller.cli.main", "sweep", "simulated", *PLANT,
-        f"--virtual-damping=9,{','.join(map(str, many))}", "--delay-steps=3", "--workers=1",
+        f"--virtual-damping=9,{','.join(map(str, many))}", "--delay-steps=3",
         "--out", str(tmp_path), "--json",
     ]  # fmt: skip
     first = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

@@ -60,7 +60,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     gc.enable()  # a run switches it off
 
 
-MEASURING = ("delay", "identify", "map", "sweep", "zwidth")
+MEASURING = ("delay", "identify", "map", "sweep")
 
 
 @pytest.fixture
@@ -77,12 +77,11 @@ def cut_short(monkeypatch: pytest.MonkeyPatch, thorough: bool) -> None:
         "haptic_wall.controller.experiments.recorded.estimate.identify_record", Nobody().submit
     )
     # Its own module comes last: one that imported it meanwhile would keep what takes its place.
-    for module in ("commission.steps", "zwidth", "sweep.sweep"):
+    for module in ("commission.steps", "sweep.sweep"):
         monkeypatch.setattr(
             f"haptic_wall.controller.experiments.{module}.sweep", lambda *_, **__: False
         )
     monkeypatch.setattr("haptic_wall.controller.experiments.zwidth._POINTS", 4)
-    monkeypatch.setattr("haptic_wall.controller.experiments.zwidth.measure_points", interrupted)
     monkeypatch.setattr(maps, "processes", lambda _count: nullcontext(Nobody()))
     monkeypatch.setattr(cluster, "cluster", lambda _address: nullcontext(Nobody()))
     monkeypatch.setattr(

@@ -13,7 +13,6 @@ import yaml
 import haptic_wall
 from haptic_wall.controller.cli.main import COMMANDS
 from haptic_wall.controller.logs.columns import COLUMNS
-from haptic_wall.controller.report.report_keys import REPORT_KEYS
 from haptic_wall.controller.runtime.telemetry import ROW
 from haptic_wall.controller.settings.fields import fields
 from haptic_wall.controller.settings.load import load_config
@@ -21,6 +20,7 @@ from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.open import open_bus
 from tests.docs.pages import PAGES, ROOT, broken, name_of, text_of
 from tests.docs.test_commands import call, folder  # noqa: F401 - a fixture
+from tests.support.report_keys import REPORT_KEYS
 from tests.typed import not_none
 
 _IMPORTED = re.compile(r"^(?:>>> )?from (haptic_wall[\w.]*) import (\([\w\s,]+\)|[\w, ]+)$", re.M)

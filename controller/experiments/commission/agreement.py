@@ -1,4 +1,4 @@
-"""Compares theory with measurement: the delay by two methods, and the boundary."""
+"""Compares the measured boundary of stability with the predicted one."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from haptic_wall.controller.experiments.estimated import Estimated
 from haptic_wall.controller.experiments.holding import without_hand
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.settings.config import Config
@@ -19,49 +18,12 @@ _TORQUES = frozenset(("excess", "drag", "dead_band"))
 _KEYS = {
     **{key: key for key in ("virtual_damping", "delay_steps", "delay_s", "kick_rad", "measured")},
     **{"stderr": "uncertainty", "without_friction": "exact"},
-    **{key: key for key in ("larger_grows", "reason")},
+    "reason": "reason",
 }
 """Keys of a compared point, with the keys of the sweep's point that they repeat"""
 _PERCENT = 0.05
 """Smallest uncertainty of the predicted stiffness, as a fraction: friction is not exactly Coulomb's
 """
-
-
-def delays(
-    identify: Mapping[str, Any], delay: Mapping[str, Any], period: float
-) -> dict[str, dict[str, Any]]:
-    """Compare the device's own delay from the identification with that from further runs.
-
-    Args:
-        identify: Result of the identification step.
-        delay: Result of the delay step.
-        period: Sampling period [s].
-    """
-    one = Estimated(**identify["delay"])
-    other = Estimated(**delay["parts"]["device"])
-    error = math.hypot(one.stderr, other.stderr)
-    return {
-        "device": {
-            "identify": identify["delay"],
-            "delay": delay["parts"]["device"],
-            "difference": other.value - one.value,
-            "stderr": error,
-            "periods": abs(other.value - one.value) / period,
-            "agree": abs(other.value - one.value) <= _ERRORS * error,
-        },
-        "inserted": {
-            "points": [
-                {
-                    "inserted": point["inserted"],
-                    "recovered": point["recovered"],
-                    "agree": abs(point["recovered"]["value"] - point["inserted"])
-                    <= _ERRORS * point["recovered"]["stderr"],
-                }
-                for point in delay["points"]
-                if point["recovered"] is not None
-            ],
-        },
-    }
 
 
 def boundary(

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from haptic_wall.controller.experiments import delay as loop_delay
 from haptic_wall.controller.experiments.holding import (
     sample_age,
     torque_limit_of,
@@ -24,8 +23,6 @@ from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint, r
 from haptic_wall.controller.experiments.sweep.sweep import excursion, expected_s
 from haptic_wall.controller.settings.config import Config
 
-DELAY_STEPS = (0, 5)
-"""Inserted periods, in addition to the configured ones, that must be recovered"""
 OPTIONS = Options(kick=None, tolerance=0.02)
 _MORE = 3
 """Periods inserted in addition to the configured ones: the fit of the boundary's line needs a
@@ -77,9 +74,6 @@ def announce(config: Config, far: float) -> Announcement:
     else:
         lines.append("doctor: left out, because there is no bus to examine")
     lines.append(f"identify: {announcement(bounds)}")
-    runs = 1 + len(DELAY_STEPS)
-    lines.append(f"delay: the same motions in {runs} runs, with periods inserted")
-    seconds += loop_delay.START_S + runs * loop_delay.RUN_S
     if config.loop.clock == "simulated":
         lines.append("sweep: the shaft is released at a few settings, at rising stiffness")
         return Announcement(tuple(lines), seconds + _SWEEP_S)

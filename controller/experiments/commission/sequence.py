@@ -1,10 +1,10 @@
-"""Executes the steps of a commissioning in order; stores each result, and skips stored ones."""
+"""Executes the steps of a commissioning in order."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,28 +15,28 @@ from haptic_wall.controller.experiments.commission.steps import (
     CONFIG,
     RUN,
     STEPS,
-    SWEEP,
     TITLES,
     Step,
     StepContext,
     StepOutcome,
-    identified,
 )
 from haptic_wall.controller.experiments.commission.verdict import GuardQuestion, verdict
-from haptic_wall.controller.experiments.kept import Kept, fingerprint, refuse_foreign
 from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
     ExperimentTrippedError,
 )
 from haptic_wall.controller.processes.run_report import exit_status
+from haptic_wall.controller.settings import yaml_text
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.files import whole
-from haptic_wall.controller.system.json_text import RESULT_MARK, plain
+from haptic_wall.controller.system.json_text import RESULT_MARK
 from haptic_wall.controller.system.signals import interrupting
 from haptic_wall.hw.errors import ServoError
 
-JSON, PAGE, ALLOWED, ROWS = "commission.json", "report.html", "allowed.png", "commission.rows"
-"""In the folder: report, page, the verdict's picture, the outcomes that are kept"""
+JSON, TEXT = "commission.json", "report.txt"
+"""In the folder: the report as data and as text"""
+FILES = (JSON, TEXT, CONFIG, *(f"{step}.png" for step in STEPS))
+"""All files of the folder"""
 COMPLETE, INCOMPLETE, NOT_MEASURED = "complete", "incomplete", "not measured"
 """Values of ``status``"""
 HARDWARE, WRONG = 4, 1
@@ -79,73 +79,35 @@ class Ended:
 _TOLD = ("state", "reason", "seconds")
 
 
-def kept_steps(bench: StepContext) -> Kept[Step, StepOutcome]:
-    """Return the outcomes of an earlier call.
-
-    Raises:
-        UserError: The folder is of other settings, or has files that no commissioning wrote.
-    """
-    written = [CONFIG, PAGE, ALLOWED, JSON, SWEEP, *(f"{step}.png" for step in STEPS)]
-    refuse_foreign(bench.folder, ROWS, written)
-    return Kept(
-        bench.folder / ROWS,
-        {"config": bench.config.model_dump(mode="json"), "reach": bench.reach},
-        lambda line: (line["step"], StepOutcome(**line)),
-        lambda _step, outcome: plain(asdict(outcome)),
-        fresh=bench.fresh,
-    )
-
-
-def is_complete(outcomes: Mapping[Step, StepOutcome]) -> bool:
-    """Whether no measurement is left."""
-    return all(
-        step in outcomes and (outcomes[step].state == "done" or step == "doctor") for step in STEPS
-    )
-
-
 def run_steps(bench: StepContext) -> Ended:
-    """Execute every step that is not done yet.
+    """Execute every step.
 
     Args:
-        bench: The servo and the folder; steps that are done there are kept.
+        bench: The servo and the folder.
 
     Raises:
         OSError: Results could not be written.
-        UserError: The folder is of other settings, or was changed.
     """
     bench.folder.mkdir(parents=True, exist_ok=True)
-    kept = kept_steps(bench)
-    earlier = dict(kept.done)
-    complete = is_complete(earlier)
     outcomes: dict[Step, StepOutcome] = {}
     ended = Ended(outcomes, bench.config, interrupted=False)
     for step in STEPS:
-        basis = fingerprint({"config": ended.config.model_dump(mode="json")})
-        before = earlier.get(step)
-        # The testbed is examined again before new motions.
-        usable = complete or (step != "doctor" and before and before.state == "done")
-        if usable and before and before.basis == basis:
-            bench.tell(f"{step}: kept from an earlier call")
-            outcomes[step] = before
-        elif not ended.interrupted:
-            try:
-                with interrupting():
-                    outcome, shown = _taken(step, ended, bench, basis)
-                    outcomes[step] = kept.add(step, outcome)
-                    if outcome.reason is not None:
-                        bench.tell(f"{step}: {outcome.state}: {outcome.reason}")
-                    bench.picture(step).unlink(missing_ok=True)
-                    if shown and step in bench.plots:
-                        _draw(step, shown, bench)
-            except (KeyboardInterrupt, ExperimentInterruptedError):
-                bench.tell(f"{step}: interrupted")
-                ended = replace(ended, interrupted=True)  # earlier measurements stay in the report
+        try:
+            with interrupting():
+                outcomes[step], shown = _taken(step, ended, bench)
+                if outcomes[step].reason is not None:
+                    bench.tell(f"{step}: {outcomes[step].state}: {outcomes[step].reason}")
+                bench.picture(step).unlink(missing_ok=True)
+                if shown and step in bench.plots:
+                    _draw(step, shown, bench)
+        except (KeyboardInterrupt, ExperimentInterruptedError):
+            bench.tell(f"{step}: interrupted")
+            return replace(ended, interrupted=True)  # earlier measurements stay in the report
         if step == "identify" and (found := ended.data(step)) is not None:
-            ended = replace(ended, config=identified(found["config_text"], bench.config))
-            path = bench.folder / CONFIG
-            if outcomes[step] is not before or not path.exists():
-                with whole(path) as part:
-                    part.write_text(found["config_text"], encoding="utf-8")
+            text = found["config_text"]
+            ended = replace(ended, config=Config.model_validate(yaml_text.parse(text, CONFIG)))
+            with whole(bench.folder / CONFIG) as part:
+                part.write_text(text, encoding="utf-8")
     return ended
 
 
@@ -165,16 +127,14 @@ def _obstacle(step: Step, ended: Ended) -> str | None:
     return None
 
 
-def _taken(
-    step: Step, ended: Ended, bench: StepContext, basis: str
-) -> tuple[StepOutcome, tuple[Any, ...]]:
+def _taken(step: Step, ended: Ended, bench: StepContext) -> tuple[StepOutcome, tuple[Any, ...]]:
     """Execute a step; return its outcome, errors included, and the data of its plot.
 
     Raises:
         KeyboardInterrupt: A person has ended it, as ``ExperimentInterruptedError``.
     """
     if (why_not := _obstacle(step, ended)) is not None:
-        return StepOutcome(step, "skipped", basis, why_not), ()
+        return StepOutcome(step, "skipped", why_not), ()
     bench = replace(bench, config=ended.config, partly={})
     bench.tell(f"{step}: {TITLES[step]} ...")
     began = time.monotonic()
@@ -182,7 +142,7 @@ def _taken(
     def failed(error: Exception | str, status: int, ends_all: bool = False) -> StepOutcome:
         seconds = time.monotonic() - began
         partly = dict(bench.partly)
-        return StepOutcome(step, "failed", basis, str(error), status, ends_all, seconds, partly)
+        return StepOutcome(step, "failed", str(error), status, ends_all, seconds, partly)
 
     try:
         data, shown = RUN[step](bench)
@@ -196,7 +156,7 @@ def _taken(
     if step == "doctor" and data["fatal"]:
         status = HARDWARE if not data["reached"] else WRONG
         return replace(failed(_fatal_text(data), status, ends_all=True), data=data), ()
-    return StepOutcome(step, "done", basis, seconds=time.monotonic() - began, data=data), shown
+    return StepOutcome(step, "done", seconds=time.monotonic() - began, data=data), shown
 
 
 def _draw(step: Step, shown: tuple[Any, ...], bench: StepContext) -> None:
@@ -223,7 +183,7 @@ def _fatal_text(data: Mapping[str, Any]) -> str:
 
 
 def report(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
-    """Return the data of a commissioning's page, text and JSON; a step not done is null.
+    """Return the data of a commissioning's text and JSON; a step not done is null.
 
     Args:
         ended: The commissioning, as far as it came.
@@ -231,14 +191,15 @@ def report(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
         folder: Folder with the files of the steps.
     """
     config, doctor = ended.config, ended.outcomes.get("doctor")
-    identify, delay, sweep = (ended.data(step) for step in ("identify", "delay", "sweep"))
-    complete = is_complete(ended.outcomes)
+    identify, sweep = ended.data("identify"), ended.data("sweep")
+    done = {step for step, outcome in ended.outcomes.items() if outcome.state == "done"}
+    complete = {*STEPS} <= {*done, "doctor"}
     status = COMPLETE if complete else INCOMPLETE
-    delays = boundary = None
-    if identify is not None and delay is not None:
-        delays = agreement.delays(identify, delay, config.period_s)
-    if identify is not None and sweep is not None:
-        boundary = agreement.boundary(config, sweep["points"], identify.get("effects"))
+    age = boundary = None
+    if identify is not None:
+        age = float(identify["sample_age_s"])
+        if sweep is not None:
+            boundary = agreement.boundary(config, sweep["points"], identify.get("effects"))
     return {
         **RESULT_MARK,
         "name": name,
@@ -249,8 +210,8 @@ def report(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
         "interrupted": ended.interrupted,
         "status": NOT_MEASURED if identify is None else status,
         "complete": complete,
-        "verdict": verdict(GuardQuestion.of(config, delay), identify is not None),
-        "agreement": {"delay": delays, "boundary": boundary},
+        "verdict": verdict(GuardQuestion.of(config, age), identify is not None),
+        "agreement": {"boundary": boundary},
         "steps": [
             {**each, "picture": picture if (folder / picture).exists() else None}
             for each in ended.steps()
@@ -259,7 +220,6 @@ def report(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
         # After a fatal finding of the doctor only its checks matter.
         "doctor": (doctor.data or None) if doctor else None,
         "identify": identify and {k: v for k, v in identify.items() if k != "config_text"},
-        "delay": delay,
         "sweep": sweep,
         "config": str(folder / CONFIG) if identify is not None else None,
     }

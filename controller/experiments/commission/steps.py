@@ -10,22 +10,18 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from pydantic import ValidationError
-
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.experiments.commission.plan import DELAY_STEPS, OPTIONS, short_sweep
-from haptic_wall.controller.experiments.delay import delay_report, measure_delay
+from haptic_wall.controller.experiments.commission.plan import OPTIONS, short_sweep
+from haptic_wall.controller.experiments.delay import high_age
 from haptic_wall.controller.experiments.holding import without_hand
 from haptic_wall.controller.experiments.identify.identification import identify
 from haptic_wall.controller.experiments.identify.identified_config import identified_config
 from haptic_wall.controller.experiments.identify.text import report as identify_report
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
-from haptic_wall.controller.experiments.sweep.result import PointResult
+from haptic_wall.controller.experiments.sweep.result import PointResult, point_text
 from haptic_wall.controller.experiments.sweep.sweep import Sweep, sweep
-from haptic_wall.controller.experiments.sweep.text import point_text
 from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError
-from haptic_wall.controller.settings import yaml_text as config_yaml
 from haptic_wall.controller.settings.config import Config
 
 LOGS, SWEEP, CONFIG = "logs", "sweep", "config.yaml"
@@ -41,12 +37,11 @@ _HARMLESS |= {"secondary id", "shutdown"}
 them. With any other one a run would be refused, or could not be trusted."""
 
 
-Step = Literal["doctor", "identify", "delay", "sweep"]
-STEPS: tuple[Step, ...] = ("doctor", "identify", "delay", "sweep")
+Step = Literal["doctor", "identify", "sweep"]
+STEPS: tuple[Step, ...] = ("doctor", "identify", "sweep")
 TITLES: Mapping[Step, str] = {
     "doctor": "the testbed examined",
     "identify": "inertia, friction and delay identified",
-    "delay": "the loop's delay measured",
     "sweep": "the critical stiffness measured",
 }
 
@@ -55,12 +50,10 @@ State = Literal["done", "failed", "skipped"]
 
 @dataclass(frozen=True, slots=True)
 class StepOutcome:
-    """The outcome of one step, as it is kept."""
+    """The outcome of one step."""
 
     step: Step
     state: State
-    basis: str
-    """Fingerprint of the step's configuration; with another one the step is repeated"""
     reason: str | None = None
     """Why it failed or was skipped; None: it is done"""
     exit_status: int = 0
@@ -82,8 +75,6 @@ class StepContext:
     """Largest excursion during the identification [rad]"""
     folder: Path
     tell: Tell
-    fresh: bool = False
-    """Discard the results of an earlier call"""
     plots: Mapping[Step, Plot] = field(default_factory=dict)
     """Draws each step's picture; a step without one has no picture"""
     points: tuple[PlanePoint, ...] | None = None
@@ -127,44 +118,11 @@ def run_doctor(bench: StepContext) -> StepResult:
 
 
 def run_identify(bench: StepContext) -> StepResult:
-    """Identify the servo; return the text of the configuration with the result, too."""
+    """Identify the servo; return the configuration with the result, and the age of samples too."""
     found = identify(bench.config, bench.folder / LOGS, bench.reach, bench.tell)
     text = identified_config(bench.config, found, bench.name)
-    return StepResult({**identify_report(found), "config_text": text}, (found,))
-
-
-def identified(text: str, config: Config) -> Config:
-    """Check the configuration that ``run_identify`` has stored, and return it.
-
-    Args:
-        text: The stored text.
-        config: Its original: all but the model must be equal, or a foreign folder could raise a
-            torque limit.
-
-    Raises:
-        UserError: It differs, or is invalid.
-    """
-    where = "the identified configuration"
-    try:
-        found = Config.model_validate(config_yaml.parse(text, where))
-    except ValidationError as error:
-        raise UserError(
-            f"{where} has {error.error_count()} wrong fields",
-            advice="give --force to identify again",
-        ) from None
-    if found.model_copy(update={"model": config.model}) != config:
-        raise UserError(
-            f"{where} differs from CONFIG in more than the model",
-            advice="give --force to identify again",
-        )
-    return found
-
-
-def run_delay(bench: StepContext) -> StepResult:
-    """Measure the loop's delay, and whether inserted delays are recovered."""
-    config = bench.config
-    found = measure_delay(config, bench.folder / LOGS, DELAY_STEPS, tell=bench.tell)
-    return StepResult(delay_report(found, config.period_s, config.belief().delay.high))
+    more = {"sample_age_s": high_age(found.played, bench.config), "config_text": text}
+    return StepResult({**identify_report(found), **more}, (found,))
 
 
 def run_sweep(bench: StepContext) -> StepResult:
@@ -194,7 +152,6 @@ def run_sweep(bench: StepContext) -> StepResult:
 RUN: dict[Step, Callable[[StepContext], StepResult]] = {
     "doctor": run_doctor,
     "identify": run_identify,
-    "delay": run_delay,
     "sweep": run_sweep,
 }
 """The function of each step"""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -12,7 +11,6 @@ import numpy as np
 
 from haptic_wall.controller.experiments.holding import sample_age, torque_limit_of
 from haptic_wall.controller.guard.decision_report import decision_report
-from haptic_wall.controller.guard.delay_parts import SAMPLE_AGE, DelayParts
 from haptic_wall.controller.guard.evaluation import Evaluation
 from haptic_wall.controller.guard.guard import Situation, decide
 from haptic_wall.controller.guard.limits import evaluate, least_of
@@ -38,15 +36,15 @@ class GuardQuestion:
     settings: GuardSettings
 
     @classmethod
-    def of(cls, config: Config, delay: Mapping[str, Any] | None) -> GuardQuestion:
-        """Return the question for a model, and a measured delay where there is one.
+    def of(cls, config: Config, age: float | None) -> GuardQuestion:
+        """Return the question for a model, and a measured age where there is one.
 
         Args:
             config: Configuration with the best known model.
-            delay: Result of the step ``delay``; None: the age is an estimate for the bus.
+            age: Percentile of the samples' ages [s]; None: it is an estimate for the bus.
         """
         step = config.servo.position_step
-        age = sample_age(config) if delay is None else float(delay["parts"]["age"]["guard"])
+        age = sample_age(config) if age is None else age
         if config.servo.kind != "simulated" or config.loop.clock != "simulated":
             # A run uses the next larger age of its gain schedule.
             bins = age_bins_ns(config.period_ns)
@@ -90,12 +88,6 @@ class GuardQuestion:
             low, high = tried[max(top - 1, 0)], tried[min(top + 1, _POINTS - 1)]
         return best
 
-    def parts(self) -> DelayParts:
-        """Return the parts of the delay, with the device's own longest lag."""
-        device = self.situation.belief.delay.high
-        named = {SAMPLE_AGE: self.age, "inserted": self.inserted, "device": device}
-        return DelayParts(self.situation.period, named)
-
 
 def verdict(question: GuardQuestion, identified: bool) -> dict[str, Any]:
     """Return the possible stiffness, its damping, and the binding limit.
@@ -104,27 +96,19 @@ def verdict(question: GuardQuestion, identified: bool) -> dict[str, Any]:
         question: The servo in its loop.
         identified: The model was measured, not only believed.
     """
-    config, belief = question.config, question.situation.belief
-    wall, parts = config.wall, question.parts()
+    belief = question.situation.belief
     # Rounded down, so that the guard still allows it; stiffness grows with it, so three digits.
     best = _rounded_down(question.best_damping())
     return {
         "basis": "identified" if identified else "believed",
         "margin": question.settings.margin,
-        "side": wall.side,
-        "velocity_samples": wall.velocity_samples,
         "torque_limit": question.situation.torque_limit,
         "model": {
             name: asdict(getattr(belief, name))
             for name in ("inertia", "damping", "coulomb", "delay", "torque_gain")
         },
-        "delay_parts": [
-            {"name": name, "seconds": size, "share": size / parts.total}
-            for name, size in parts.sizes().items()
-        ],
         "plain": decision_report(question.decide(ASKED, 0.0)),
         "best": decision_report(question.decide(ASKED, best)),
-        "configured": decision_report(question.decide(wall.stiffness, wall.damping)),
     }
 
 

@@ -15,9 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from haptic_wall.controller.experiments.identify.motion import Pieces
-from haptic_wall.controller.experiments.identify.separable import NO_LINES, Linear
-from haptic_wall.controller.experiments.identify.standard_errors import (
+from haptic_wall.controller.experiments.identify.separable import (
     CORRELATED_S,
+    NO_LINES,
+    Linear,
     standard_covariance,
 )
 from haptic_wall.controller.theory.checks import FloatArray

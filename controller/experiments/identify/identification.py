@@ -86,8 +86,8 @@ class Identified:
     backlash: Estimated | None
     """Between shaft and encoder, full width [rad]; None: not visible"""
     vibration: Vibration | None
-    """Vibration of a load behind the gear's compliance; None: the motions were too small to look
-    for it"""
+    """Vibration of a load behind the gear's compliance; None: it was not looked for, because the
+    motions were too small, or the encoder is on the motor"""
     residual: float
     """Root mean square of measured minus fitted position [rad]"""
     noise: float
@@ -167,7 +167,9 @@ def identify(
     bench, fit = begun(config, folder, bounds, tell)
     played, fit = bench.fitted("motions", bench.corrected(fit), FULL * reach)
     heaviest = heaviest_load(fit["inertia"], config.belief())
-    mode = find_mode(bench, fit, bounds, FULL * reach, config.servo.encoder)
+    mode = None
+    if config.servo.encoder == "output":
+        mode = find_mode(bench, fit, bounds, FULL * reach)
     found = _judged(played, fit, bounds, tuple(bench.logs), mode, heaviest)
     return replace(found, warnings=(*found.warnings, *_echo(fit, config)))
 

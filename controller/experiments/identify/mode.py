@@ -4,7 +4,7 @@ The servo cruises while its torque sweeps all frequencies. Everything that fits 
 the best fit is inside the bounds. Where a rigid shaft does, no mode was seen, and the result is the
 frequency below which there is none.
 
-An encoder on the output does not see the ratio of the two masses: to both together the motion is
+The encoder, on the output, does not see the ratio of the two masses: to both together the motion is
 the same whatever the load's share. Bounds of that ratio come from what was believed.
 """
 
@@ -40,8 +40,6 @@ _SEEN_HZ = 220.0
 """Above it a mode cannot be told from a lag of the current loop"""
 _PER_OCTAVE, _RATIOS = 12, (0.01, 0.04, 0.15, 0.3)
 """Frequencies and damping ratios at which a mode is looked for; the last is the largest"""
-_LEAST_LOAD = 0.2
-"""Load over motor inertia from which a mode is seen by an encoder on the motor"""
 _FLOORS = (0.01, 0.25)
 """Least relative distance of the bounds of frequency and damping ratio: where friction turns with
 the motor, a simulated ratio was found 17 % too large"""
@@ -69,8 +67,6 @@ class Mode:
     """Damping ratio; None: not seen"""
     inertia: float
     """Inertia of motor and load, in commanded units [kg·m²]"""
-    load_ratio: float | None
-    """Load over motor inertia, where the encoder is on the motor and has seen it"""
 
 
 class _Point(NamedTuple):
@@ -80,9 +76,7 @@ class _Point(NamedTuple):
     lag: float
 
 
-def find_mode(
-    bench: Bench, fit: Fit, bounds: Bounds, amplitude: float, encoder: str
-) -> Mode | None:
+def find_mode(bench: Bench, fit: Fit, bounds: Bounds, amplitude: float) -> Mode | None:
     """Move a fitted servo, and return its vibration mode, or the absence of one.
 
     Args:
@@ -90,7 +84,6 @@ def find_mode(
         fit: Fit of its other motions.
         bounds: Limits of the motions.
         amplitude: Wanted excursion to each side [rad].
-        encoder: Side of the transmission that it measures.
 
     Returns:
         None: the cruises were too short to tell anything.
@@ -106,7 +99,7 @@ def find_mode(
     found = cruises_of(motion_of(played.rows), spans, bounds.period, fit)
     if len(found.weights) < FEWEST_CRUISES:
         return None
-    return mode_of(ModeModel(found, encoder, fit["inertia"]))
+    return mode_of(ModeModel(found, fit["inertia"]))
 
 
 def mode_of(model: ModeModel) -> Mode:
@@ -128,16 +121,15 @@ def mode_of(model: ModeModel) -> Mode:
     if rigid > _WORSE * best.cost and LOWEST_HZ < best.hertz < _SEEN_HZ and _is_like(model, best):
         return _seen(model, best)
     # None was seen. One is still possible where its fit is hardly worse than a rigid shaft's.
-    gain = _LEAST_LOAD if model.on_motor else None
     possible = (
         hertz
         for hertz, point in coarse.items()
         if point.cost <= _CLEARLY * rigid
-        and min(_points(model, [hertz], _RATIOS, LAGS_S, gain)).cost <= _WORSE * rigid
+        and min(_points(model, [hertz], _RATIOS, LAGS_S)).cost <= _WORSE * rigid
     )
     low = min(next(possible, HIGHEST_HZ), _SEEN_HZ)
     inertia = 1.0 / float(model.solved(None).gains[0])
-    return Mode(Bounded(low, low, HIGHEST_HZ), None, inertia, None)
+    return Mode(Bounded(low, low, HIGHEST_HZ), None, inertia)
 
 
 def _points(
@@ -145,11 +137,10 @@ def _points(
     frequencies: Sequence[float],
     ratios: Sequence[float],
     lags: Sequence[float],
-    gain: float | None = None,
 ) -> list[_Point]:
     """Return the squares on a grid."""
     return [
-        _Point(model.solved(*each, gain).cost, *each)
+        _Point(model.solved(*each).cost, *each)
         for each in itertools.product(frequencies, ratios, lags)
     ]
 
@@ -157,8 +148,7 @@ def _points(
 def _is_like(model: ModeModel, point: _Point) -> bool:
     """Return whether the vibration has the gain of two masses when it is fitted freely."""
     gains = model.solved(*point[1:], free=True).gains
-    share = float(gains[1] / gains[0])
-    return share > 0.0 if model.on_motor else _GAINS[0] < -share < _GAINS[1]
+    return _GAINS[0] < -float(gains[1] / gains[0]) < _GAINS[1]
 
 
 def _seen(model: ModeModel, best: _Point) -> Mode:
@@ -172,12 +162,10 @@ def _seen(model: ModeModel, best: _Point) -> Mode:
             best[1:3], _FLOORS, (_ends(model, best, which) for which in (0, 1)), strict=True
         )
     )
-    gains = model.solved(*best[1:]).gains
     return Mode(
         hertz,
         replace(ratio, high=min(ratio.high, max(_RATIOS[-1], ratio.value))),
-        1.0 / float(gains[0]),
-        float(gains[1] / gains[0]) if model.on_motor else None,
+        1.0 / float(model.solved(*best[1:]).gains[0]),
     )
 
 

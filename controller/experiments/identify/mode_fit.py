@@ -2,12 +2,11 @@
 
 Motor and load, with the transmission between them, turn the encoder's side by ::
 
-    J y'' = u          and      z'' + 2 zeta w z' + w² z = u / J,      position = y + g z
+    J y'' = u          and      z'' + 2 zeta w z' + w² z = u / J,      position = y - z
 
-with J of both masses; g is -1 for an encoder on the output, whatever the ratio of the masses, and
-load over motor inertia on the motor. While the shaft cruises friction adds a slow course, so each
-cruise has a polynomial of its own, and a vibration that was there before. All of it is linear but
-the frequency, the damping ratio and the delay.
+with J of both masses, whatever their ratio: the encoder is on the output. While the shaft cruises
+friction adds a slow course, so each cruise has a polynomial of its own, and a vibration that was
+there before. All of it is linear but the frequency, the damping ratio and the delay.
 """
 
 from __future__ import annotations
@@ -118,7 +117,7 @@ class Solved:
     cost: float
     """Sum of squares [rad²]"""
     gains: FloatArray
-    """1 / J of the rigid motion [1/(kg·m²)]; for an encoder on the motor also of the vibration"""
+    """1 / J of the rigid motion [1/(kg·m²)]; where it is fitted freely also of the vibration"""
 
 
 class ModeModel:
@@ -126,17 +125,12 @@ class ModeModel:
 
     Args:
         cruises: The motion.
-        encoder: Side of the transmission that it measures.
         inertia: Inertia of motor and load by other motions, roughly [kg·m²].
-
-    Attributes:
-        on_motor: The encoder is on the motor's side.
     """
 
-    def __init__(self, cruises: Cruises, encoder: str, inertia: float) -> None:
+    def __init__(self, cruises: Cruises, inertia: float) -> None:
         self._gain = 1.0 / inertia
         self._cruises = cruises
-        self.on_motor = encoder == "motor"
         self._fine = cruises.period / _FINE
         span = cruises.time[-1] if cruises.time.size else 1.0
         each = 2.0 * cruises.time / span - 1.0
@@ -149,7 +143,6 @@ class ModeModel:
         hertz: float | None,
         ratio: float = 0.0,
         lag: float = 0.0,
-        gain: float | None = None,
         *,
         free: bool = False,
     ) -> Solved:
@@ -159,9 +152,7 @@ class ModeModel:
             hertz: Frequency, both ends free [Hz].
             ratio: Damping ratio, < 1.
             lag: One of ``LAGS_S`` [s].
-            gain: Gain of the vibration, g; None: -1 for an encoder on the output, fitted on the
-                motor.
-            free: It is fitted on the output too.
+            free: The gain of the vibration is fitted; else it is that of two masses.
 
         Returns:
             The squares are infinite where the inertia is far from that of other motions.
@@ -172,12 +163,11 @@ class ModeModel:
         rate = speed
         if hertz is not None:
             mode, its_rate = self._mode(self._lagged[lag], hertz, ratio)
-            if free or (gain is None and self.on_motor):
+            if free:
                 shared.append(mode)
             else:
-                gain = -1.0 if gain is None else gain
-                shared[0] = rigid + gain * mode
-                rate = speed + gain * its_rate
+                shared[0] = rigid - mode
+                rate = speed - its_rate
         shared.append(-rate)
         found = self._least_squares(nuisance, shared)
         if hertz is not None and not _LIGHTEST < found.gains[0] / self._gain < _HEAVIEST:

@@ -18,8 +18,7 @@ from scipy.optimize import least_squares
 from haptic_wall.controller.experiments.identify.fit import Fit
 from haptic_wall.controller.experiments.identify.motion import Pieces
 from haptic_wall.controller.experiments.identify.motion_model import simulated
-from haptic_wall.controller.experiments.identify.separable import Linear
-from haptic_wall.controller.experiments.identify.standard_errors import CORRELATED, CORRELATED_S
+from haptic_wall.controller.experiments.identify.separable import CORRELATED, CORRELATED_S, Linear
 from haptic_wall.controller.theory.checks import FloatArray
 
 _RUN = 8

@@ -22,7 +22,7 @@ from haptic_wall.controller.experiments.identify.fitting import (
 )
 from haptic_wall.controller.experiments.identify.motion import Motion, taken
 from haptic_wall.controller.experiments.identify.output_error import Prior
-from haptic_wall.controller.experiments.identify.standard_errors import standard_covariance
+from haptic_wall.controller.experiments.identify.separable import standard_covariance
 from haptic_wall.controller.theory.checks import FloatArray
 
 FADING = ("excess", "fading")

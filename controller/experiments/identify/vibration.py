@@ -14,8 +14,6 @@ LIGHT_LOAD, HEAVY_LOAD = 0.03, 3.0
 """Least and largest load over motor inertia that are thought possible"""
 USUAL_LOAD = 1.0
 """Largest, where no heavier one was believed"""
-_LOAD_ERROR = 0.2
-"""Relative error of that ratio, where the encoder is on the motor"""
 _UNSEEN_RATIO = Bounded(0.02, 0.005, 0.1)
 """Assumed damping ratio of a vibration that was not seen: bare metal to plastic gears"""
 _LEAST_RATIO = 1e-4
@@ -33,8 +31,6 @@ class Vibration:
     """[kg·m²]; not seen: of a load that may be there"""
     inertia: float
     """Inertia of motor and load [kg·m²]"""
-    load_measured: bool
-    """Whether the motion shows the load's share; an encoder on the output does not see it"""
 
 
 def heaviest_load(inertia: float, belief: Belief) -> float:
@@ -62,17 +58,11 @@ def vibration_of(
     """
     inertia = scale * mode.inertia
     loads = Bounded(math.sqrt(LIGHT_LOAD * heaviest), LIGHT_LOAD, heaviest)
-    if mode.load_ratio is not None:
-        loads = Bounded(
-            mode.load_ratio,
-            mode.load_ratio * (1.0 - _LOAD_ERROR),
-            mode.load_ratio * (1.0 + _LOAD_ERROR),
-        )
     behind = Bounded(*(inertia * r / (1.0 + r) for r in (loads.value, loads.low, loads.high)))
     if mode.ratio is None:
         low, high = mode.hertz.low, 0.5 * rate_hz
         hertz = Bounded(math.sqrt(low * high), low, high)
-        return Vibration(hertz, None, behind, inertia, False)
+        return Vibration(hertz, None, behind, inertia)
     # Friction on the motor damps the vibration too, and is counted by itself.
     per_load = max(damping, 0.0) / (2.0 * math.tau * mode.hertz.value * mode.inertia)
     low = max(mode.ratio.low - per_load * loads.high, _LEAST_RATIO)
@@ -82,7 +72,6 @@ def vibration_of(
         Bounded(value, low, max(mode.ratio.high, value)),
         behind,
         inertia,
-        mode.load_ratio is not None,
     )
 
 
@@ -125,14 +114,16 @@ def vibration_report(found: Vibration | None) -> dict[str, Any] | None:
         "flexible_hz": _entry(found.hertz) if seen else None,
         "flexible_damping_ratio": None if found.ratio is None else _entry(found.ratio),
         "load_inertia": _entry(found.load_inertia) if seen else None,
-        "load_inertia_measured": found.load_measured,
     }
 
 
 def vibration_lines(found: Vibration | None) -> Iterator[str]:
     """Yield sentences for people, without their full stop."""
     if found is None:
-        yield "no search for a vibration: the motions are too small; give a larger --reach"
+        yield (
+            "no search for a vibration: the motions are too small (give a larger --reach), or the"
+            " encoder is on the motor"
+        )
     elif found.ratio is None:
         yield f"no vibration of a load found below {found.hertz.low:.3g} Hz"
     else:
@@ -142,8 +133,10 @@ def vibration_lines(found: Vibration | None) -> Iterator[str]:
             f" damping ratio {100 * ratio.value:.2g} % ({100 * ratio.low:.2g} to"
             f" {100 * ratio.high:.2g})"
         )
-        how = "" if found.load_measured else ", as believed: the motion does not determine it"
-        yield f"that load has {load.low:.2g} to {load.high:.2g} kg·m²{how}"
+        yield (
+            f"that load has {load.low:.2g} to {load.high:.2g} kg·m², as believed: the motion does"
+            " not determine it"
+        )
 
 
 def _entry(bounded: Bounded) -> dict[str, float]:

@@ -11,7 +11,6 @@ import numpy as np
 from haptic_wall.controller.experiments.estimated import Estimated
 from haptic_wall.controller.experiments.identify.fit import Fit
 from haptic_wall.controller.experiments.identify.motion import Motion
-from haptic_wall.controller.experiments.recorded.choice import PIECE_S, judged
 from haptic_wall.controller.experiments.recorded.friction import (
     LONGEST_DELAY_S,
     MEANING,
@@ -23,7 +22,7 @@ from haptic_wall.controller.experiments.recorded.record import (
     pieces_of,
     row_interval,
 )
-from haptic_wall.controller.experiments.recorded.shooting import first_terms, fit
+from haptic_wall.controller.experiments.recorded.shooting import PIECE_S, first_terms, fit, judged
 from haptic_wall.controller.theory.checks import FloatArray
 
 GRAVITY = 9.80665

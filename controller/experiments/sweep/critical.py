@@ -29,7 +29,6 @@ from haptic_wall.controller.experiments.sweep.plan import (
 )
 from haptic_wall.controller.experiments.sweep.result import (
     PointResult,
-    bounded_text,
     bracket_text,
     nothing_text,
     out_of_reach_text,
@@ -283,15 +282,13 @@ class PointSearch:
         elif found is not None:
             result.measured, result.uncertainty = found.stiffness, found.uncertainty
             result.frequency_hz = found.frequency if math.isfinite(found.frequency) else None
-            result.kick_rad, result.larger_grows = found.amplitude, found.larger_grows
+            result.kick_rad = found.amplitude
             if result.exact > 0.0:
                 result.predicted_with_friction = device.sustained(damping, delay, found.amplitude)
             if not found.low <= found.stiffness <= found.high:
                 result.reason = "extrapolated: on one side of the limit there is no trial"
             elif found.uncertainty > 2.0 * self._options.tolerance * found.stiffness:
                 result.reason = "the trials differ by more than the tolerance: see the uncertainty"
-            elif found.larger_grows is False:
-                result.reason = bounded_text(found.amplitude)
         elif (between := trials.range()) is not None:
             result.measured = math.sqrt(between[0] * between[1])
             result.uncertainty = 0.5 * (between[1] - between[0])

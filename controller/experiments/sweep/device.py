@@ -112,13 +112,13 @@ class Device:
     def sustained(self, virtual_damping: float, delay: float, amplitude: float) -> float | None:
         """Return the stiffness that sustains an amplitude, with friction and backlash [N·m/rad].
 
-        None: no stiffness does. With a load or a filter backlash is not counted.
+        None: no stiffness does. With a load backlash is not counted.
 
         Source: describing function of Coulomb friction, 4 c/(pi A w).
         """
         if self.coulomb == 0.0 and self.backlash == 0.0:
             return self.exact(virtual_damping, delay) or None
-        if self.loop.load is not None or self.loop.velocity_filter is not None:
+        if self.loop.load is not None:
             stiffness, frequency = self._critical(virtual_damping, delay, 0.0)
             friction = 0.0
             for each in range(_ROUNDS if frequency else 0):

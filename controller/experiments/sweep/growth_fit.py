@@ -29,8 +29,6 @@ _STRETCH = 1.05
 """Largest extrapolation of the growth beyond the observed amplitudes"""
 _LEVEL = 0.2
 """Least slope of the growth at its zero, relative to that at the guess"""
-_TOLD = 3.0
-"""Standard errors by which the growth must depend on the amplitude"""
 _FADED = 0.35
 """Fraction of the wanted amplitude below which friction and noise dominate"""
 
@@ -64,9 +62,6 @@ class Balance:
     """Softest and ..."""
     high: float
     """... stiffest trial near it [N·m/rad]"""
-    larger_grows: bool | None = None
-    """At this stiffness larger motion grows, as with friction (true), or decays, as in a cycle that
-    backlash sustains (false); None: the trials do not tell"""
 
 
 def balance(trials: Sequence[Trial], kick: float, guess: float) -> Balance | None:
@@ -89,22 +84,21 @@ def balance(trials: Sequence[Trial], kick: float, guess: float) -> Balance | Non
         near = near if len(near) > _ENOUGH else ordered[:_ENOUGH]
         zero = _zero(near, kick, guess)
         parts = [_zero(near[:n] + near[n + 1 :], kick, guess) for n in range(len(near))]
-        left = np.array([part[:2] for part in parts if part is not None])
+        left = np.array([part[0] for part in parts if part is not None])
         if zero is None or len(left) < _ENOUGH - 1:
             return estimate
-        away, effect, amplitude = zero
+        away, amplitude = zero
         n = len(left)
-        error = np.sqrt((n - 1) / n * np.sum((left - left.mean(axis=0)) ** 2, axis=0))
+        error = math.sqrt((n - 1) / n * float(np.sum((left - left.mean()) ** 2)))
         stiffness = guess * math.exp(away)
         stiffnesses = [trial.stiffness for trial in near]
         estimate = Balance(
             stiffness=stiffness,
-            uncertainty=stiffness * float(error[0]),
+            uncertainty=stiffness * error,
             frequency=_frequency(near, stiffness),
             amplitude=amplitude,
             low=min(stiffnesses),
             high=max(stiffnesses),
-            larger_grows=effect < 0.0 if abs(effect) > _TOLD * error[1] else None,
         )
         if abs(away) < 0.01:
             break
@@ -112,8 +106,8 @@ def balance(trials: Sequence[Trial], kick: float, guess: float) -> Balance | Non
     return estimate
 
 
-def _zero(trials: Sequence[Trial], kick: float, guess: float) -> tuple[float, float, float] | None:
-    """Return log(stiffness without growth / guess), the effect of the amplitude, the amplitude.
+def _zero(trials: Sequence[Trial], kick: float, guess: float) -> tuple[float, float] | None:
+    """Return log(stiffness without growth / guess), and the amplitude.
 
     The trials come in order of their distance from the guess. None: they do not tell it.
     """
@@ -137,9 +131,7 @@ def _zero(trials: Sequence[Trial], kick: float, guess: float) -> tuple[float, fl
         return None
     found, *_ = np.linalg.lstsq(matrix, value, rcond=None)
     root = _root(found[0], found[1], found[2] if curved else 0.0)
-    if root is None:
-        return None
-    return root, float(found[-1]) if by_amplitude else 0.0, reached
+    return None if root is None else (root, reached)
 
 
 def _root(constant: float, slope: float, bend: float) -> float | None:

@@ -1,4 +1,4 @@
-"""The result of one point of a sweep, and the reason where it has no figure."""
+"""The result of one point of a sweep, the reason where it has no figure, and both as text."""
 
 from __future__ import annotations
 
@@ -30,9 +30,6 @@ class PointResult:
     predicted_with_friction: float | None = None
     """Stiffness that sustains the kick's amplitude, with the believed friction and backlash
     [N·m/rad]; with a load or a filter without the backlash"""
-    larger_grows: bool | None = None
-    """At the measured stiffness larger motion grows (true), or dies down to a cycle of about the
-    kick (false); None: the trials do not tell"""
     trials: int = 0
     disturbed: int = 0
     """Further trials in which too much was lost to tell growth from decay"""
@@ -78,14 +75,6 @@ def bracket_text(low: float, high: float, *, mixed: bool) -> str:
     return f"{found}: too few undisturbed half-cycles to fit the growth, as with much friction"
 
 
-def bounded_text(amplitude: float) -> str:
-    """Explain a figure at which larger motion decays; amplitude [rad]."""
-    return (
-        f"larger motion dies: a limit cycle of about {1e3 * amplitude:.2g} mrad, as of backlash,"
-        " not growth without end"
-    )
-
-
 def nothing_text(
     edge: Reach, died: Sequence[float], grew: Sequence[float], cap: float, found: PointResult
 ) -> str:
@@ -117,3 +106,41 @@ def nothing_text(
             " this machine, or see haptic-wall doctor"
         )
     return text
+
+
+def _cell(value: float | None, digits: int = 4) -> str:
+    """Format a number for a table; a dash: it is not known."""
+    return "-" if value is None else f"{value:.{digits}g}"
+
+
+def point_text(point: PointResult) -> str:
+    """Return a point in one line."""
+    where = f"B {point.virtual_damping:g}, {point.delay_steps} steps"
+    if point.measured is None:
+        return f"{where}: {point.reason}"
+    return (
+        f"{where}: {point.measured:.4g} ± {point.uncertainty:.2g} N·m/rad"
+        f" (exact {point.exact:.4g}) at {point.frequency_hz or float('nan'):.3g} Hz"
+    )
+
+
+def sweep_text(points: list[PointResult]) -> list[str]:
+    """Return a table of the points, with what kept some from being measured."""
+    lines = [
+        f"{'B':>9} {'delay':>8} {'measured':>10} {'±':>8} {'exact':>9} {'linear':>9}"
+        f" {'friction':>9} {'f':>7} {'kick':>8}",
+        f"{'N·m·s/rad':>9} {'ms':>8} {'N·m/rad':>10} {'':>8} {'':>9} {'':>9} {'':>9} {'Hz':>7}"
+        f" {'rad':>8}",
+    ]
+    for point in points:
+        lines.append(
+            f"{point.virtual_damping:>9.4g} {1e3 * point.delay_s:>8.3f} {_cell(point.measured):>10}"
+            f" {_cell(point.uncertainty, 2):>8} {_cell(point.exact):>9} {_cell(point.linear):>9}"
+            f" {_cell(point.predicted_with_friction):>9} {_cell(point.frequency_hz, 3):>7}"
+            f" {_cell(point.kick_rad, 3):>8}"
+        )
+        if point.reason is not None:
+            lines.append(f"{'':>9} {point.reason}")
+        elif point.trips:
+            lines.append(f"{'':>9} trips in between: {'; '.join(point.trips)}")
+    return lines

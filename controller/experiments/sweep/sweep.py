@@ -1,19 +1,13 @@
-"""Sweeps the critical stiffness over many points, in sequence or in parallel.
-
-On the simulated clock the points share the machine's cores; in real time there is one servo and one
-run at a time.
-"""
+"""Sweeps the critical stiffness over many points, one after the other."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from haptic_wall.controller.experiments.kept import Kept
-from haptic_wall.controller.experiments.processes import cores, processes, results
 from haptic_wall.controller.experiments.sweep.critical import PointSearch
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.plan import (
@@ -100,16 +94,14 @@ def sweep(
     *,
     tell: Callable[[str], None] = lambda _text: None,
     progress: Progress = lambda _setting, _result: None,
-    workers: int | None = None,
 ) -> bool:
     """Measure the unfinished points; keep each at once.
 
     Args:
         asked: The servo, the points, the folder.
         kept: The finished points.
-        tell: Called with each trial, where points are measured in sequence.
+        tell: Called with each trial.
         progress: Called after each point.
-        workers: Processes on the simulated clock; None: one for each core.
 
     Returns:
         False when a person has interrupted it.
@@ -121,31 +113,14 @@ def sweep(
     """
     left = [setting for setting in asked.settings if setting not in kept.done]
     bed = Testbed(asked.config, asked.folder / LOGS, tell)
-    count = min(workers or cores(), len(left))
-
-    def add(setting: PlanePoint, result: PointResult) -> None:
-        progress(setting, kept.add(setting, result))
-
     try:
         with interrupting():
-            if asked.config.loop.clock == "simulated" and count > 1:
-                text, folder = asked.config.model_dump_json(), bed.folder.resolve()
-                tasks = [(at, partial(measure, text, folder, at, asked.options)) for at in left]
-                with processes(count) as pool, results(pool, tasks) as found:
-                    for setting, result in found:
-                        add(setting, result)
-            else:
-                for setting in left:
-                    add(setting, PointSearch(bed, setting, asked.options, tell).run())
+            for setting in left:
+                found = PointSearch(bed, setting, asked.options, tell).run()
+                progress(setting, kept.add(setting, found))
     except (KeyboardInterrupt, ExperimentInterruptedError):
         return False
     return True
-
-
-def measure(config: str, folder: Path, setting: PlanePoint, options: Options) -> PointResult:
-    """Measure one point in a process of its own; the configuration comes as JSON."""
-    bed = Testbed(Config.model_validate_json(config), folder)
-    return PointSearch(bed, setting, options).run()
 
 
 def expected_s(config: Config, settings: tuple[PlanePoint, ...], options: Options) -> float:

@@ -11,9 +11,7 @@ from haptic_wall.controller.experiments.sweep.decrement import Growth, growth, t
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.growth_fit import Trial
 from haptic_wall.controller.laws.program import Phase
-from haptic_wall.controller.laws.velocity import Biquad
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
-from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.servo import Outcome
 
 _DISTURBED, _HOPELESS = 0.03, 0.2
@@ -65,8 +63,7 @@ def watch(
     step = device.position_step
     least = _NOISE_SHARE * kick * (1.0 if step else 0.1)
     turns = turning_points(time[good], position[good], max(_NOISE_COUNTS * step, least))
-    damped = _damped(rows, device.loop.velocity_filter)[here]
-    sound = _sound(own, phase, position, damped, time, turns.time, device.period)
+    sound = _sound(own, phase, position, time, turns.time, device.period)
     found = growth(turns, sound)
     age = None
     if sound.any():
@@ -75,7 +72,7 @@ def watch(
     trial = Trial(phase.stiffness, found, turns.half_period, _grew(found, turns.position, position))
     lost = float(np.sum(own["missed"]) + np.sum(~good)) > _DISTURBED * own.size
     if not found.log_ratio.size and not lost:  # a few losses may have spoiled every half-cycle
-        limited = (own, phase, position, damped, time, turns.time, device.period)
+        limited = (own, phase, position, time, turns.time, device.period)
         lost = bool(growth(turns, _sound(*limited, losses=False)).log_ratio.size)
     return Seen(trial, float(position[0]), age, lost and not found.log_ratio.size)
 
@@ -84,7 +81,6 @@ def _sound(
     own: NDArray[np.void],
     phase: Phase,
     position: FloatArray,
-    velocity: FloatArray,
     time: FloatArray,
     turned: FloatArray,
     period: float,
@@ -94,7 +90,7 @@ def _sound(
     torque: FloatArray = own["wall_torque"]
     missed: IntArray = own["missed"]
     failed: NDArray[np.bool_] = own["outcome"] != Outcome.OK
-    asked = -phase.stiffness * position - phase.damping * velocity
+    asked = -phase.stiffness * position - phase.damping * own["velocity"]
     # A torque that differs from spring and damper was limited.
     cut = np.abs(asked - torque) > 1e-9 * (1.0 + np.abs(asked))
     wrong = missed + cut + failed if losses else cut & ~failed
@@ -104,17 +100,6 @@ def _sound(
     usual = float(np.median(share)) if share.size else 0.0
     result: NDArray[np.bool_] = share <= min(max(usual, _DISTURBED), _HOPELESS)
     return result
-
-
-def _damped(rows: NDArray[np.void], velocity_filter: VelocityFilter | None) -> FloatArray:
-    """Return the velocity that damps: the log has it without its filter [rad/s]."""
-    velocity: FloatArray = rows["velocity"]
-    if velocity_filter is None:
-        return velocity
-    filtered, found = Biquad(velocity_filter.taps()), np.zeros(velocity.size)
-    good = np.flatnonzero(rows["outcome"] == Outcome.OK)
-    found[good] = [filtered.update(each) for each in velocity[good].tolist()]
-    return found
 
 
 def _mean_age(own: NDArray[np.void], used: NDArray[np.bool_], period: float) -> float:

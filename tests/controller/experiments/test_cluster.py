@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from functools import partial
 
@@ -16,9 +15,8 @@ import numpy as np
 import pytest
 from distributed import Client
 
-from haptic_wall.controller.errors import PlatformError, UserError
-from haptic_wall.controller.experiments import cluster as module
-from haptic_wall.controller.experiments.cluster import Cluster, checked, cluster
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.cluster import cluster
 from haptic_wall.controller.experiments.maps.maps import MapQuestion, critical_map
 from haptic_wall.controller.experiments.maps.servo import MapSettings
 from haptic_wall.controller.settings.load import load_config
@@ -73,14 +71,3 @@ def test_an_address_without_a_scheduler_is_refused(address: str) -> None:
         cluster(address),
     ):
         pass
-
-
-def test_a_worker_of_another_version_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert checked(module.versions(), partial(abs, -1)) == 1
-    with ThreadPoolExecutor(1) as threads:
-        pool = Cluster(threads)
-        assert pool.submit(abs, -2).result() == 2
-        there = module.versions()
-        monkeypatch.setattr(module, "__version__", "0")
-        with pytest.raises(PlatformError, match="found a worker of the cluster with haptic-wall 0"):
-            checked(there, partial(abs, -1))

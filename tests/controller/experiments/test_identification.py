@@ -275,7 +275,6 @@ def test_a_load_is_written_as_a_part_of_the_whole_inertia(usual: tuple[Config, I
         Bounded(0.02, 0.01, 0.04),
         Bounded(load, 0.8 * load, 1.2 * load),
         load,
-        True,
     )
     model = identified_model(replace(found, vibration=heavy), config)
     raw = config.model_dump(mode="json")

@@ -28,7 +28,7 @@ WHOLE, FRICTION = 0.015, 0.0117
 """Inertia and viscous friction"""
 
 
-def moved(hertz: float, ratio: float, load: float, encoder: str = "output") -> Motion:
+def moved(hertz: float, ratio: float, load: float) -> Motion:
     """Return a shaft that cruises to and fro while the torque sweeps; a load over the motor's."""
     motor = WHOLE / (1.0 + load)
     behind = WHOLE - motor
@@ -40,7 +40,6 @@ def moved(hertz: float, ratio: float, load: float, encoder: str = "output") -> M
     rates[1] = np.array([-k, -c - FRICTION, k, c, 1.0]) / motor
     rates[3] = np.array([k, c, -k, -c, 0.0]) / behind
     step = expm(rates * PERIOD)
-    seen = 2 if encoder == "output" else 0
     samples, torques = [], []
     for way, (low, high) in [
         (w, band) for band in ((6, 12), (10, 25), (20, 60), (50, 130)) for w in (1, -1)
@@ -50,7 +49,7 @@ def moved(hertz: float, ratio: float, load: float, encoder: str = "output") -> M
         torque = 0.45 * WHOLE * math.tau * low * np.sin(phase) + way * 1.5 * FRICTION
         state = np.array([0.0, way * 1.5, 0.0, way * 1.5, 0.0])
         for each in torque.tolist():
-            samples.append(state[seen])
+            samples.append(state[2])
             state[4] = each
             state = step @ state
         torques.append(torque)
@@ -59,12 +58,12 @@ def moved(hertz: float, ratio: float, load: float, encoder: str = "output") -> M
     return Motion(at, position, at.copy(), np.concatenate(torques))
 
 
-def found_in(motion: Motion, encoder: str = "output") -> Mode:
+def found_in(motion: Motion) -> Mode:
     spans = [(0.4 * n - 0.02, 0.4 * (n + 1) - 1e-6, 1.0 - 2.0 * (n % 2)) for n in range(8)]
     values = {**dict.fromkeys(VALUES, 0.0), "inertia": WHOLE, "damping": FRICTION}
     fit = Fit(values, (), pieces_of(motion, [(0, 1)]), np.zeros((1, 1)))
     cruises = cruises_of(motion, spans, PERIOD, fit)
-    return mode_of(ModeModel(cruises, encoder, WHOLE))
+    return mode_of(ModeModel(cruises, WHOLE))
 
 
 def believed(inertia: float) -> Belief:
@@ -82,13 +81,6 @@ def test_a_vibration_is_found_within_its_bounds(hertz: float, ratio: float, load
     damped = not_none(mode.ratio)
     assert damped.low <= ratio + by_motor <= damped.high < 5.0 * ratio
     assert mode.inertia == pytest.approx(WHOLE, rel=0.02)
-    assert mode.load_ratio is None  # the output does not show it
-
-
-def test_an_encoder_on_the_motor_tells_the_load() -> None:
-    mode = found_in(moved(38.0, 0.02, 0.5, "motor"), "motor")
-    assert mode.hertz.low <= 38.0 <= mode.hertz.high
-    assert mode.load_ratio == pytest.approx(0.5, rel=0.1)
 
 
 def test_of_a_rigid_servo_a_lower_bound_is_told_and_believed() -> None:
@@ -110,7 +102,7 @@ def test_of_a_rigid_servo_a_lower_bound_is_told_and_believed() -> None:
 
 
 def test_friction_on_the_motor_is_taken_from_the_damping_ratio() -> None:
-    mode = Mode(Bounded(10.0, 9.9, 10.1), Bounded(0.02, 0.018, 0.022), WHOLE, None)
+    mode = Mode(Bounded(10.0, 9.9, 10.1), Bounded(0.02, 0.018, 0.022), WHOLE)
     found = vibration_of(mode, 0.03, 1.0, 2.0, 1000.0)
     assert found.ratio is not None
     by_motor = 0.03 * 2.0 / (2.0 * math.tau * 10.0 * WHOLE)

@@ -100,8 +100,7 @@ def test_one_look_tells_wall_torque_and_timing(
     ]
     assert "(limit ±4.1 N·m: off the scale)" in legend(torque)
     assert velocity.get_ylabel() == "velocity [rad/s]"
-    assert "missed: 2 ticks" in legend(timing)
-    assert any(text.startswith("work (median 25") for text in legend(timing))
+    assert {"missed ticks", "work", "lateness"} <= {*legend(timing)}
     assert timing.get_xlim() == pytest.approx((0.0, 0.599))
 
 

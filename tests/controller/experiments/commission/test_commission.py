@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import re
 from collections.abc import Callable, Mapping
@@ -17,12 +16,10 @@ from haptic_wall.controller.experiments.commission import plan, steps
 from haptic_wall.controller.experiments.commission.steps import Step, StepContext, StepResult
 from haptic_wall.controller.experiments.identify.bench import UnidentifiableError
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
-from haptic_wall.controller.experiments.sweep.sweep import sweep
 from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
     ExperimentTrippedError,
 )
-from haptic_wall.controller.report.commission import picture
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.errors import ServoLostError
@@ -40,10 +37,9 @@ SWEPT = (PlanePoint(0.0, 3), PlanePoint(0.09, 3), PlanePoint(0.18, 3))
 
 
 def commission(folder: Path, *sets: str) -> None:
-    """Take all steps on the simulated servo, with fewer points, in this process alone."""
+    """Take all steps on the simulated servo, with fewer points."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(steps, "short_sweep", lambda _config: SWEPT)
-        patch.setattr(steps, "sweep", partial(sweep, workers=1))
         assert call("commission", *SIMULATED, *sets, "--out", folder) == 0
 
 
@@ -76,17 +72,6 @@ def nothing_moves(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(steps.RUN, name, partial(called, name))
 
 
-def test_a_rerun_measures_nothing_again_and_says_the_same(
-    commissioned: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    nothing_moves(monkeypatch)
-    before = (commissioned / "commission.rows").read_text()
-    status, first = report_of(commissioned, capsys)
-    assert status == 0 and first["complete"]
-    assert report_of(commissioned, capsys) == (0, first)
-    assert (commissioned / "commission.rows").read_text() == before
-
-
 def test_a_run_commands_what_the_verdict_says(desk: Desk) -> None:
     desk.take()
     _, report = desk.report()
@@ -108,40 +93,34 @@ def test_the_truth_lies_within_the_bounds_that_are_written(commissioned: Path) -
         assert believed.low <= getattr(config.servo, name) <= believed.high, name
 
 
-def test_theory_and_measurement_are_found_to_agree(
-    commissioned: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    _, report = report_of(commissioned, capsys)
+def test_theory_and_measurement_are_found_to_agree(commissioned: Path) -> None:
+    report = json.loads((commissioned / "commission.json").read_text())
     found = report["agreement"]
     assert [point["agree"] for point in found["boundary"]] == [True] * len(SWEPT)
-    assert found["delay"]["device"]["agree"]
     for point, swept in zip(found["boundary"], report["sweep"]["points"], strict=True):
         # By two ways: the damping of friction at the kick, and the onset over a grid.
         assert point["expected"] == pytest.approx(swept["predicted_with_friction"], rel=5e-3)
 
 
-def test_the_page_is_one_file_with_its_pictures_in_it(
-    commissioned: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    _, report = report_of(commissioned, capsys)
-    page = (commissioned / "report.html").read_text()
-    images = re.findall(r'<img src="data:image/png;base64,([^"]+)" alt="[^"]+', page)
-    assert len(images) == page.count("<img") == 3
-    assert all(base64.b64decode(each).startswith(PNG[:6]) for each in images)
-    assert not re.search(r"https?://|@import|url\(|href=", page)
-    shown = " ".join(page.split())
+def test_the_text_stands_beside_the_pictures(commissioned: Path) -> None:
+    report = json.loads((commissioned / "commission.json").read_text())
+    for step in ("identify", "sweep"):
+        assert (commissioned / f"{step}.png").read_bytes().startswith(PNG)
+    shown = " ".join((commissioned / "report.txt").read_text().split())
     assert f"{report['verdict']['best']['commanded']['stiffness']:.3g} N·m/rad" in shown
     assert "torque constant" in shown and "config.yaml" in shown
 
 
-def test_other_settings_are_refused_in_a_sentence(desk: Desk) -> None:
-    desk.take()
+def test_an_earlier_commissioning_is_replaced_by_force_alone(desk: Desk) -> None:
+    called = desk.take()
     desk.report()
+    before = (desk.folder / "config.yaml").read_text()
     words = [*SIMULATED, "--set=servo.inertia=0.02"]
     assert call("commission", *words, "--out", desk.folder) == 2
-    (line,) = desk.capsys.readouterr().err.strip().splitlines()
-    assert "other settings" in line and "--force" in line
-    assert (desk.folder / "config.yaml").exists()
+    assert "--force" in desk.capsys.readouterr().err
+    assert (desk.folder / "config.yaml").read_text() == before
+    assert desk.report(*words, "--force")[0] == 0
+    assert called == ["identify", "sweep", "identify", "sweep"]
 
 
 # With steps that move nothing
@@ -164,22 +143,14 @@ def identify_data(bench: StepContext) -> dict[str, Any]:
         "torque_unit": "commanded",
         "backlash": None,
         "warnings": [],
+        "sample_age_s": 0.0,
         "config_text": text,
-    }
-
-
-def delay_data(_bench: object) -> dict[str, Any]:
-    device = {"value": 0.0002, "stderr": 1e-5}
-    return {
-        "parts": {"inserted": 0.0, "age": {"median": 0.0, "guard": 0.0}, "device": device},
-        "points": [{"inserted": 0.0, "recovered": None}],
     }
 
 
 DATA: dict[Step, Callable[[StepContext], dict[str, Any]]] = {
     "doctor": lambda _bench: {"checks": [], "fatal": [], "reached": True},
     "identify": identify_data,
-    "delay": delay_data,
     "sweep": lambda _bench: {"points": []},
 }
 
@@ -201,9 +172,8 @@ def steps_taken(
 
     for name in DATA:
         monkeypatch.setitem(steps.RUN, name, step(name))
-    # What is planned and drawn has tests of its own, and takes most of the time.
+    # What is planned has tests of its own, and takes most of the time.
     monkeypatch.setattr(plan, "short_sweep", lambda _config: (PlanePoint(0.0, 3),))
-    monkeypatch.setattr(picture, "draw_allowed", lambda _q, _r, path: path.write_bytes(PNG))
     return called if ends != {} else [*DATA]
 
 
@@ -233,35 +203,26 @@ def states(report: Mapping[str, Any]) -> dict[str, str]:
     return {step["step"]: step["state"] for step in report["steps"]}
 
 
-def test_without_a_model_only_what_needs_none_goes_on(desk: Desk) -> None:
+def test_without_a_model_nothing_goes_on(desk: Desk) -> None:
     error = UnidentifiableError("the servo does not move: see that the shaft is not blocked")
     called = desk.take({"identify": error})
     status, report = desk.report()
     assert status == 4
-    assert called == ["identify", "delay"]
-    assert states(report) == {
-        "doctor": "skipped",
-        "identify": "failed",
-        "delay": "done",
-        "sweep": "skipped",
-    }
+    assert called == ["identify"]
+    assert states(report) == {"doctor": "skipped", "identify": "failed", "sweep": "skipped"}
     assert report["verdict"]["basis"] == "believed" and report["config"] is None
     assert not (desk.folder / "config.yaml").exists()
-    page = (desk.folder / "report.html").read_text()
-    assert "see that the shaft is not blocked" in page and "not complete" in page
+    said = " ".join((desk.folder / "report.txt").read_text().split())
+    assert "see that the shaft is not blocked" in said and said.startswith("NOT MEASURED")
 
 
 def test_a_trip_ends_its_step_alone(desk: Desk) -> None:
     trip = ExperimentTrippedError(Trip.OVERSPEED, "too fast")
-    called = desk.take({"delay": trip})
+    called = desk.take({"sweep": trip})
     status, report = desk.report()
     assert status == 3
-    assert states(report)["delay"] == "failed" and states(report)["sweep"] == "done"
-    assert called[-1] == "sweep"
-    # What failed is tried again, what is done is not.
-    again = desk.take()
-    assert desk.report()[0] == 0
-    assert again == ["delay"]
+    assert called == ["identify", "sweep"]
+    assert states(report)["identify"] == "done" and states(report)["sweep"] == "failed"
 
 
 @pytest.mark.parametrize(
@@ -269,55 +230,24 @@ def test_a_trip_ends_its_step_alone(desk: Desk) -> None:
     [ServoLostError("it answers no more"), ExperimentTrippedError(Trip.HARDWARE_ERROR, "hot")],
 )
 def test_nothing_moves_after_a_servo_was_lost(desk: Desk, error: Exception) -> None:
-    called = desk.take({"delay": error})
+    called = desk.take({"identify": error})
     status, report = desk.report()
     assert status in (3, 4)
-    assert called == ["identify", "delay"]
+    assert called == ["identify"]
     assert states(report)["sweep"] == "skipped"
-    assert (desk.folder / "config.yaml").exists(), "what was identified is kept"
+    reason = next(step["reason"] for step in report["steps"] if step["step"] == "sweep")
+    assert reason == "identify ended the commissioning"
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), ExperimentInterruptedError("by a person")])
-def test_what_is_interrupted_is_kept_and_resumed(desk: Desk, error: BaseException) -> None:
-    desk.take({"delay": error})
+def test_what_was_done_before_an_interrupt_is_kept(desk: Desk, error: BaseException) -> None:
+    desk.take({"sweep": error})
     status, report = desk.report()
     assert status == 130 and report["interrupted"]
-    assert states(report)["delay"] == "not taken"
+    assert states(report)["sweep"] == "not taken"
     model = load_config(str(desk.folder / "config.yaml")).config.model
     assert not_none(model.inertia).value == 0.012
-    assert (desk.folder / "report.html").exists()
-    called = desk.take()
-    assert desk.report()[0] == 0
-    assert called == ["delay", "sweep"]
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "told"),
-    [
-        ('\\"torque_limit\\": 4.1', '\\"torque_limit\\": 41.0', "in more than the model"),
-        ('"step": "delay"', '"stop": "delay"', "commission.rows, line 4: found no result"),
-    ],
-)
-def test_what_was_kept_and_then_edited_is_refused(
-    old: str, new: str, told: str, desk: Desk
-) -> None:
-    """A folder of somebody else must not raise a torque limit."""
-    desk.take()
-    desk.report()
-    kept = desk.folder / "commission.rows"
-    assert old in kept.read_text()
-    kept.write_text(kept.read_text().replace(old, new))
-    assert call("commission", *SIMULATED, "--out", desk.folder) == 2
-    assert told in desk.capsys.readouterr().err
-
-
-def test_fresh_begins_anew(desk: Desk) -> None:
-    desk.take()
-    desk.report()
-    called = desk.take()
-    words = [*SIMULATED, "--set=wall.stiffness=3", "--force"]
-    assert desk.report(*words)[0] == 0
-    assert called == ["identify", "delay", "sweep"]
+    assert (desk.folder / "report.txt").exists()
 
 
 def test_a_configuration_of_somebody_else_is_not_written_over(
@@ -328,7 +258,6 @@ def test_a_configuration_of_somebody_else_is_not_written_over(
     before = mine.read_text()
     assert call("commission", *SIMULATED, "--out", tmp_path) == 2
     assert call("commission", mine, "--out", tmp_path) == 2
-    assert call("commission", *SIMULATED, "--out", tmp_path, "--force") == 2
     assert "config.yaml" in capsys.readouterr().err
     assert mine.read_text() == before
 
@@ -366,7 +295,8 @@ def test_what_is_fatal_ends_it_with_the_fix_before_anything_moves(desk: Desk) ->
     assert status == 1
     assert called == []
     assert "clear bit 0 of Drive Mode" in report["steps"][0]["reason"]
-    assert "clear bit 0 of Drive Mode" in (desk.folder / "report.html").read_text()
+    said = " ".join((desk.folder / "report.txt").read_text().split())
+    assert "clear bit 0 of Drive Mode" in said
 
 
 @pytest.mark.whole
@@ -384,7 +314,7 @@ def test_the_plan_moves_nothing(desk: Desk) -> None:
     nothing_moves(desk.patch)
     assert call("commission", *SIMULATED, "--plan", "--json") == 0
     plan = json.loads(desk.capsys.readouterr().out)
-    assert len(plan["steps"]) == 4 and plan["seconds"] > 60
+    assert len(plan["steps"]) == 3 and plan["seconds"] > 60
     assert list(desk.folder.iterdir()) == []
 
 

@@ -11,18 +11,9 @@ from haptic_wall.controller.experiments.commission.sequence import (
     NOT_MEASURED,
     check_text,
 )
-from haptic_wall.controller.experiments.identify.text import UNITS
-from haptic_wall.controller.guard.delay_parts import ms
 
 Report = Mapping[str, Any]
 
-_PARTS = {
-    "hold": "half the period",
-    "sample_age": "age of the sample",
-    "inserted": "inserted",
-    "device": "the lag at its upper bound",
-}
-_NAMES = {"coulomb": "Coulomb friction", "torque_gain": "torque gain"}
 _ENDS = {"failed": "tried and failed", "skipped": "left out"}
 
 
@@ -82,12 +73,6 @@ def why(report: Report) -> Iterator[str]:
         # the verdict asks for more than any limit allows: that figure tells nothing
         asked = f" instead of {decided['requested']['stiffness']:.4g} N"
         yield f"{which} {'; '.join(decided['reasons']).replace(asked, ' N')}."
-    parts = ", ".join(
-        f"{_PARTS[part['name']]} {ms(part['seconds'])} ({100 * part['share']:.0f} %)"
-        for part in verdict["delay_parts"]
-        if part["seconds"] > 0.0
-    )
-    yield f"The total delay, by which the damping is divided, has these parts: {parts}."
     stiffness = verdict["best"]["commanded"]["stiffness"]
     if stiffness > 0.0:
         depth = verdict["torque_limit"] / stiffness
@@ -95,47 +80,15 @@ def why(report: Report) -> Iterator[str]:
             f"At {_n(stiffness)} N·m/rad the torque limit of {_n(verdict['torque_limit'])} N·m is"
             f" reached {_n(depth)} rad ({_n(math.degrees(depth))}°) inside the wall."
         )
-    yield from _configured(verdict["configured"])
-
-
-def _configured(decided: Mapping[str, Any]) -> Iterator[str]:
-    asked, given = decided["requested"], decided["commanded"]
-    wall = f"{_n(asked['stiffness'])} N·m/rad, {_n(asked['damping'])} N·m·s/rad"
-    if asked == given:
-        yield f"The wall of this configuration ({wall}) is commanded as requested."
-    else:
-        yield f"The wall of this configuration ({wall}): {'; '.join(decided['reasons'])}."
 
 
 def agrees(report: Report) -> Iterator[str]:
     """Yield whether theory and measurements agree."""
     found = report["agreement"]
-    if found["delay"] is not None:
-        yield from _delay(found["delay"])
     if found["boundary"] is not None:
         yield from _boundary(found["boundary"], report["verdict"]["margin"])
-    if all(value is None for value in found.values()):
-        yield "No quantity was measured twice, so none could be compared."
-
-
-def _delay(found: Mapping[str, Any]) -> Iterator[str]:
-    device = found["device"]
-    one, other = device["identify"], device["delay"]
-    said = f"The lag is {_pm_ms(one)} by identify, {_pm_ms(other)} by further runs:"
-    if device["agree"]:
-        yield f"{said} the two agree within two standard errors."
     else:
-        longest = max(each["value"] + 2.0 * each["stderr"] for each in (one, other))
-        yield (
-            f"{said} the two do NOT agree (they differ by {device['periods']:.2g} periods). Until"
-            f" the cause is known, set model.delay.high to {longest:.3g} s."
-        )
-    for point in found["inserted"]["points"]:
-        end = "which agrees" if point["agree"] else "which does NOT agree"
-        yield (
-            f"An inserted delay of {ms(point['inserted'])} was measured as"
-            f" {_pm_ms(point['recovered'])}, {end}."
-        )
+        yield "The boundary was not measured, so it could not be compared."
 
 
 def _boundary(points: Sequence[Mapping[str, Any]], margin: float) -> Iterator[str]:
@@ -168,12 +121,6 @@ def _boundary(points: Sequence[Mapping[str, Any]], margin: float) -> Iterator[st
         )
     if not low:
         yield "No measured point requires a lower guard.margin than the configured one."
-    bounded = [p["kick_rad"] for p in measured if p["larger_grows"] is False]
-    if bounded:
-        yield (
-            f"At {len(bounded)} of the points larger motion dies: the oscillation has about"
-            f" {_n(1e3 * max(bounded))} mrad there, and does not grow further."
-        )
 
 
 def _below(point: Mapping[str, Any]) -> bool:
@@ -202,7 +149,7 @@ def unknown(report: Report) -> Iterator[str]:
         if step["state"] in ("failed", "skipped") and step["step"] != "doctor":
             yield f"The step {step['step']} was {_ENDS[step['state']]}: {step['reason']}."
         elif step["state"] == "not taken":
-            yield f"The step {step['step']} was not reached; the same command continues."
+            yield f"The step {step['step']} was not reached."
     for point in report["agreement"]["boundary"] or ():
         if point["measured"] is None:
             yield (
@@ -246,21 +193,6 @@ def following(report: Report) -> Iterator[tuple[str, str]]:
         )
 
 
-def model_rows(report: Report) -> Iterator[tuple[str, str, str, str]]:
-    """Yield name, value, bounds and unit of each quantity of the model."""
-    for name, each in report["verdict"]["model"].items():
-        late = name == "delay"
-        value, low, high = (
-            f"{1e3 * each[end]:.3f}" if late else f"{each[end]:.4g}"
-            for end in ("value", "low", "high")
-        )
-        yield _NAMES.get(name, name), value, f"{low} to {high}", "ms" if late else UNITS[name]
-
-
 def _n(value: float) -> str:
     """Format three digits, without an exponent where that is short."""
     return f"{float(f'{value:.3g}'):g}"
-
-
-def _pm_ms(each: Mapping[str, float]) -> str:
-    return f"{1e3 * each['value']:.3f} ± {1e3 * each['stderr']:.3f} ms"

@@ -1,1 +1,0 @@
-"""Reports a commissioning in words, pictures and one page."""
