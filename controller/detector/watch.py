@@ -192,7 +192,6 @@ def oscillation_report(watch: Watch) -> dict[str, object]:
             "stiffness": reduced[0],
             "damping": reduced[1],
         },
-        "backlash": watch.backstop.backlash,
         "probes": watch.backstop.probes,
         "probed_s": watch.backstop.probed_s,
     }
