@@ -56,8 +56,8 @@ class Orders:
     """Phases in place of the wall; empty: the wall"""
     hand: int | None = None
     """Descriptor of the memory of a person's hand on the simulated servo"""
-    key: tuple[int, int | None, str] | None = None
-    """The dead man's device: descriptor, code of its key, path; None: no device"""
+    key: tuple[int, str] | None = None
+    """The dead man's device: descriptor and path; None: no device"""
     elastic: bool = False
     """Whether the loop and its emulated bus wait for each other"""
 
@@ -115,12 +115,12 @@ def _key(orders: Orders, telemetry: Telemetry) -> Callable[[int], float] | None:
     """Return what reads the dead man's key; None: there is none."""
     if orders.key is None:
         return None
-    descriptor, code, path = orders.key
+    descriptor, path = orders.key
 
     def gone(error: OSError) -> None:
         _tell("key_gone", why=f"{path} is gone ({error.strerror or error})")
 
-    return key_reader(KeySource(descriptor, code), telemetry.words, gone)
+    return key_reader(KeySource(descriptor), telemetry.words, gone)
 
 
 def _opened(

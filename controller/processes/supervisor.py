@@ -164,7 +164,7 @@ class Supervisor:
     def _start_loop(self, children: contextlib.ExitStack) -> Child:
         plan, key = self._plan, None
         if self._key is not None and plan.hold is not None:
-            key = self._key, plan.hold.key, plan.hold.path
+            key = self._key, plan.hold.path
         orders = Orders(
             config=plan.config.model_dump_json(),
             telemetry=self._telemetry.descriptor,
