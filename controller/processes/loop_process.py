@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
@@ -108,7 +108,7 @@ def main() -> None:
         )
         _tell("refused", problem=asdict(problem))
         return
-    _tell("ended", result=asdict(replace(result, setup=machine_setup(orders.core))))
+    _tell("ended", result=asdict(result))
 
 
 def _key(orders: Orders, telemetry: Telemetry) -> Callable[[int], float] | None:

@@ -67,7 +67,6 @@ REPORT_KEYS: Final[Mapping[str, str]] = {
     "torque_off": "loop or supervisor read torque off back",
     "servo_checks": "start-up checks: `name`, `ok`, `found`, `wanted`, `fix`",
     "realtime": "real-time settings: the same keys",
-    "machine": "setup of the machine: the same keys",
     "warnings": "notes",
     "changes": "the last 1000 requested changes: `at_s` (since the first row), `row`, `outcome`"
     " (`applied`, `refused`, `not applied`), `why`, `set`, `changed`, `waited_s`, `commanded`,"

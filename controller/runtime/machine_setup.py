@@ -49,7 +49,9 @@ def machine_setup(core: int, root: Path = Path("/")) -> list[Check]:
         fix = "" if governor == "performance" else "`sudo cpupower frequency-set -g performance`"
         rows.append(Check("frequency scaling", True, governor, "performance", fix))
     rows += _throttle(root / "proc/sys/kernel")
-    if is_virtual(root):
+    lines = text_of(root / "proc/cpuinfo").splitlines()
+    flags = next((line for line in lines if line.startswith("flags")), "")
+    if "hypervisor" in flags.split() or text_of(root / "sys/hypervisor/type"):
         rows.append(
             Check(
                 "host",
@@ -60,13 +62,6 @@ def machine_setup(core: int, root: Path = Path("/")) -> list[Check]:
             )
         )
     return rows
-
-
-def is_virtual(root: Path = Path("/")) -> bool:
-    """Whether this is a virtual machine, whose host can take its cores."""
-    lines = text_of(root / "proc/cpuinfo").splitlines()
-    flags = next((line for line in lines if line.startswith("flags")), "")
-    return "hypervisor" in flags.split() or bool(text_of(root / "sys/hypervisor/type"))
 
 
 def start_text(settings: Sequence[Check], setup: Sequence[Check]) -> str:

@@ -82,8 +82,6 @@ class Result:
     axes: dict[str, dict[str, Any]] = field(default_factory=dict)
     """The parts of several axes: guard, oscillation, delay_s, bus, wall_came_on, servo"""
     checks: list[Check] = field(default_factory=list)
-    setup: list[Check] = field(default_factory=list)
-    """The machine's settings, where the loop has a process of its own"""
     facts: dict[str, float | None] | None = None
     """The servo's values that the oscillation watch uses; None: there are several"""
     wall_came_on: bool = False
