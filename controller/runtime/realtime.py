@@ -90,11 +90,6 @@ def _timer_slack() -> str:
 
 
 _held: list[int] = []
-_ROOM = 4 << 20
-"""Memory reserved for the loop's small objects [bytes]: four of Python's arenas"""
-_BLOCK = 512
-"""The largest object in an arena [bytes], its header included"""
-_anchors: list[bytes] = []
 
 
 def _cpu_latency() -> str:
@@ -169,17 +164,6 @@ def freeze_garbage() -> None:
     gc.collect()
     gc.freeze()
     gc.disable()
-
-
-def reserve_memory() -> None:
-    """Have Python reserve room for the loop's small objects, before memory is locked.
-
-    Python takes memory from the system 1 MiB at a time. With all memory locked, one such allocation
-    maps 256 pages, which takes most of a period. An arena is kept as long as one object lives in
-    it.
-    """
-    blocks = [bytes(_BLOCK - 64) for _ in range(_ROOM // _BLOCK)]
-    _anchors[:] = blocks[:: (1 << 18) // _BLOCK]
 
 
 def _names(cores: set[int]) -> str:
