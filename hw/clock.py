@@ -16,10 +16,6 @@ class Clock(Protocol):
         """Return the present time [ns] from an arbitrary, fixed origin; never decreases."""
         ...
 
-    def boot_ns(self) -> int:
-        """Return the time [ns] including suspensions of the computer; other origin."""
-        ...
-
     def wait_until(self, instant_ns: int) -> None:
         """Return when ``instant_ns`` [ns] has come; at once when it is past."""
         ...
@@ -29,10 +25,6 @@ class MonotonicClock:
     """CLOCK_MONOTONIC of the system: never steps, the same in every process of the machine."""
 
     now_ns = staticmethod(time.monotonic_ns)
-
-    def boot_ns(self) -> int:
-        """Return CLOCK_BOOTTIME of the system [ns]."""
-        return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
 
     def wait_until(self, instant_ns: int) -> None:
         """Sleep until ``instant_ns`` [ns]; ``time.sleep`` is absolute and resumes after signals."""
@@ -44,48 +36,18 @@ class MonotonicClock:
 class SimulatedClock:
     """Time that passes only by waiting: deterministic, as fast as the machine allows."""
 
-    __slots__ = ("_now", "suspended_ns")
+    __slots__ = ("_now",)
 
     def __init__(self, start_ns: int = 0) -> None:
         self._now = start_ns
-        self.suspended_ns = 0
-        """Total suspension of the simulated computer [ns]; may be raised at any time"""
 
     def now_ns(self) -> int:
         """Return the simulated time [ns]."""
         return self._now
 
-    def boot_ns(self) -> int:
-        """Return the simulated time including suspensions [ns]."""
-        return self._now + self.suspended_ns
-
     def wait_until(self, instant_ns: int) -> None:
         """Advance the time to ``instant_ns`` [ns] unless it is past."""
         self._now = max(self._now, instant_ns)
-
-
-class Suspension:
-    """Measures how long the computer was suspended since its creation, which no other clock shows.
-
-    The two clocks are read in the order in which a pause between the readings makes the result
-    smaller:
-    a value above zero is certain.
-
-    Args:
-        clock: The program's clock.
-    """
-
-    __slots__ = ("_clock", "_offset_ns")
-
-    def __init__(self, clock: Clock) -> None:
-        self._clock = clock
-        now_ns = clock.now_ns()
-        self._offset_ns = clock.boot_ns() - now_ns
-
-    def seconds(self) -> float:
-        """Return the time in suspension [s], at least; 0: none."""
-        boot_ns = self._clock.boot_ns()
-        return max(0, boot_ns - self._clock.now_ns() - self._offset_ns) * 1e-9
 
 
 def ready(readable: Collection[int], timeout_s: float, writable: Collection[int] = ()) -> list[int]:

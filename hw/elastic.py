@@ -88,11 +88,6 @@ class ElasticClock:
             return now
         return self._judged(now)
 
-    def boot_ns(self) -> int:
-        """Return the elastic time and all suspensions of the computer [ns]."""
-        boot = time.clock_gettime_ns(time.CLOCK_BOOTTIME)
-        return self.now_ns() + boot - self._real()
-
     def wait_until(self, instant_ns: int) -> None:
         """Sleep until ``instant_ns`` [ns]."""
         self.promise(instant_ns)

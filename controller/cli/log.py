@@ -103,9 +103,8 @@ def _text(found: dict[str, Any], log: Path) -> str:
     rows = f"{found['rows']} rows"
     if found["rows"]:
         rows += f", from {found['from_s']:.6g} to {found['to_s']:.6g} s"
-    lines = entry(
-        "log", f"{in_line(str(found['name']))} ({in_line(str(found['program']))}): {rows}"
-    )
+    name, program = (in_line(str(found[key] or "unknown")) for key in ("name", "program"))
+    lines = entry("log", f"{name} ({program}): {rows}")
     if found["report"] is None:
         return "\n".join([*lines, *entry("run", "not ended: it goes on, or was killed")])
     try:

@@ -33,7 +33,7 @@ from haptic_wall.controller.cli.places import (
 )
 from haptic_wall.controller.cli.working import is_shown, working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.logs.file import SUFFIX, foreign_beside, is_held
+from haptic_wall.controller.logs.file import SUFFIX, in_the_way, is_held
 from haptic_wall.controller.report.run_text import report_text
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.config import Config
@@ -259,7 +259,7 @@ def _refuse_no_log(path: Path) -> None:
     if not path.exists() and not os.access(path.parent, os.W_OK | os.X_OK):
         say(f"--log {path}: its folder cannot be written: unless that changes, there is no log")
     held = path.is_file() and is_held(path)
-    if held or (other := foreign_beside(path)) is not None:
+    if held or (other := in_the_way(path)) is not None:
         what = f"another program has {path} open" if held else f"{other} is in the way"
         raise UserError(what, field="--log", advice="name another place")
 

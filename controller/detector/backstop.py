@@ -17,14 +17,7 @@ import math
 from enum import IntEnum
 from typing import Final
 
-from haptic_wall.controller.detector.motions import (
-    BOUNCED,
-    CALM,
-    ENDED,
-    JUMPS,
-    THROWN,
-    Motions,
-)
+from haptic_wall.controller.detector.motions import BOUNCED, ENDED, THROWN, Motions
 from haptic_wall.controller.detector.probe import Probe, Verdict, alike
 from haptic_wall.controller.detector.regularity import (
     NEVER,
@@ -32,7 +25,6 @@ from haptic_wall.controller.detector.regularity import (
     Sighting,
     apart,
     beyond_hands,
-    is_limit_cycle,
     lasts,
     saturates,
     sighting,
@@ -93,8 +85,6 @@ class Backstop:
         probed_s: Time with a softer wall in probes, and after them until it came back [s].
         hands: Number of probes that found a hand.
         alarms: Number of alarms.
-        backlash: The last alarm was about a small motion that neither grew nor saturated the
-            torque: most likely a limit cycle of backlash.
     """
 
     def __init__(self, settings: WatchSettings, shared: Shared | None = None) -> None:
@@ -111,8 +101,8 @@ class Backstop:
         self._time = self._begun = 0.0
         self._stops = self._count = self._step = 0
         self._hand = self._stop = NEVER
-        self.alarm = self.failed = self.backlash = False
-        self._settled = self._small_cycle = self.news = False
+        self.alarm = self.failed = False
+        self._small_cycle = self.news = False
         self.probes = self.hands = self.alarms = 0
         self.probed_s = 0.0
 
@@ -130,7 +120,7 @@ class Backstop:
         """
         self._time += span
         self.wall.take(away, torque, stiffness, damping)
-        news = self.motions.update(away, torque, span, self._time)
+        news = self.motions.update(away, torque, span)
         if self.phase is not _WATCHING:
             self.news = True
             self._answer_time(span)
@@ -149,10 +139,6 @@ class Backstop:
                 self._ended(seen)
         if news & THROWN and self.phase == Phase.WATCHING:
             self._probe_what_throws()
-        if news & JUMPS:
-            self._chattered()
-        if news & CALM:
-            self.alarm = False
 
     def _answer_time(self, span: float) -> None:
         """Answer what takes no half-cycle: rest, and a load that has gone.
@@ -309,9 +295,7 @@ class Backstop:
         """Store the motion on the whole wall, before an alarm or a probe."""
         self._asked = seen
         self._begun = seen.since
-        last = seen.motion.last
-        self._settled = is_limit_cycle(last, self._settings.torque_limit, self._tuning)
-        self.probe.before = sighting(last, self._time)
+        self.probe.before = sighting(seen.motion.last, self._time)
 
     def _consider(self, seen: Regularity, *, beyond: bool) -> None:
         """Decide how to react to a regular motion that does not decay.
@@ -352,7 +336,6 @@ class Backstop:
         self._take_up(seen)
         if self._held_off() and self._made_by_hand():
             return
-        self._settled = False
         if not self._gives_way(0):
             self._ask()
 
@@ -425,18 +408,14 @@ class Backstop:
             self._alarm(Cause.STOPPED)
             return
         self._stop = before._replace(at=self._time)
-        if not large:
-            self.backlash = self._settled  # it was as regular as a machine's
         self._let_return()
 
     def _alarm(self, cause: Cause) -> None:
         """Reduce the wall; keep the damping if the probe took longer: the spring is the cause."""
-        settings, before = self._settings, self.probe.before
+        settings = self._settings
         self.alarms += not self.alarm
         self.alarm = True
-        self._small_cycle = before.amplitude < settings.threshold
-        small = before.amplitude < self._tuning.backlash * settings.threshold
-        self.backlash = small and self._settled
+        self._small_cycle = self.probe.before.amplitude < settings.threshold
         if not settings.acts:
             return
         self._cause = cause
@@ -488,20 +467,6 @@ class Backstop:
             axis.wall.scale(scale ** (self._step + 1), scale**self._step)
         self._step += 1
         self._count = 0
-
-    def _chattered(self) -> None:
-        """React to a torque that jumps from limit to limit, faster than a hand makes it."""
-        settings = self._settings
-        if self.phase != Phase.REDUCED:
-            self._asked, self._begun, self._settled = self.motions.swings, self._time, False
-            cycle, smallest = self.motions.chatter.cycle, settings.position_step
-            self.probe.before = Sighting(cycle, smallest, 0.0, self._time)
-            self._alarm(Cause.STOPPED)
-        elif self._step < self._tuning.steps:
-            self._shared.asking = self
-            self._soften_further()
-        else:
-            self.alarm = self.failed = True
 
     def _own(self, seen: Regularity) -> bool:
         """Whether the wall certainly makes this motion."""

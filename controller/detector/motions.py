@@ -1,4 +1,4 @@
-"""Watches how the shaft moves in a wall: its half-cycles, its contacts, and jumps of the torque.
+"""Watches how the shaft moves in a wall: its half-cycles and its contacts.
 
 A two-sided wall, and a one-sided one under a steady push, is watched by its half-cycles; bouncing
 off a one-sided wall by its contacts.
@@ -8,24 +8,19 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptic_wall.controller.detector.chatter import Chatter
 from haptic_wall.controller.detector.contacts import Contacts
 from haptic_wall.controller.detector.half_cycles import HalfCycles
 from haptic_wall.controller.detector.regularity import Regularity
 from haptic_wall.controller.detector.settings import WatchSettings
 
 CHANGED: Final = 1
-"""Older motion, or older jumps of the torque, no longer count."""
+"""Older motion no longer counts."""
 ENDED: Final = 2
 """A half-cycle inside of the wall has ended."""
 BOUNCED: Final = 4
 """A contact with a one-sided wall has ended."""
 THROWN: Final = 8
 """One more contact has thrown the shaft back, after enough others."""
-JUMPS: Final = 16
-"""The torque jumps from limit to limit faster than a hand makes it."""
-CALM: Final = 32
-"""It does so no more."""
 
 
 class Motions:
@@ -35,7 +30,6 @@ class Motions:
         half_cycles: The motion between turning points.
         swings: Its regularity, inside of the wall.
         bounces: The regularity of the contacts.
-        chatter: Jumps of the torque.
     """
 
     _inside: bool
@@ -46,17 +40,15 @@ class Motions:
         """Start without a motion."""
         self.half_cycles = HalfCycles(settings.period, settings.position_step, settings.tuning)
         self.swings = Regularity(self.half_cycles, settings, contacts=False)
-        self.chatter = Chatter(settings)
         self._at(settings)
 
-    def update(self, away: float, torque: float, span: float, now: float) -> int:
+    def update(self, away: float, torque: float, span: float) -> int:
         """Take a sample; return the news, a sum of the constants above.
 
         Args:
             away: Position, counted from that of the wall [rad].
             torque: Sent with the last sample [N·m].
             span: Time since the last sample [s].
-            now: The present time [s].
         """
         ended = self.half_cycles.update(away, torque, span)
         news = ENDED if ended else 0
@@ -72,12 +64,6 @@ class Motions:
             if self._contacts.gaining != self._thrown:
                 self._thrown = self._contacts.gaining
                 news |= THROWN if self._thrown >= self._throws else 0
-        chatter = self.chatter
-        if abs(torque) >= chatter.limit:
-            news |= JUMPS if chatter.turns(torque, now) else 0
-        elif chatter.count and chatter.over(now):
-            news |= CALM if chatter.found else CHANGED
-            chatter.count = 0
         return news
 
     def forget(self) -> None:
@@ -102,7 +88,6 @@ class Motions:
         self._contacts.shift(moved_by * settings.side)
         if settings.side != self._side:
             self._at(settings)
-        self.chatter = Chatter(settings)
 
     def _at(self, settings: WatchSettings) -> None:
         """Start to watch a wall that fills other positions."""

@@ -89,22 +89,6 @@ def saturates(last: deque[HalfCycle], limit: float, tuning: Tuning) -> bool:
     )
 
 
-def is_limit_cycle(last: deque[HalfCycle], limit: float, tuning: Tuning) -> bool:
-    """Whether the motion neither grows nor saturates: something other than the limit bounds it.
-
-    Args:
-        last: Half-cycles.
-        limit: Limit of the torque [N·m].
-        tuning: Numbers of the detector.
-    """
-    return (
-        len(last) == 4
-        and apart(last[3].amplitude, last[1].amplitude) < tuning.settled
-        and apart(last[2].amplitude, last[0].amplitude) < tuning.settled
-        and last[3].pull < tuning.saturated * limit
-    )
-
-
 def beyond_hands(last: deque[HalfCycle], tuning: Tuning) -> bool:
     """Whether no hand moves a shaft like the last two half-cycles, of a degree or so at least."""
     if len(last) < 3:

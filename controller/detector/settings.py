@@ -32,8 +32,6 @@ class WatchSettings:
     """Believed lag, from sending a torque until it acts [s]"""
     torque_limit: float = math.inf
     """[N·m]"""
-    count_torque: float = 0.0
-    """Largest torque that one encoder count may command [N·m]"""
     rest_torque: float = 0.0
     """The gains return where the change of the elastic torque is less [N·m]."""
     passive: bool = False

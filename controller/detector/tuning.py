@@ -184,10 +184,6 @@ class Tuning:
     reduced_gain: float = 0.1
     """Contacts with a reduced wall end the run above this logarithm of exit over entry speed
     [1]."""
-    settled: float = 0.05
-    """In a limit cycle the logarithm of the ratio of amplitudes a cycle apart is below this [1]."""
-    backlash: float = 4.0
-    """Backlash is named for limit cycles up to this amplitude [thresholds]."""
     rest_between: float = 4.0
     """The wall comes back at so many times the torque if the spring passed its rest between two
     samples [1]."""

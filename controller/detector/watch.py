@@ -17,9 +17,6 @@ from haptic_wall.controller.detector.settings import WatchSettings
 from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.laws.wall import Law
 
-_OUTRUNS = 1.5
-"""How much faster than the fastest motion on the wall's spring a vibration of a link is, at least:
-late damping stiffens the spring"""
 _STILL_GROWS = 1.02
 """Ratio of two amplitudes in a row from which an oscillation grows [1]"""
 
@@ -149,19 +146,6 @@ class Watch:
         seen = self.backstop.seen
         return (math.nan, 0.0) if seen is None else (1.0 / seen.cycle, seen.amplitude)
 
-    def outruns(self, stiffness: float) -> bool:
-        """Whether the motion is faster than that of any believed servo on the wall's spring.
-
-        Then a link vibrates, whatever is believed of one.
-
-        Args:
-            stiffness: K without a derating [N·m/rad].
-        """
-        motion, fastest = self.backstop.motions.half_cycles, math.inf
-        if stiffness > 0.0:
-            fastest = math.pi * math.sqrt(self._settings.light / stiffness) / _OUTRUNS
-        return len(motion.last) > 1 and max(motion.interval, motion.elapsed) < fastest
-
     def _note(self, state: State) -> None:
         """Report the worst state, and the largest oscillation on the whole wall.
 
@@ -192,7 +176,6 @@ def oscillation_report(watch: Watch) -> dict[str, object]:
             "stiffness": reduced[0],
             "damping": reduced[1],
         },
-        "backlash": watch.backstop.backlash,
         "probes": watch.backstop.probes,
         "probed_s": watch.backstop.probed_s,
     }

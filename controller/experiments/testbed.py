@@ -31,7 +31,6 @@ from haptic_wall.controller.theory.checks import IntArray
 from haptic_wall.hw.errors import ExplainedError, Problem, ServoLostError, ServoMissingError
 
 _GONE = {Trip.SERVO_LOST, Trip.HARDWARE_ERROR, Trip.TORQUE_LOST, Trip.SERVO_HEALTH}
-_GONE |= {Trip.SUSPENDED}
 _PASSING = {Trip.LOSSES_IN_ROW, Trip.LOSS_RATE, Trip.MISSED_PERIODS, Trip.LOOP_HUNG}
 _OF_MOTION = {Trip.OVERSPEED, Trip.OSCILLATION}
 

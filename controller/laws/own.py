@@ -15,7 +15,7 @@ from __future__ import annotations
 import inspect
 import math
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import redirect_stdout
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -34,8 +34,6 @@ USUAL_STEP = math.tau / 4096.0
 """Distance of the table's rows where the position is not quantised [rad]"""
 MOST_COUNTS = 2**17
 """Most rows of a table"""
-SAME = 1e-9
-"""Two answers for one position differ by less than this fraction of the largest torque"""
 _MEMBERS: Final = ("low", "high", "torque")
 _WANTED: Final = "module:Class, importable from here, with low, high and torque(position)"
 _allowed: Final[set[str]] = set()
@@ -184,47 +182,22 @@ def own_table(name: str, options: Mapping[str, Any], grid: Grid) -> Profile:
 @lru_cache(maxsize=8)
 def _table(asked: _Asked) -> Profile:
     with redirect_stdout(sys.stderr):
-        first, second = (own_law(asked.name, asked.options) for _ in range(2))
-        return tabulated(asked.name, first, second, asked.grid)
+        return tabulated(asked.name, own_law(asked.name, asked.options), asked.grid)
 
 
-def tabulated(name: str, law: OwnLaw, second: OwnLaw, grid: Grid) -> Profile:
+def tabulated(name: str, law: OwnLaw, grid: Grid) -> Profile:
     """Ask the law for its torque at every encoder count of its range.
 
     Args:
         name: Name of the law, for messages.
         law: The law to tabulate.
-        second: A second instance of the law, which must give the same torques.
         grid: Gives the encoder step.
 
     Raises:
-        LawError: Its range or a torque is no number, it answers differently when asked again, or
-            the table makes no law.
+        LawError: Its range or a torque is no number, or the table makes no law.
     """
-    low, high = float(law.low), float(law.high)
-    if (low, high) != (float(second.low), float(second.high)) and math.isfinite(high - low):
-        raise LawError(
-            "law",
-            f"found {name}, whose range is {low:.4g} to {high:.4g} rad one time and "
-            f"{second.low:.4g} to {second.high:.4g} rad another time",
-            "the same range each time",
-        )
     positions = _positions(name, law, grid)
     torques = [_torque(name, law, position) for position in positions]
-    most = max(map(abs, torques))
-    for position, torque in zip(reversed(positions), reversed(torques), strict=True):
-        again = _torque(name, second, position)
-        if abs(again - torque) > SAME * most:
-            raise LawError(
-                "law",
-                f"found {name}, whose torque at {position:.4g} rad is {torque:.4g} N·m once and "
-                f"{again:.4g} N·m another time",
-                "a torque that depends on the position alone",
-            )
-    return _profile(name, positions, torques)
-
-
-def _profile(name: str, positions: Sequence[float], torques: Sequence[float]) -> Profile:
     try:
         return Profile(positions, torques)
     except LawError as error:

@@ -70,11 +70,6 @@ class PassivityControl:
         self.injected = min(-balance / (elapsed * speed * speed), self.cap)
         return self.injected
 
-    def waive(self) -> float:
-        """Forget the deficit, and inject nothing; return 0 [N·m·s/rad]."""
-        self.balance = self.injected = 0.0
-        return 0.0
-
     def rebase(self, penetration: float) -> None:
         """Count the stored energy from that of another law at the last position.
 

@@ -13,7 +13,7 @@ from haptic_wall.controller.guard.decision_report import decision_report
 from haptic_wall.controller.live.log_events import send_event
 from haptic_wall.controller.live.run_socket import NOT_MADE, OVER, Peer
 from haptic_wall.controller.runtime.assembly import decision_in_force
-from haptic_wall.controller.runtime.changeover import MOST_J, MOST_WITH_HAND_J, Obstacle
+from haptic_wall.controller.runtime.changeover import MOST_J, Obstacle
 from haptic_wall.controller.runtime.changes import Changes
 from haptic_wall.controller.runtime.handover import Offers, Settled
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
@@ -341,10 +341,4 @@ def obstacle_text(kind: Obstacle, size: float) -> str:
             return (
                 f"the shaft moves at {size:.3g} rad/s, too fast for a change of the delay; let it "
                 "come to rest"
-            )
-        case Obstacle.GAINS:
-            return (
-                "with so long a delay the wall would give a hand that moves the shaft "
-                f"{1e3 * size:.3g} mJ, wanted at most {1e3 * MOST_WITH_HAND_J:g} mJ; lower the "
-                "stiffness or the damping first, or raise the delay in steps"
             )

@@ -28,9 +28,6 @@ MOST_BYTES: Final = 1 << 22
 """Largest text in a log: its configuration, an event, its report [bytes]"""
 BESIDE: Final = ("-wal", "-shm", "-journal")
 """Ends of the names of files that SQLite keeps beside a database while it is written"""
-_OF_SQLITE: Final = (b"\x37\x7f\x06", b"\x18\xe2\x2d\x00", b"\xd9\xd5\x05\xf9")
-"""Beginnings of such files: write-ahead log, its index, rollback journal; see SQLite's file format
-"""
 _HEAD: Final = b"SQLite format 3\x00"
 _BEFORE: Final = b"\x93NUMPY"
 """Beginning of the logs of version 0.1"""
@@ -76,23 +73,19 @@ def is_log(path: Path) -> bool:
     return begin == _HEAD or begin.startswith(_BEFORE) or path.suffix == SUFFIX
 
 
-def foreign_beside(path: Path) -> Path | None:
-    """Return another's file where SQLite keeps one beside a log; None: there is none.
+def in_the_way(path: Path) -> Path | None:
+    """Return a file that SQLite would take for one beside a new log; None: there is none.
+
+    Those beside a database, or an empty file, belong to it.
 
     Args:
         path: The log.
     """
-    for end in BESIDE:
-        place = path.with_name(path.name + end)
-        if os.path.lexists(place):
-            try:
-                with opened(place) as file:
-                    begin = file.read(4)
-            except OSError:
-                return place
-            if begin and not begin.startswith(_OF_SQLITE):
-                return place
-    return None
+    with contextlib.suppress(OSError), opened(path) as file:
+        if file.read(len(_HEAD)) in (b"", _HEAD):
+            return None
+    places = (path.with_name(path.name + end) for end in BESIDE)
+    return next(filter(os.path.lexists, places), None)
 
 
 def is_held(path: Path) -> bool:

@@ -20,9 +20,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.errors import LogFormatError, UserError
 from haptic_wall.controller.logs.columns import COLUMNS, SHARED, WHOLE, columns_of, rows_of
-from haptic_wall.controller.logs.content import fault_of_change, fault_of_report, fault_of_rows
 from haptic_wall.controller.logs.file import (
     MOST_BYTES,
     ONE_AXIS,
@@ -37,6 +37,7 @@ from haptic_wall.controller.runtime.telemetry import ROW
 from haptic_wall.controller.settings.axis_names import MOST_AXES, of_axis
 from haptic_wall.controller.system import json_text
 from haptic_wall.hw.names import did_you_mean
+from haptic_wall.hw.servo import Outcome
 
 _ROWS: Final = 1000
 """Rows in a block"""
@@ -94,12 +95,12 @@ class LogReader:
             ]
         end = metadata.pop("report", None)
         origin_ns = metadata.get("origin_ns", 0)
-        why = None if end is None else fault_of_report(end)
+        if end is not None and not isinstance(end, dict):
+            raise refusal(path, "its report is no object")
         if type(origin_ns) is not int or abs(origin_ns) > 1 << 61:
-            why = "its origin_ns is no time"
-        why = why or next(filter(None, map(fault_of_change, told)), None)
-        if why is not None:
-            raise refusal(path, why)
+            raise refusal(path, "its origin_ns is no time")
+        if not all(isinstance(change, dict) and {"set", "outcome"} <= {*change} for change in told):
+            raise refusal(path, "an event is no change of the wall")
         changes = tuple(_UNKNOWN | change for change in told)
         return cls(path, metadata, changes, end, stretch, axes, columns_of(axes))
 
@@ -182,7 +183,7 @@ class LogReader:
             )
             while chunk := found.fetchmany(_ROWS):
                 rows = self._typed(chunk)
-                if (why := fault_of_rows(rows, last)) is not None:
+                if (why := _fault(rows, last)) is not None:
                     raise refusal(self.path, why)
                 last = rows[-1, 0]
                 yield rows
@@ -230,6 +231,22 @@ class LogReader:
             return rows_of(table, self.origin_ns)
         except ValueError as error:
             raise refusal(self.path, str(error)) from None
+
+
+def _fault(rows: NDArray[np.void], before: np.void | None) -> str | None:
+    """Name an implausible value in rows; None: all are plausible.
+
+    Args:
+        rows: Shape (n, axes), n > 0, dtype ``telemetry.ROW``.
+        before: The row before them, of the first axis.
+    """
+    times = rows["deadline_ns"][:, 0]
+    if (np.diff(times) <= 0).any() or (before is not None and times[0] <= before["deadline_ns"]):
+        return "time_s does not increase in it"
+    for name, kind in (("outcome", Outcome), ("oscillation", State)):
+        if not np.isin(rows[name], list(kind)).all():
+            return f"{name} has a value without a meaning in it"
+    return None
 
 
 _UNKNOWN: Final = dict.fromkeys(("at_s", "row", "changed", "why"))

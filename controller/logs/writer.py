@@ -26,7 +26,7 @@ from haptic_wall.controller.logs.file import (
     VERSION,
     as_os_error,
     connected,
-    foreign_beside,
+    in_the_way,
     refuse_other,
     schema,
 )
@@ -228,11 +228,11 @@ def _make(path: Path, *, force: bool) -> None:
     """Make an empty file, and remove what an earlier log has left in its place.
 
     Raises:
-        FileExistsError: It exists, and ``force`` is not given; or a file that is not SQLite's is
-            where SQLite would put one.
+        FileExistsError: It exists, and ``force`` is not given; or another file is where SQLite
+            would put one.
         OSError: It cannot be made.
     """
-    if (other := foreign_beside(path)) is not None:
+    if (other := in_the_way(path)) is not None:
         raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(other))
     if force and path.is_file():  # a device stays
         path.unlink()

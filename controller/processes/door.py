@@ -50,7 +50,7 @@ class Door:
         self._path = socket_of(plan.log)
         self._child: Child | None = None
         self._news: socket.socket | None = None
-        self._over = self._closed = self._stopped = False
+        self._over = self._closed = False
         self.changes: list[dict[str, Any]] = []
         self.unlogged: list[dict[str, Any]] = []
         self.hand: SharedHand | None = None
@@ -105,10 +105,6 @@ class Door:
                 self.unlogged = [*self.unlogged, change][-MOST_KEPT:]
             self._tell(change_text(change))
             self._send({"change": change})
-        stopped = not self._over and "stopped" in door.doing()
-        if stopped and not self._stopped:
-            self._tell(f"the process for changes and page {door.doing()}; the run goes on")
-        self._stopped = stopped
         if door.ended() and not self._over:
             self._over = True
             remove_if_dead(self._path)

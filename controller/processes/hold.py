@@ -15,7 +15,6 @@ import os
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.runtime.telemetry import Word
@@ -50,23 +49,21 @@ _EVIOCGBIT_KEY = _ioctl_read(0x20 + _EV_KEY, _KEY_BYTES)
 
 
 class KeySource:
-    """Reads a key, or any key, of an input device, from the kernel's events.
+    """Reads whether any key of an input device is down, from the kernel's events.
 
     Args:
         descriptor: Descriptor of the device, readable.
-        key: Its code; None: any key of the device.
     """
 
-    __slots__ = ("_descriptor", "_key", "_pressed")
+    __slots__ = ("_descriptor", "_pressed")
 
-    def __init__(self, descriptor: int, key: int | None) -> None:
+    def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
         os.set_blocking(descriptor, False)  # for a pipe in tests; a device is already non-blocking
-        self._key = key
         self._pressed = self._held_now()
 
     def until(self, now_ns: int) -> int:
-        """Return until when the key counts as held [ns]; 0: it is released.
+        """Return until when a key counts as held [ns]; 0: none is down.
 
         Args:
             now_ns: The present time on the loop's clock [ns].
@@ -89,7 +86,7 @@ class KeySource:
         for _, _, kind, code, value in EVENT.iter_unpack(found):
             if kind == _EV_SYN and code == _SYN_DROPPED:
                 self._pressed = self._held_now()  # events were lost: read the state itself
-            elif kind == _EV_KEY and self._key in (None, code):
+            elif kind == _EV_KEY:
                 if value:  # 1: pressed; 2: repeat
                     self._pressed.add(code)
                 else:
@@ -98,10 +95,9 @@ class KeySource:
     def _held_now(self) -> set[int]:
         """Return the held keys from the kernel; none if it does not answer."""
         try:
-            held = _codes(self._descriptor, _EVIOCGKEY)
+            return _codes(self._descriptor, _EVIOCGKEY)
         except OSError:
             return set()
-        return {code for code in held if self._key in (None, code)}
 
 
 def key_reader(
@@ -135,8 +131,6 @@ class Hold:
 
     path: str
     """Of an input device, or ``PAGE``"""
-    key: int | None = None
-    """Code of the key; None: any key of the device"""
 
     @property
     def is_page(self) -> bool:
@@ -165,18 +159,14 @@ def gone_texts(why: str) -> tuple[str, str]:
     )
 
 
-def hold_by(text: str) -> Hold:
-    """Return the dead man that ``text`` names: PATH or PATH:KEY of an input device.
+def hold_by(path: str) -> Hold:
+    """Return the dead man with the path of an input device.
 
     Raises:
         UserError: It does not exist, cannot be read, or cannot serve as a dead man.
     """
-    if not text.strip():
+    if not path.strip():
         raise UserError("found nothing", field="--hold", advice=_ADVICE)
-    path, key = text, None
-    if not Path(text).exists() and ":" in text:
-        path, _, name = text.rpartition(":")
-        key = _code(name)
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY)
     except (OSError, ValueError) as error:
@@ -197,12 +187,11 @@ def hold_by(text: str) -> Hold:
             ) from None
     finally:
         os.close(descriptor)
-    if not known or (key is not None and key not in known):
-        what = "no key" if key is None else f"no key {key}"
+    if not known:
         raise UserError(
-            f"the device {path} has {what}", field="--hold", advice="name another device or key"
+            f"the device {path} has no key", field="--hold", advice="name another device"
         )
-    return Hold(path, key)
+    return Hold(path)
 
 
 def _codes(descriptor: int, request: int) -> set[int]:
@@ -210,18 +199,6 @@ def _codes(descriptor: int, request: int) -> set[int]:
     bits = array.array("B", bytes(_KEY_BYTES))
     fcntl.ioctl(descriptor, request, bits)
     return {8 * n + k for n, byte in enumerate(bits) if byte for k in range(8) if byte >> k & 1}
-
-
-def _code(text: str) -> int:
-    code = int(text) if text.isascii() and text.isdigit() else -1
-    if not 0 <= code < 8 * _KEY_BYTES:
-        raise UserError(
-            f"found the key {text!r}",
-            field="--hold",
-            wanted="its code as a number",
-            advice="`evtest` prints it",
-        )
-    return code
 
 
 def _unusable(path: str, error: Exception) -> UserError:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
@@ -54,8 +54,8 @@ class Orders:
     """Phases in place of the wall; empty: the wall"""
     hand: int | None = None
     """Descriptor of the memory of a person's hand on the simulated servo"""
-    key: tuple[int, int | None, str] | None = None
-    """The dead man's device: descriptor, code of its key, path; None: no device"""
+    key: tuple[int, str] | None = None
+    """The dead man's device: descriptor and path; None: no device"""
     elastic: bool = False
     """Whether the loop and its emulated bus wait for each other"""
 
@@ -107,19 +107,19 @@ def main() -> None:
         )
         _tell("refused", problem=asdict(problem))
         return
-    _tell("ended", result=asdict(replace(result, setup=machine_setup(orders.core))))
+    _tell("ended", result=asdict(result))
 
 
 def _key(orders: Orders, telemetry: Telemetry) -> Callable[[int], float] | None:
     """Return what reads the dead man's key; None: there is none."""
     if orders.key is None:
         return None
-    descriptor, code, path = orders.key
+    descriptor, path = orders.key
 
     def gone(error: OSError) -> None:
         _tell("key_gone", why=f"{path} is gone ({error.strerror or error})")
 
-    return key_reader(KeySource(descriptor, code), telemetry.words, gone)
+    return key_reader(KeySource(descriptor), telemetry.words, gone)
 
 
 def _prepare(config: Config, core: int) -> None:

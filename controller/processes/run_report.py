@@ -62,7 +62,6 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
         "torque_off": ended.torque_off,
         "servo_checks": result.get("checks", []),
         "realtime": ended.realtime,
-        "machine": result.get("setup", []),
         "warnings": warnings_of(ended),
         "changes": ended.changes,
         "log": log,
@@ -169,19 +168,13 @@ def warnings_of(ended: Ended) -> list[str]:
                 f"{setting['name']}: wanted {setting['wanted']}, {setting['found']}"
                 + (f"; to grant it: {setting['fix']}" if setting["fix"] else "")
             )
-    if ended.missed and (why := _why_missed(ended)):
+    granted = any(setting["name"] == "scheduler" and setting["ok"] for setting in ended.realtime)
+    if ended.missed and not granted:
         periods = "1 period" if ended.missed == 1 else f"{ended.missed} periods"
-        warnings.append(f"the loop missed {periods}: {why}")
+        warnings.append(
+            f"the loop missed {periods}: it had no real-time priority, so that other programs could"
+            " keep the core"
+        )
     if ended.statistics.unread:
         warnings.append(f"{ended.statistics.unread} rows were not read in time for the statistics")
     return warnings
-
-
-def _why_missed(ended: Ended) -> str:
-    """Return the plain reason of missed periods; empty: none is plain."""
-    if not any(setting["name"] == "scheduler" and setting["ok"] for setting in ended.realtime):
-        return "it had no real-time priority, so that other programs could keep the core"
-    machine = (ended.result or {}).get("setup", [])
-    if any(row["name"] == "host" for row in machine):
-        return "this is a virtual machine, whose host can take the core"
-    return ""

@@ -23,7 +23,6 @@ from haptic_wall.controller.processes.loop_watch import END_S, LoopWatch
 from haptic_wall.controller.processes.plan import Ended, Plan, Tell
 from haptic_wall.controller.processes.recorder_monitor import RecorderMonitor, recorder_starter
 from haptic_wall.controller.processes.row_count import RowCount
-from haptic_wall.controller.processes.suspension_watch import SuspensionWatch
 from haptic_wall.controller.processes.torque_cut import TorqueCut
 from haptic_wall.controller.runtime.idle_window import until_idle_window
 from haptic_wall.controller.runtime.realtime import pick_cores
@@ -35,7 +34,7 @@ from haptic_wall.controller.runtime.safety import (
     stop_reason,
 )
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
-from haptic_wall.hw.clock import MonotonicClock, ready
+from haptic_wall.hw.clock import ready
 from haptic_wall.hw.elastic import PATIENCE_S
 from haptic_wall.hw.errors import Problem, ServoError
 from haptic_wall.hw.open import open_port, reserved
@@ -69,7 +68,6 @@ class Supervisor:
         self._servos = plan.config.servos()
         self._cut = TorqueCut(self._servos, self._words)
         self._key: int | None = None
-        self._suspension = SuspensionWatch(MonotonicClock(), plan.config.servo.kind == "hardware")
         self._core, self._others = pick_cores(plan.config.realtime.core)
 
     def run(self) -> Ended:
@@ -99,12 +97,11 @@ class Supervisor:
             children.callback(log.close)
             self._open_key(children)
             loop = self._start_loop(children)
-            reason, found = self._suspension.verdict(self._watch(loop, emulator, log))
-            self._cause = "; ".join(filter(None, (found, self._cause)))
+            reason = self._watch(loop, emulator, log)
             # First: its last events go into the log.
             told = "; ".join(filter(None, (str(reason), self._cause)))
             self._door.close("" if self._was_given_up(reason) else told)
-            self._warnings += [*log.end(), *self._suspension.notes()]
+            self._warnings += log.end()
             if self._door.trouble:
                 self._warnings.append(self._door.trouble)
         self._rows.end()
@@ -167,7 +164,7 @@ class Supervisor:
     def _start_loop(self, children: contextlib.ExitStack) -> Child:
         plan, key = self._plan, None
         if self._key is not None and plan.hold is not None:
-            key = self._key, plan.hold.key, plan.hold.path
+            key = self._key, plan.hold.path
         orders = Orders(
             config=plan.config.model_dump_json(),
             telemetry=self._telemetry.descriptor,
@@ -204,8 +201,6 @@ class Supervisor:
             pause_s = until_idle_window(self._words, self._plan.config.period_ns, POLL_S)
             news = bool(ready((loop.pidfd, loop.output), pause_s))
             now = time.monotonic()
-            if self._suspension.look():
-                self._words[Word.STOP] = 1
             overdue = watch.overdue(now)
             if not news and overdue is None and now < looked + LOOK_S:
                 continue

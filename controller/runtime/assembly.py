@@ -187,11 +187,6 @@ def watch_settings(config: Config, facts: Facts, law: Law) -> WatchSettings:
     """
     belief, limit = config.belief(), min(facts.torque_limit, law.clip)
     answer, period = config.safety.on_oscillation, config.period_ns * 1e-9
-    count = config.guard.quantisation_share * facts.torque_limit
-    if not config.wall.passivity_control:
-        asked = config.request(facts.position_step)
-        slope = asked.stiffness + abs(asked.damping) / (asked.velocity_samples * period)
-        count = min(count, slope * facts.position_step)
     if config.guard.mode == "off":
         answer = "trip"
     return WatchSettings(
@@ -203,7 +198,6 @@ def watch_settings(config: Config, facts: Facts, law: Law) -> WatchSettings:
         heavy=belief.inertia.high / belief.torque_gain.low,
         lag=belief.delay.value,
         torque_limit=limit,
-        count_torque=count,
         rest_torque=engage_torque(config.safety.engage_torque, facts.stall_torque),
         passive=law.guarded and config.wall.passivity_control,
         elongation=None if law.linear else law.elongation,

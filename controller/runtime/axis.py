@@ -292,15 +292,13 @@ class Axis:
     def _injected(self, passivity: PassivityControl, position: float) -> float:
         """Return the damping that the energy of the motion asks for [N·m·s/rad]."""
         watch, law = self.watch, self.law
-        injected = passivity.update(
+        return passivity.update(
             position,
             law.elongation(position),
             law.stiffness * law.derating.scale,
             watch.acted - law.held,
             watch.spanned,
         )
-        # A damper may feed the vibration of a link.
-        return passivity.waive() if watch.outruns(law.stiffness) else injected
 
     def _change(self, change: Change) -> int:
         """Make the change at hand, if this is the tick for it.

@@ -23,10 +23,6 @@ from haptic_wall.controller.laws.wall import Law
 
 MOST_J: Final = 1e-4
 """Energy that counts as none [J]: a spring of 85 N·m/rad holds it at one count of 4096"""
-MOST_WITH_HAND_J: Final = 1e-3
-"""Energy that a longer delay may give a shaft that a hand sets in motion meanwhile [J]"""
-HAND: Final = 30.0
-"""Acceleration of that shaft [rad/s²]"""
 SPEED_TICKS: Final = 8
 """Ticks over which the speed is taken: one encoder count in a period is no speed"""
 
@@ -49,8 +45,6 @@ class Obstacle(IntEnum):
     """The torque would jump [N·m]."""
     DELAY = 7
     """The shaft moves too fast for another delay [rad/s]."""
-    GAINS = 8
-    """A hand that moves the shaft meanwhile would be given this by a longer delay [J]."""
 
 
 class Changeover:
@@ -152,12 +146,6 @@ class Changeover:
             if not late <= 0.5 * MOST_J:
                 self.size = fastest
                 return Obstacle.DELAY
-            span = period * (most + 1)
-            way = 0.5 * HAND * span * span
-            given = (stiffness * way + damping * HAND * added * period) * way
-            if added > 0 and not given <= MOST_WITH_HAND_J:
-                self.size = given
-                return Obstacle.GAINS
         return Obstacle.NONE
 
     def _known(self, position: float, most: int) -> bool:

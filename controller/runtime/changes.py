@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Final
+from dataclasses import dataclass
 
 from haptic_wall.controller.runtime.assembly import Decided, guard_decisions, watch_settings
 from haptic_wall.controller.runtime.handover import Change, KnownServo
 from haptic_wall.controller.settings.changes import moved_by
 from haptic_wall.controller.settings.config import Config
-
-_KEPT: Final = 16
-"""Number of requests whose decisions are kept"""
 
 
 @dataclass(slots=True)
@@ -28,7 +24,6 @@ class Changes:
     servos: list[KnownServo]
     number: int = 0
     decided: Decided | None = None
-    _known: dict[str, Decided] = field(default_factory=dict)
 
     def computed(self, new: Config, axis: int = 0) -> Change:
         """Return the change to ``new``; takes milliseconds to seconds.
@@ -42,7 +37,7 @@ class Changes:
         """
         old, servo = self.configs[axis], self.servos[axis]
         self.number += 1
-        self.decided = self._decided(new, axis)
+        self.decided = guard_decisions(new, servo)
         law = new.law(servo.facts.position_step)
         elsewhere = moved_by(old, new) != 0.0
         return Change(
@@ -59,13 +54,3 @@ class Changes:
             steps=new.delay.steps,
             axis=axis,
         )
-
-    def _decided(self, new: Config, axis: int) -> Decided:
-        """Return the guard's decisions; those of the last few requests are kept."""
-        servo = self.servos[axis]
-        asked = repr((axis, new.request(servo.facts.position_step), new.delay.steps))
-        if asked not in self._known:
-            if len(self._known) >= _KEPT:
-                self._known.pop(next(iter(self._known)))
-            self._known[asked] = guard_decisions(new, servo)
-        return self._known[asked]

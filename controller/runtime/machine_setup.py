@@ -48,27 +48,10 @@ def machine_setup(core: int, root: Path = Path("/")) -> list[Check]:
     if governor:
         fix = "" if governor == "performance" else "`sudo cpupower frequency-set -g performance`"
         rows.append(Check("frequency scaling", True, governor, "performance", fix))
-    siblings = _cores(text_of(cpu / f"cpu{core}/topology/thread_siblings_list")) - {core}
-    if siblings:
-        other = ", ".join(map(str, sorted(siblings)))
-        rows.append(
-            Check(
-                "core's other half",
-                True,
-                f"core {core} shares its hardware with core {other}",
-                "nothing runs there",
-                f"isolate core {other} too, or switch hyper-threading off",
-            )
-        )
     rows += _throttle(root / "proc/sys/kernel")
-    pages = text_of(root / "sys/kernel/mm/transparent_hugepage/enabled")
-    if pages:
-        chosen = pages.partition("[")[2].partition("]")[0]
-        fix = "`echo madvise | sudo tee /sys/kernel/mm/transparent_hugepage/enabled`"
-        rows.append(
-            Check("huge pages", True, chosen, "madvise or never", fix if chosen == "always" else "")
-        )
-    if is_virtual(root):
+    lines = text_of(root / "proc/cpuinfo").splitlines()
+    flags = next((line for line in lines if line.startswith("flags")), "")
+    if "hypervisor" in flags.split() or text_of(root / "sys/hypervisor/type"):
         rows.append(
             Check(
                 "host",
@@ -79,13 +62,6 @@ def machine_setup(core: int, root: Path = Path("/")) -> list[Check]:
             )
         )
     return rows
-
-
-def is_virtual(root: Path = Path("/")) -> bool:
-    """Whether this is a virtual machine, whose host can take its cores."""
-    lines = text_of(root / "proc/cpuinfo").splitlines()
-    flags = next((line for line in lines if line.startswith("flags")), "")
-    return "hypervisor" in flags.split() or bool(text_of(root / "sys/hypervisor/type"))
 
 
 def start_text(settings: Sequence[Check], setup: Sequence[Check]) -> str:

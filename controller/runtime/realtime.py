@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import gc
 import os
-import resource
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Literal
@@ -19,7 +18,6 @@ _PR_SET_PDEATHSIG = 1
 _PR_SET_TIMERSLACK = 29
 _PR_GET_TIMERSLACK = 30
 _MCL_CURRENT_AND_FUTURE = 3
-_CAP_SYS_NICE = 23
 _LIBC = ctypes.CDLL(None, use_errno=True)
 _DMA_LATENCY = Path("/dev/cpu_dma_latency")
 
@@ -92,11 +90,6 @@ def _timer_slack() -> str:
 
 
 _held: list[int] = []
-_ROOM = 4 << 20
-"""Memory reserved for the loop's small objects [bytes]: four of Python's arenas"""
-_BLOCK = 512
-"""The largest object in an arena [bytes], its header included"""
-_anchors: list[bytes] = []
 
 
 def _cpu_latency() -> str:
@@ -106,42 +99,11 @@ def _cpu_latency() -> str:
     return "0 µs"
 
 
-def _attempt(
-    name: str, wanted: str, action: Callable[[], str], remedy: str | Callable[[], str]
-) -> Check:
+def _attempt(name: str, wanted: str, action: Callable[[], str], remedy: str) -> Check:
     try:
         return Check(name, True, action(), wanted)
     except OSError as error:
-        told = remedy if isinstance(remedy, str) else remedy()
-        return Check(name, False, f"refused: {error.strerror}", wanted, told)
-
-
-def scheduler_remedy(priority: int, root: Path = Path("/")) -> str:
-    """Return how to have SCHED_FIFO granted, after it was refused.
-
-    Where this process has the right, a control group without real-time runtime is the cause: a
-    kernel with CONFIG_RT_GROUP_SCHED then refuses root too.
-
-    Args:
-        priority: The refused one.
-        root: Root of the file system with the kernel's files.
-    """
-    if text_of(root / "proc/sys/kernel/sched_rt_runtime_us") == "0":
-        return "`sudo sysctl kernel.sched_rt_runtime_us=950000`"
-    most, _ = resource.getrlimit(resource.RLIMIT_RTPRIO)
-    lines = text_of(root / "proc/self/status").splitlines()
-    held = next((line.split()[1] for line in lines if line.startswith("CapEff:")), "0")
-    if int(held, 16) >> _CAP_SYS_NICE & 1 or most == resource.RLIM_INFINITY or most >= priority:
-        return (
-            "it has the right, so its control group has no real-time runtime: start it outside of"
-            " the container or service, in the root group (`echo $$ | sudo tee"
-            " /sys/fs/cgroup/cgroup.procs`), or with `docker run --cpu-rt-runtime=100000"
-            " --ulimit rtprio=95 --cap-add=sys_nice`"
-        )
-    return (
-        "`sudo scripts/setup-testbed` and log in again, or once: `sudo prlimit --rtprio=95"
-        " --pid $$`"
-    )
+        return Check(name, False, f"refused: {error.strerror}", wanted, remedy)
 
 
 def text_of(path: Path) -> str:
@@ -174,7 +136,7 @@ def apply(profile: Profile, priority: int, cores: set[int]) -> list[Check]:
             "scheduler",
             f"SCHED_FIFO {priority}",
             lambda: _scheduler(priority),
-            lambda: scheduler_remedy(priority),
+            f"{setup} once: `sudo prlimit --rtprio=95 --pid $$`",
         ),
         _attempt(
             "memory",
@@ -202,17 +164,6 @@ def freeze_garbage() -> None:
     gc.collect()
     gc.freeze()
     gc.disable()
-
-
-def reserve_memory() -> None:
-    """Have Python reserve room for the loop's small objects, before memory is locked.
-
-    Python takes memory from the system 1 MiB at a time. With all memory locked, one such allocation
-    maps 256 pages, which takes most of a period. An arena is kept as long as one object lives in
-    it.
-    """
-    blocks = [bytes(_BLOCK - 64) for _ in range(_ROOM // _BLOCK)]
-    _anchors[:] = blocks[:: (1 << 18) // _BLOCK]
 
 
 def _names(cores: set[int]) -> str:

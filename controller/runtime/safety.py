@@ -35,8 +35,6 @@ class Trip(StrEnum):
     within 2 °C of its limit; or a second servo has its id."""
     SERVO_LOST = "trip:servo_lost"
     """The port is gone, or no request was answered until the Bus Watchdog may have tripped."""
-    SUSPENDED = "trip:suspended"
-    """The computer was suspended while it drove a real servo."""
     LOOP_HUNG = "trip:loop_hung"
     """The loop sent no heartbeat for ``safety.heartbeat_s``, or did not end when asked."""
     LOOP_DIED = "trip:loop_died"
@@ -127,10 +125,6 @@ EXPLANATIONS: Final[Mapping[Trip, Problem]] = {
     Trip.SERVO_LOST: Problem(
         "the port is gone, or the servo no longer answers",
         advice="check that both are plugged in and powered",
-    ),
-    Trip.SUSPENDED: Problem(
-        "meanwhile the servo's Bus Watchdog dropped the torque, and no loop watched the shaft",
-        advice="keep the computer awake (`systemd-inhibit haptic-wall run ...`), then start again",
     ),
     Trip.LOOP_HUNG: Problem(
         "",

@@ -26,7 +26,7 @@ from haptic_wall.controller.runtime.cycle import Cycle, is_pipelined
 from haptic_wall.controller.runtime.deadlines import waiter_for
 from haptic_wall.controller.runtime.handover import Inbox, KnownServo
 from haptic_wall.controller.runtime.loop import Loop
-from haptic_wall.controller.runtime.realtime import freeze_garbage, reserve_memory
+from haptic_wall.controller.runtime.realtime import freeze_garbage
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip
 from haptic_wall.controller.runtime.session_report import (
     all_axes,
@@ -81,8 +81,6 @@ class Result:
     axes: dict[str, dict[str, Any]] = field(default_factory=dict)
     """The parts of several axes: guard, oscillation, delay_s, bus, wall_came_on, servo"""
     checks: list[Check] = field(default_factory=list)
-    setup: list[Check] = field(default_factory=list)
-    """The machine's settings, where the loop has a process of its own"""
     facts: dict[str, float | None] | None = None
     """The servo's values that the oscillation watch uses; None: there are several"""
     wall_came_on: bool = False
@@ -184,8 +182,6 @@ class _Session:
         """Do all long computations: a started servo needs a frame within its watchdog's time."""
         self._decide()
         freeze_garbage()
-        if not self._simulated:
-            reserve_memory()
         self._around.take_real_time()
         self._wait = waiter_for(self._clock, self._config.realtime.spin_us, self._config.period_ns)
 

@@ -6,7 +6,6 @@ import csv
 import io
 import math
 import os
-import re
 from array import array
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -20,11 +19,6 @@ from haptic_wall.controller.system.printable import in_line
 _MOST_IN_LINE: Final = 1 << 16
 """Longest line [characters]"""
 _LARGEST: Final = 1e12
-_ENGLISH: Final = (
-    "commas between cells and points in numbers: set the spreadsheet to English and export it again"
-)
-_CONTROL: Final = re.compile("[\x00-\x08\x0b-\x0c\x0e-\x1f\x7f]")
-_COMMA: Final = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _Refusal = Callable[..., UserError]
 
 
@@ -64,23 +58,17 @@ def read_columns(
             header = [name.strip() for name in next(filter(None, reader), [])]
             if absent := [name for name in needed if name not in header]:
                 found = in_line(", ".join(header[:8])) if any(header) else "nothing"
-                foreign = any(mark in found for mark in (";", "\t", "sep="))
                 names = [", ".join(needed), *([", ".join(known)] if known else [])]
                 raise refusal(
                     f"its first line has no column {' and no '.join(absent)}, found {found}",
-                    wanted=_ENGLISH if foreign else "",
-                    advice="" if foreign else f"wanted a CSV with {' and, if known, '.join(names)}",
+                    advice=f"wanted a CSV with {' and, if known, '.join(names)}, commas between"
+                    " cells and points in numbers",
                 )
             names = [name for name in (*needed, *known) if name in header]
             places = [header.index(name) for name in names]
             columns = {name: array("d") for name in names}
             cells = list(zip(places, columns.items(), strict=True))
-            last = reader.line_num
             for row in reader:
-                if reader.line_num > last + 1:
-                    what = f"lines {last + 1} to {reader.line_num} are one row"
-                    raise refusal(what, advice="look for a quote that is not closed")
-                last = reader.line_num
                 if not row:
                     continue
                 if len(cells[0][1][1]) >= most_rows:
@@ -91,10 +79,9 @@ def read_columns(
                     try:
                         numbers.append(_number(cell) if cell else math.nan)
                     except ValueError:
-                        comma = _COMMA.fullmatch(cell)
                         raise refusal(
-                            f"line {last}, column {name}: found {cell[:40]!r}",
-                            wanted=_ENGLISH if comma else f"a number up to {_LARGEST:g} or nothing",
+                            f"line {reader.line_num}, column {name}: found {cell[:40]!r}",
+                            wanted=f"a number up to {_LARGEST:g} or nothing",
                         ) from None
         except csv.Error as error:
             raise refusal(
@@ -105,16 +92,13 @@ def read_columns(
 
 
 def _lines(refusal: _Refusal, text: TextIO) -> Iterator[str]:
-    """Yield the lines of a text, comments as empty ones; refuse long ones and other files."""
+    """Yield the lines of a text, comments as empty ones; refuse long ones."""
     for number, line in enumerate(iter(partial(text.readline, _MOST_IN_LINE + 1), ""), 1):
-        what = ""
         if len(line) > _MOST_IN_LINE:
-            open_quote = ", perhaps after a quote that is not closed" if '"' in line else ""
-            what = f"has more than {_MOST_IN_LINE} characters{open_quote}"
-        elif found := _CONTROL.search(line):
-            what = f"holds the control character {found[0]!r}"
-        if what:
-            raise refusal(f"line {number} {what}", advice="wanted a CSV as text, a line a sample")
+            raise refusal(
+                f"line {number} has more than {_MOST_IN_LINE} characters",
+                advice="wanted a CSV as text, a line a sample",
+            )
         yield "\n" if line.lstrip().startswith("#") else line
 
 

@@ -99,25 +99,6 @@ def test_gaps_and_disorder_are_told(tmp_path: Path, cli: Cli) -> None:
     assert "1 rows are left out: their time" in said
 
 
-HOSTILE = {
-    "empty": (b"", "no column time_s and no position_rad"),
-    "only a header": (b"time_s,position_rad\n", "found 0 rows"),
-    "binary": (b"\x7fELF\x02\x01\x00\n", "holds the control character"),
-    "words": (b"time_s,position_rad\n0,zero\n", "line 2, column position_rad: found 'zero'"),
-    "other columns": (b"t,q\n0,0\n", "no column time_s and no position_rad, found t, q"),
-    "quote": (b'time_s,position_rad\n0,"0\n' + b"1,1\n" * 200, "a quote that is not closed"),
-    "too large": (b"time_s,position_rad\n0,1e300\n", "wanted a number up to 1e+12"),
-    "backwards": (
-        b"time_s,position_rad\n" + b"".join(b"%d,1\n" % (90 - n) for n in range(90)),
-        "rows with increasing times, wanted at least",
-    ),
-    "nothing known": (
-        b"time_s,position_rad\n" + b"nan,nan\n" * 90,
-        "wanted at least",
-    ),
-}
-
-
 @pytest.mark.parametrize(
     ("arguments", "wanted"),
     [

@@ -48,8 +48,6 @@ REPORT_KEYS: Final[Mapping[str, str]] = {
     "oscillation.amplitude_rad": "of that motion [rad]; null: none",
     "oscillation.first_alarm_s": "from the first sample with the wall on to the first alarm that no"
     " probe withdrew [s]; null: none",
-    "oscillation.backlash": "the last alarm was most likely a limit cycle of backlash: a few"
-    " degrees, neither growing nor saturated",
     "oscillation.probes": "number of probes",
     "oscillation.probed_s": "time in which the wall was softer for them [s]",
     "oscillation.reduced_to.stiffness": "fraction of elastic torque, and of its limit, left at the"
@@ -69,7 +67,6 @@ REPORT_KEYS: Final[Mapping[str, str]] = {
     "torque_off": "loop or supervisor read torque off back",
     "servo_checks": "start-up checks: `name`, `ok`, `found`, `wanted`, `fix`",
     "realtime": "real-time settings: the same keys",
-    "machine": "setup of the machine: the same keys",
     "warnings": "notes",
     "changes": "the last 1000 requested changes: `at_s` (since the first row), `row`, `outcome`"
     " (`applied`, `refused`, `not applied`), `why`, `set`, `changed`, `waited_s`, `commanded`,"

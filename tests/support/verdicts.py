@@ -58,8 +58,6 @@ class Answered:
     unseen_s: float = 0.0
     """Longest time for which a small limit cycle did not decay, and was called quiet or decaying
     [s]"""
-    named: bool = True
-    """The report names the backlash of a small limit cycle"""
 
     @property
     def growth(self) -> float:
@@ -76,7 +74,6 @@ class Answered:
             f"trip {self.trip}": self.trip is not None,
             f"grows {self.growth:.2f} times": self.growth > WORSE,
             f"not seen for {self.unseen_s:.1f} s": self.unseen_s > WINDOW_S,
-            "backlash not named": not self.named,
         }
         return ", ".join(word for word, holds in words.items() if holds)
 
@@ -133,7 +130,6 @@ def small_cycle(case: Case) -> Answered | None:
         at_alarm=at_alarm,
         after=after,
         unseen_s=longest_unseen_s(trial),
-        named=bool(trial.oscillation["backlash"]),
     )
 
 

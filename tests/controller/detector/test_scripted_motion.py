@@ -104,33 +104,6 @@ def test_where_it_may_not_act_it_neither_probes_nor_reduces() -> None:
     assert own.wall.derating.scale == 1.0
 
 
-def jump(own: Backstop, hertz: float, seconds: float) -> None:
-    """Jump with the torque between its limits, on a shaft that rests."""
-    for k in range(round(seconds * 1e3)):
-        own.update(0.0, math.copysign(4.1, math.sin(math.tau * hertz * (k + 0.5) * 1e-3)), 1e-3, 10)
-
-
-@pytest.mark.parametrize(("hertz", "found"), [(14.0, False), (17.0, True), (170.0, True)])
-def test_a_torque_that_jumps_is_an_alarm_for_as_long_as_it_jumps(hertz: float, found: bool) -> None:
-    own = Backstop(replace(SETTINGS, answer="report"))
-    jump(own, hertz, 30.0 / hertz)
-    assert own.alarm == found
-    if found:
-        assert 1.0 / own.probe.before.cycle == pytest.approx(hertz, rel=0.05)
-    swing(own, 0.0, 0.1)
-    assert not own.alarm
-
-
-def test_a_torque_that_jumps_on_softer_walls_ends_the_run_in_the_end() -> None:
-    own = Backstop(SETTINGS)
-    scales = []
-    for _ in range(5):
-        jump(own, 170.0, 0.13)
-        scales.append((own.wall.derating.scale, own.wall.derating.damping_scale))
-    assert scales[:3] == [(1 / 4, 1 / 4), (1 / 16, 1 / 4), (1 / 64, 1 / 16)]
-    assert own.failed
-
-
 def test_a_hands_motion_is_probed_again_after_ten_seconds_or_if_it_goes_on_regularly() -> None:
     own = Backstop(SETTINGS)
     asked: list[int] = []

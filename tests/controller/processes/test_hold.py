@@ -22,7 +22,7 @@ from haptic_wall.controller.processes.hold import (
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 
 MS = 1_000_000
-SPACE, ENTER = 57, 28
+SPACE = 57
 
 
 def event(code: int, value: int, kind: int = 1) -> bytes:
@@ -32,9 +32,9 @@ def event(code: int, value: int, kind: int = 1) -> bytes:
 class Stream:
     """A device's stream of events, without the device."""
 
-    def __init__(self, key: int | None = None) -> None:
+    def __init__(self) -> None:
         self.out, self.end = os.pipe()
-        self.source = KeySource(self.out, key)
+        self.source = KeySource(self.out)
 
     def send(self, *events: bytes) -> Stream:
         os.write(self.end, b"".join(events))
@@ -76,9 +76,6 @@ def test_a_device_that_is_gone_is_an_error() -> None:
         ("/dev/null", "is not an input device"),
         (".", "is not an input device"),
         ("fifo", "is not an input device"),
-        ("file:57", "is not an input device"),
-        ("file:KEY_NONE", "found the key 'KEY_NONE', wanted its code as a number"),
-        ("file:768", "found the key '768'"),
         ("a\0b", "cannot be opened"),
     ],
 )
@@ -97,7 +94,7 @@ def test_what_cannot_be_held_is_refused(
 @pytest.fixture
 def kernel(monkeypatch: pytest.MonkeyPatch) -> dict[int, set[int]]:
     """Answers of an input device by request: /dev/null, or a pipe, shall be one."""
-    answers = {0x80044501: set(), 0x80604521: {SPACE, ENTER}, 0x80604518: {SPACE}}
+    answers = {0x80044501: set(), 0x80604521: {SPACE}, 0x80604518: {SPACE}}
 
     def ioctl(_: int, request: int, buffer: bytearray | array.array[int]) -> int:
         codes = answers[request]
@@ -111,10 +108,6 @@ def kernel(monkeypatch: pytest.MonkeyPatch) -> dict[int, set[int]]:
 
 def test_an_input_device_is_known_by_its_answers(kernel: dict[int, set[int]]) -> None:
     assert hold_by("/dev/null") == Hold("/dev/null")
-    assert hold_by(f"/dev/null:{SPACE}") == Hold("/dev/null", SPACE)
-    assert hold_by("/dev/null:28") == Hold("/dev/null", ENTER)
-    with pytest.raises(UserError, match="the device /dev/null has no key 30; name another"):
-        hold_by("/dev/null:30")
     kernel[0x80604521] = set()
     with pytest.raises(UserError, match="has no key; name another device"):
         hold_by("/dev/null")

@@ -22,7 +22,6 @@ from haptic_wall.controller.processes.supervisor import Supervisor
 from haptic_wall.controller.report.run_text import report_text
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.elastic import PLACE, SENT
 from haptic_wall.hw.errors import Problem, ServoError
 from tests.typed import not_none
@@ -220,39 +219,6 @@ def test_a_stop_while_the_loop_still_computes_ends_the_run_at_once(stage: Stage)
     assert exit_status(ended.stop_reason) == 130
     assert stage.cuts == SILENT_AND_MARKED
     assert report["torque_off"] is True and ended.warnings == []
-
-
-@pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> SimulatedClock:
-    """The supervisor's, for all but its heartbeats: it can be suspended."""
-    clock = SimulatedClock()
-    monkeypatch.setattr(supervisor, "MonotonicClock", lambda: clock)
-    return clock
-
-
-def test_a_computer_that_was_suspended_ends_the_run_by_that_name(
-    stage: Stage, clock: SimulatedClock
-) -> None:
-    """The loop is asked to end, and does."""
-
-    def suspend(loop: Child) -> None:
-        def end() -> None:
-            while not stage.words[Word.STOP]:
-                time.sleep(0.001)
-                stage.words[Word.HEARTBEAT_NS] = time.monotonic_ns()
-            loop.say("ended", result={**RESULT, "stop_reason": "interrupted"})
-            loop.end(0)
-
-        clock.suspended_ns += 3_000_000_000
-        threading.Thread(target=end, daemon=True).start()
-
-    stage.loop_acts = suspend
-    ended, report = stage.run()
-    assert ended.stop_reason == report["stop_reason"] == "trip:suspended"
-    assert exit_status(ended.stop_reason) == 3
-    assert report["explanation"].startswith("the computer was suspended for 3 s; ")
-    assert report["torque_off"] is True
-    assert stage.cuts == []
 
 
 def test_a_defect_of_the_supervisor_leaves_no_torque_on(

@@ -94,14 +94,6 @@ def test_a_longer_delay_of_a_damper_waits_for_a_slow_shaft() -> None:
         assert energy <= MOST_J
 
 
-def test_a_damper_at_rest_is_not_given_fifty_periods_at_once() -> None:
-    """A hand that sets the shaft in motion meanwhile was given 1.7 mJ and more."""
-    asked, _ = changed_at(1200, DAMPER, ("delay.steps=50",), 0.6, 3.0)
-    assert asked.row == -1 and asked.obstacle is Obstacle.GAINS
-    asked, _ = changed_at(1200, DAMPER, ("delay.steps=15",), 0.6, 3.0)
-    assert asked.row > 1200
-
-
 @pytest.mark.parametrize(
     ("first", "change", "amplitude", "hertz", "tick"),
     [

@@ -1,17 +1,15 @@
 """Real time: the loop's core, what the kernel refuses, and what of the machine could be better."""
 
 import os
-import resource
 from pathlib import Path
 
 import pytest
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.runtime.machine_setup import machine_setup, start_text
-from haptic_wall.controller.runtime.realtime import pick_cores, scheduler_remedy
+from haptic_wall.controller.runtime.realtime import pick_cores
 from haptic_wall.hw.servo import Check
 
-RIGHTS, NO_RIGHTS = "CapEff:\t000001ffffffffff", "CapEff:\t0000000000000000"
 CORE = Check("core", True, "core 1", "core 1")
 FIFO = Check("scheduler", True, "SCHED_FIFO 80, reset on fork", "SCHED_FIFO 80")
 REFUSED = Check("memory", False, "refused: no rights", "all memory locked", "sudo prlimit")
@@ -50,25 +48,6 @@ def test_a_core_that_may_not_be_used_is_refused(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
     with pytest.raises(UserError, match=r"realtime\.core: found 99, wanted one of .*: 0, 1"):
         pick_cores(99)
-
-
-@pytest.mark.parametrize(
-    ("files", "said"),
-    [
-        ({f"{KERNEL}_runtime_us": "0"}, "sudo sysctl"),
-        ({"proc/self/status": RIGHTS}, "root group"),
-        ({"proc/self/status": NO_RIGHTS}, "prlimit --rtprio"),
-        ({}, "prlimit --rtprio"),
-    ],
-)
-def test_the_remedy_is_for_the_cause(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, files: dict[str, str], said: str
-) -> None:
-    put(tmp_path, files)
-    monkeypatch.setattr(resource, "getrlimit", lambda _which: (0, 0))
-    found = scheduler_remedy(80, tmp_path)
-    assert said in found
-    assert ("setup-testbed" in found) == (said == "prlimit --rtprio"), "rights do not help there"
 
 
 def test_all_granted_is_one_line() -> None:

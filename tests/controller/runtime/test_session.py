@@ -398,13 +398,6 @@ def test_the_clip_limits_the_wall_and_leaves_the_guard_its_stiffness() -> None:
     assert not_none(result.guard)["binding"] == "quantisation"
 
 
-def test_encoder_noise_that_jumps_between_the_clips_is_no_alarm() -> None:
-    sets = ("wall.side=both", "wall.stiffness=3", "wall.damping=0.1", "wall.torque_clip=0.0481")
-    result, rows = session("simulated", *sets, "servo.encoder_noise=0.34", duration=1.0)
-    assert np.mean(np.abs(rows["torque"]) > 0.047) > 0.2
-    assert not_none(result.oscillation)["first_alarm_s"] is None
-
-
 def test_a_wall_that_drives_the_shaft_trips_near_the_models_no_load_speed() -> None:
     """Damping below zero, and friction believed so large that the detector sees nothing."""
     sets: tuple[str, ...] = ("wall.side=both", "guard.mode=off", "servo.hand=none")
