@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import fields, is_dataclass, replace
 
 from pydantic import ValidationError
@@ -11,11 +11,11 @@ from pydantic import ValidationError
 from haptic_wall.controller.laws import own
 from haptic_wall.controller.laws.engagement import MOST_TORQUE
 from haptic_wall.controller.laws.shape import Grid, LawError
-from haptic_wall.controller.laws.table import LAWS, SUM, shape_of
+from haptic_wall.controller.laws.table import SUM, shape_of
 from haptic_wall.controller.laws.wall import NONE
 from haptic_wall.controller.settings.axes import OWN
 from haptic_wall.controller.settings.axes_rules import apart, broken_bus_rules
-from haptic_wall.controller.settings.model import MOST_LAG, NUMBERS, LawNumbers, Wall
+from haptic_wall.controller.settings.model import MOST_LAG, Wall
 from haptic_wall.controller.settings.sections import Sections
 from haptic_wall.controller.settings.servo import TRUTH_FIELDS
 from haptic_wall.controller.settings.shares import SPIN_SHARE
@@ -257,7 +257,6 @@ def _law(config: Sections) -> Iterator[Problem]:
     if wall.law == NONE:  # a joint that rests for a while keeps its numbers
         return
     if wall.law == "wall" or any(map(own.is_closed, law_names(wall))):
-        yield from _numbers_of_another_law(config)
         return
     # The encoder of a real servo is known only once it is open.
     step = math.tau / counts if counts and config.servo.kind != "hardware" else 0.0
@@ -269,7 +268,6 @@ def _law(config: Sections) -> Iterator[Problem]:
     except LawError as error:
         yield Problem(error.found, wanted=error.wanted, field=f"wall.{error.field}")
     else:
-        yield from _numbers_of_another_law(config)
         if lossy and wall.passivity_control:
             yield Problem(
                 "found true",
@@ -282,35 +280,6 @@ def _law(config: Sections) -> Iterator[Problem]:
 def law_names(wall: Wall) -> list[str]:
     """Return the name of the law, or those of a sum's parts."""
     return [part.law for part in wall.parts] if wall.law == SUM else [wall.law]
-
-
-def _numbers_of_another_law(config: Sections) -> Iterator[Problem]:
-    """Report numbers that the law does not use, and the laws that use them."""
-    wall = config.wall
-    for name, others in _unused(wall, NUMBERS):
-        yield Problem(
-            f"found a value, which the law {wall.law} does not use",
-            field=f"wall.{name}",
-            advice=f"it is for wall.law {others}",
-        )
-    for place, part in enumerate(wall.parts if wall.law == SUM else ()):
-        for name, others in _unused(part, tuple(LawNumbers.model_fields)):
-            yield Problem(
-                f"in part {place}, found {name}, which the law {part.law} does not use",
-                field="wall.parts",
-                advice=f"it is for the law {others}",
-            )
-
-
-def _unused(law: LawNumbers, names: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Yield each number that is set but not used by the law, with the laws that use it."""
-    uses = {name: kind.numbers for name, kind in LAWS.items()} | {SUM: ("parts",)}
-    used = uses.get(law.law, ("options",))
-    for name in names:
-        if name in ("law", "side", *used) or getattr(law, name) == Wall.model_fields[name].default:
-            continue
-        others = [each for each, numbers in uses.items() if name in numbers] or ["module:Class"]
-        yield name, " or ".join(others)
 
 
 def _travel(config: Sections) -> Iterator[Problem]:

@@ -205,7 +205,7 @@ def test_the_picture_shades_no_vibrating_wall_and_names_each_line(
 
 
 def test_a_command_for_one_servo_wants_the_name_of_an_axis(cli: Cli) -> None:
-    several = ["--set", "axes.a.servo.inertia=0.01", "--set", "axes.b.servo.inertia=0.03"]
+    several = ["--set", "axes={a: {servo: {inertia: 0.01}}, b: {servo: {inertia: 0.03}}}"]
     ask = ["boundary", "simulated", "--virtual-damping", "0.1"]
     wanted = "wanted one of a, b: this command works on one servo"
     assert f"--axis: found no name, {wanted}" in cli.refused(*ask, *several)

@@ -212,7 +212,8 @@ def test_the_servos_of_several_axes_are_examined_in_one_table() -> None:
     with emulate(*servos) as (_, port):
         set_registers(port, drive_mode=1)
         ids = {"shoulder": 1, "elbow": 2, "wrist": 3}
-        sets = [f"axes.{name}.servo.id={number}" for name, number in ids.items()]
+        axes = {name: {"servo": {"id": number}} for name, number in ids.items()}
+        sets = [f"axes={axes}"]
         sets += [f"servo.port={port}", "realtime.profile=off", "loop.rate_hz=500"]
         config = load_config("xm430-w350", sets).config
         found = examine(config, lambda _: None, None, change_baud=False)

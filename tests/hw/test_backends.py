@@ -137,7 +137,7 @@ def test_its_options_are_checked_before_anything_runs(line_servo: dict[str, str]
     assert done.returncode == 2
     assert "servo.options.counts_per_rev: input should be a valid integer" in done.stderr
     assert "did you mean servo.options.most_torque?" in done.stderr
-    assert "servo.baud (from --set): found nothing, wanted 115200" in done.stderr
+    assert "servo.baud: found nothing, wanted 115200" in done.stderr
 
 
 def test_an_unknown_backend_is_named_with_those_that_are_known(site: Path) -> None:

@@ -169,7 +169,6 @@ def test_the_guard_learns_what_a_law_is() -> None:
         (["law=detents", "count=8", "width=1"], "count", "found wall.width too"),
         (["law=detents", "count=512"], "count", "at least 16 encoder counts"),
         (["law=detents", "count=8", "snap=0.5"], "snap", "from 0.05 to 0.45"),
-        (["low=0"], "low", "it is for wall.law stops"),
         (["law=texture", "period=0.01"], "period", "at least 8 encoder counts"),
         (["law=friction"], "friction", "the torque at which it slips"),
         (["law=profile", "profile=[[0, 1], [0, 0]]"], "profile", "rising positions"),

@@ -48,7 +48,7 @@ def side() -> Iterator[Side]:
 
 
 def test_a_change_is_of_the_wall_of_one_axis() -> None:
-    sets = "servo.hand=none", "axes.arm.servo.id=1", "axes.elbow.wall.stiffness=4"
+    sets = "servo.hand=none", "axes={arm: {}, elbow: {wall: {stiffness: 4}}}"
     told: list[dict[str, Any]] = []
     telemetry = Telemetry.create(2)
     inbox = Inbox(telemetry)

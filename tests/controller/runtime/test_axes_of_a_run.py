@@ -39,12 +39,13 @@ from tests.support.memory_session import run_in_memory
 
 SETS = (
     *("loop.clock=simulated", "loop.rate_hz=500", "servo.hand=none", "wall.side=both"),
+    "axes={shoulder: {}, elbow: {}, trigger: {}}",
     *("axes.shoulder.servo.kick=0.1", "axes.shoulder.wall.stiffness=3"),
     *("axes.elbow.servo.kick=-0.05", "axes.elbow.servo.inertia=0.002", "axes.elbow.servo.sign=-1"),
     *("axes.trigger.wall.law=none", "axes.trigger.servo.kick=0.3"),
 )
 NAMES = ("shoulder", "elbow", "trigger")
-TWO = ("axes.one.servo.id=1", "axes.two.servo.id=2", "servo.hand=none")
+TWO = ("axes={one: {servo: {id: 1}}, two: {servo: {id: 2}}}", "servo.hand=none")
 
 
 def logged(config: Config, log: Path) -> dict[str, Any]:
@@ -139,7 +140,13 @@ def test_an_axis_is_decided_for_its_own_delay_too_if_that_of_another_is_longer(
         **{"transmission_stiffness": 3799.0, "transmission_damping": 0.0918},
     }
     one = [f"axes.one.servo.{name}={value}" for name, value in link.items()]
-    pair = (*sets, *one, "axes.other.servo.delay=0.001441", "axes.other.wall.law=none")
+    pair = (
+        *sets,
+        "axes={one: {}, other: {}}",
+        *one,
+        "axes.other.servo.delay=0.001441",
+        "axes.other.wall.law=none",
+    )
     report = logged(load_config("simulated", pair).config, tmp_path / "a.hwlog")
     both = "model.delay={value: 0.001441, low: 0.000295, high: 0.001441}"
     alone = (*sets, *(f"servo.{name}={value}" for name, value in link.items()), both)
