@@ -32,18 +32,12 @@ class TorqueModel(NamedTuple):
     """At its nominal supply [rad/s]; 0: not known"""
 
 
-@dataclass(frozen=True, slots=True)
-class NoOptions:
-    """The options of a backend without options."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Backend:
     """The program's knowledge about a make of servo, and the function that opens a bus of them.
 
-    The functions that take ``ServoSettings`` find this backend's own settings, checked, in
-    ``options`` of each; the other fields are ``servo.*`` of the configuration. They get one item a
-    servo; ``port`` and the other settings of a bus are the same in each.
+    The functions that take ``ServoSettings``, fields ``servo.*`` of the configuration, get one item
+    a servo; ``port`` and the other settings of a bus are the same in each.
     """
 
     open: Callable[[Sequence[ServoSettings], Clock, int | None], Bus]
@@ -52,9 +46,6 @@ class Backend:
     so does a refusal. Raises ``haptic_wall.hw.errors.ServoError``"""
     several: bool = False
     """It opens several servos on one bus"""
-    options: type = NoOptions
-    """The settings model: a dataclass, or another type that pydantic can validate, for
-    ``servo.options``"""
     simulated: bool = False
     """The servo is computed in the loop's process: ``servo.*`` are its true parameters, the
     simulated clock may run it, and no harm is possible"""

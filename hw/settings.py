@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 from haptic_wall.hw.truth import TrueArm, TrueServo
 
@@ -50,10 +50,7 @@ class DriverSettings:
 
 @dataclass(frozen=True, slots=True)
 class ServoSettings(DriverSettings):
-    """The configuration of a servo; a backend uses the fields it knows.
-
-    Further settings of another distribution's backend are in ``options``.
-    """
+    """The configuration of a servo; a backend uses the fields it knows."""
 
     backend: str = "simulated"
     """Name of the backend that opens it"""
@@ -65,8 +62,6 @@ class ServoSettings(DriverSettings):
     """Injected faults of an emulated bus, in the syntax of ``haptic_wall.hw.emulated.faults``"""
     fault_seed: int = 0
     """Seed of those faults' random choices"""
-    options: Any = None
-    """The backend's own settings, an instance of its ``options``; None: it has none"""
 
     def driver(self) -> DriverSettings:
         """Return the driver's part."""

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
 from itertools import combinations
 from typing import Final
-
-from pydantic import ValidationError
 
 from haptic_wall.controller.settings.axes import SHARED
 from haptic_wall.controller.settings.sections import Sections
@@ -43,11 +40,10 @@ def apart(config: Sections) -> Iterator[Problem]:
 def broken_bus_rules(config: Sections) -> Iterator[Problem]:
     """Yield the violations of the rules of a bus and its axes."""
     make = backend(config.servo.backend)
-    with suppress(ValidationError):  # another rule reports wrong options
-        asked = [replace(one.servo.asked(), read=config.bus.read) for one in config.each.values()]
-        yield from [] if make.problems is None else make.problems(asked)
-        if make.cycle_s is not None and config.servo.baud is not None:
-            yield from _cycle(config, make.cycle_s(asked))
+    asked = [replace(one.servo.asked(), read=config.bus.read) for one in config.each.values()]
+    yield from [] if make.problems is None else make.problems(asked)
+    if make.cycle_s is not None and config.servo.baud is not None:
+        yield from _cycle(config, make.cycle_s(asked))
     yield from _arm(config)
     if not config.axes:
         return

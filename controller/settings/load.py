@@ -213,25 +213,24 @@ def _read(source: str) -> tuple[Any, str]:
     return config_yaml.parse(text, str(path)), str(path)
 
 
-def loaded(data: dict[str, Any], title: str, *, files: bool = True) -> Config:
+def loaded(data: dict[str, Any], title: str) -> Config:
     """Return the checked configuration of settings that were not read from a file.
 
     Args:
         data: Settings by section and name.
         title: Their source, for messages.
-        files: They may name other files.
 
     Raises:
         ConfigError: With every problem found.
     """
-    config, problems = _validated(data, {"files": files})
+    config, problems = _validated(data)
     if config is None:
         raise ConfigError(title, problems)
     return config
 
 
 def _validated(
-    data: dict[str, Any], context: dict[str, Any]
+    data: dict[str, Any], context: dict[str, Any] | None = None
 ) -> tuple[Config | None, list[Problem]]:
     """Return the configuration, or all of its problems."""
     try:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass, replace
-
-from pydantic import ValidationError
+from dataclasses import replace
 
 from haptic_wall.controller.laws import own
 from haptic_wall.controller.laws.engagement import MOST_TORQUE
@@ -169,23 +167,6 @@ def _of_the_backend(config: Sections) -> Iterator[Problem]:
         if getattr(servo, field) is None:
             wanted = f"{what} (servo.backend is {servo.backend})"
             yield Problem("found nothing", field=f"servo.{field}", wanted=wanted)
-    if is_dataclass(make.options):
-        known = [field.name for field in fields(make.options)]
-        for option in servo.options:
-            if option not in known:
-                hint = did_you_mean(option, known, "servo.options.")
-                yield Problem(
-                    "; ".join(filter(None, ("unknown", hint))),
-                    field=f"servo.options.{option}",
-                    advice=f"the backend {servo.backend} has {', '.join(known) or 'no options'}",
-                )
-    try:
-        servo.asked()
-    except ValidationError as error:
-        for detail in error.errors():
-            path = ".".join(("servo.options", *map(str, detail["loc"])))
-            what = f"{detail['msg'].lower()} (servo.backend is {servo.backend})"
-            yield Problem(what, field=path)
     if make.models is None or servo.model is None:
         return
     models = make.models()

@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import MISSING, fields
-from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from pydantic import (
     AfterValidator,
     BeforeValidator,
     SerializerFunctionWrapHandler,
-    TypeAdapter,
     create_model,
     model_serializer,
 )
@@ -227,8 +225,6 @@ class Servo(_Truth):
         le=1000,
     )
 
-    options: dict[str, Any] = setting({}, "Settings of a plugin's backend, by name")
-
     @property
     def is_emulated(self) -> bool:
         """Whether an emulator, not an adapter, is at the other end of the port."""
@@ -278,12 +274,7 @@ class Servo(_Truth):
         return self.kind == "emulated" and (model is None or model.constant_known)
 
     def asked(self) -> ServoSettings:
-        """Return this section as the backend's settings.
-
-        Raises:
-            ValidationError: An option is unknown, missing or wrong.
-        """
-        options = _options(backend(self.backend).options).validate_python(self.options)
+        """Return this section as the backend's settings."""
         return ServoSettings(
             backend=self.backend,
             port=self.port or "",
@@ -298,7 +289,6 @@ class Servo(_Truth):
             offset=self.offset,
             faults=self.faults,
             fault_seed=self.fault_seed,
-            options=options,
         )
 
     @model_serializer(mode="wrap")
@@ -307,17 +297,9 @@ class Servo(_Truth):
     ) -> dict[str, Any]:
         """Drop the fields of simulated servos: a real one's true parameters are unknown."""
         fields: dict[str, Any] = handler(self)
-        if not self.options:
-            fields.pop("options", None)
         if self.kind == "hardware":
             fields = {name: value for name, value in fields.items() if name not in TRUTH_FIELDS}
         return fields
-
-
-@cache
-def _options(model: type) -> TypeAdapter[Any]:
-    """Return what makes an instance of a backend's ``options``."""
-    return TypeAdapter(model)
 
 
 TRUTH_FIELDS = tuple(name for name in Servo.model_fields if "hardware" not in used_by(name))

@@ -156,16 +156,6 @@ def test_a_log_imports_nothing(canary: str) -> None:
     assert statuses == {0}, "its rows, and all of its configuration but the law, are known"
 
 
-def test_a_log_names_no_file(canary: str) -> None:
-    Path("profile.csv").write_text("position_rad,torque_nm\n-1,1\n1,-1\n")
-    config = load_config("simulated").config.model_dump(mode="json")
-    config["wall"] |= {"law": "profile", "profile": "profile.csv"}
-    with LogWriter(Path("a.hwlog"), {"config": config}) as log:
-        log.append(rows(200)[:, None])
-    assert call("detect", "a.hwlog") == 2
-    assert left() == set() and canary
-
-
 def test_a_change_names_no_module_but_those_of_the_run(canary: str) -> None:
     config = load_config("simulated").config
     for law in (f"{canary}:Law", f"{canary}:function", "os:system"):

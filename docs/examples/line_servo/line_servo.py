@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from haptic_wall.hw.backend import Backend
 from haptic_wall.hw.clock import Clock
@@ -19,30 +18,23 @@ from haptic_wall.hw.serialport.port import open_port
 from haptic_wall.hw.servo import BusCounts, Check, Facts, Outcome, Reading, Traffic
 from haptic_wall.hw.settings import ServoSettings
 
+COUNTS_PER_REV = 16384
+"""Counts per revolution of the encoder on the board's shaft"""
+MOST_TORQUE = 1.0
+"""The largest torque that the motor can make [N·m]"""
 ANSWER_NS = 500_000_000
 """How long the board may take to switch its torque [ns]"""
-
-
-@dataclass(frozen=True)
-class LineOptions:
-    """Contents of ``servo.options``."""
-
-    counts_per_rev: int
-    """Counts per revolution of the encoder on the board's shaft"""
-    most_torque: float = 1.0
-    """The largest torque that the motor can make [N·m]"""
 
 
 class LineServo:
     """A bus of one servo."""
 
     def __init__(self, settings: ServoSettings, line: Line) -> None:
-        options: LineOptions = settings.options
         self.traffic = Traffic([BusCounts()])
         facts = Facts(
             name=f"line servo on {settings.port}",
-            counts_per_rev=options.counts_per_rev,
-            torque_limit=min(settings.torque_limit or math.inf, options.most_torque),
+            counts_per_rev=COUNTS_PER_REV,
+            torque_limit=min(settings.torque_limit or math.inf, MOST_TORQUE),
             torque_step=0.001,
         )
         self.facts = [facts]
@@ -147,7 +139,6 @@ def _cut_torque(servos: Sequence[ServoSettings], descriptor: int | None, clock: 
 
 BACKEND = Backend(
     open=_open,
-    options=LineOptions,
     has_bus=True,
     required={"port": "the board's serial device", "baud": "115200, as the board is set"},
     open_port=_open_port,

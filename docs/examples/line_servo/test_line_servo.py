@@ -6,8 +6,8 @@ import pytest
 
 pytest.importorskip("line_servo", reason="pip install docs/examples/line_servo")
 
-from line_board import COUNTS_PER_REV, Board
-from line_servo import LineOptions, LineServo
+from line_board import Board
+from line_servo import LineServo
 
 from haptic_wall.controller.pytest_plugin.servo_contract import BusContract, Rig
 from haptic_wall.hw.clock import SimulatedClock
@@ -15,7 +15,7 @@ from haptic_wall.hw.errors import ServoMissingError
 from haptic_wall.hw.servo import Outcome
 from haptic_wall.hw.settings import ServoSettings
 
-SETTINGS = ServoSettings(backend="line", torque_limit=0.8, options=LineOptions(COUNTS_PER_REV))
+SETTINGS = ServoSettings(backend="line", torque_limit=0.8)
 
 
 class MemoryLine:
