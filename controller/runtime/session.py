@@ -189,7 +189,7 @@ class _Session:
         if not self._simulated:
             reserve_memory()
         self._around.take_real_time()
-        self._wait = waiter_for(self._clock, self._config.realtime.spin_us, self._config.period_ns)
+        self._wait = waiter_for(self._clock, self._config.period_ns)
 
     def _decide(self) -> None:
         """Compute the guard's decisions from the servos' known values."""

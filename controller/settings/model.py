@@ -34,7 +34,6 @@ def whole(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
 
 Whole = Annotated[int, BeforeValidator(whole)]
 Positive = Annotated[float, Field(gt=0, le=1e6)]
-Lag = Annotated[float, Field(ge=0, le=1)]
 MOST_LAG: Final = 0.1
 """Longest believed lag [s]"""
 BelievedLag = Annotated[float, Field(ge=0, le=MOST_LAG)]
@@ -119,14 +118,6 @@ class Realtime(Section):
     priority: Whole = setting(80, "SCHED_FIFO priority of the loop", ge=1, le=98)
     core: Whole | None = setting(
         None, "Processor core of the loop; null: chosen at the start", ge=0, le=1023
-    )
-    spin_us: float | None = setting(
-        None,
-        "Time before each deadline in which the loop spins instead of sleeping; null: measured at "
-        "the start",
-        "µs",
-        ge=0,
-        le=1000,
     )
 
 
@@ -310,7 +301,7 @@ class Guard(Section):
         90.0, "Percentile of the measured sample age that counts as delay", "%", ge=50, le=100
     )
     window_s: float = setting(1.0, "Window of that percentile", "s", ge=0.05, le=60)
-    sample_age: Lag = setting(
+    sample_age: BelievedLag = setting(
         0.0,
         "Least sample age that the guard counts, even if a smaller one is measured",
         "s",

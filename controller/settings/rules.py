@@ -16,11 +16,10 @@ from haptic_wall.controller.settings.axes_rules import apart, broken_bus_rules
 from haptic_wall.controller.settings.model import MOST_LAG, Wall
 from haptic_wall.controller.settings.sections import Sections
 from haptic_wall.controller.settings.servo import TRUTH_FIELDS
-from haptic_wall.controller.settings.shares import SPIN_SHARE
 from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.names import did_you_mean
 from haptic_wall.hw.open import backend
-from haptic_wall.hw.truth import disagreements, vibration
+from haptic_wall.hw.truth import disagreements
 
 
 class BrokenRulesError(ValueError):
@@ -38,10 +37,6 @@ MOST_LOWPASS_Q = 0.7072
 WIDEST_NOTCHED_HZ = 60.0
 """Widest range of a vibration's believed frequency with a notch [Hz]; the start already takes
 seconds"""
-_MOST_PERIODS = 5000
-"""Longest delay [periods]; the theory counts contacts up to 10,000 late"""
-_MOST_STEPS = {"monotonic": 2e4, "simulated": 1e5}
-"""Most steps of a motion with masses in a second: one takes 20 to 200 µs"""
 SILENCE_SHARE = 0.5
 """Fraction of the Bus Watchdog's time after which a run without good readings ends"""
 WARM_UP_AGES = 20
@@ -137,27 +132,6 @@ def _simulated(config: Sections) -> Iterator[Problem]:
             f"{servo.torque_constant:g} the emulated servo differs from its model's data sheet, "
             "which the driver uses",
         )
-    fastest = vibration(servo).rate
-    if not servo.inertia or not fastest:
-        return
-    rates = {
-        "transmission_stiffness": fastest,
-        "transmission_damping": 2.0
-        * servo.transmission_damping
-        / min(servo.inertia, servo.load_inertia),
-        "damping": max(servo.damping, servo.damping_back or 0.0) / servo.inertia,
-    }
-    most, steps = _MOST_STEPS[config.loop.clock], sum(rates.values()) / 2.0
-    if steps > most:
-        field = max(rates, key=rates.__getitem__)
-        yield Problem(
-            f"found {getattr(servo, field):g}, with which the simulated motion takes {steps:.2g}"
-            " steps a second",
-            wanted=f"at most {most:g} on the {config.loop.clock} clock",
-            advice="a transmission this stiff or damped is rigid: leave it out, and add the load's"
-            " inertia to servo.inertia",
-            field=f"servo.{field}",
-        )
 
 
 def _of_the_backend(config: Sections) -> Iterator[Problem]:
@@ -209,18 +183,10 @@ def _times(config: Sections) -> Iterator[Problem]:
     if safety.heartbeat_s < 2 * period:
         wanted = f"{two} every tick looks like a hang"
         yield Problem(f"found {safety.heartbeat_s:g} s", field="safety.heartbeat_s", wanted=wanted)
-    spin_us, most_us = config.realtime.spin_us, SPIN_SHARE * period * 1e6
-    if spin_us is not None and spin_us > most_us * _ROUNDED:
-        yield Problem(
-            f"found {spin_us:g} µs",
-            field="realtime.spin_us",
-            wanted=f"at most {SPIN_SHARE:g} of a period ({most_us:g} µs {at}): Linux halts a"
-            " real-time process that never sleeps for 50 ms of every second",
-        )
 
 
 def _delay(config: Sections) -> Iterator[Problem]:
-    believed, servo, rate = config.model.delay, config.servo, config.loop.rate_hz
+    believed, servo = config.model.delay, config.servo
     lag = servo.delay + servo.current_lag if believed is None else believed.high
     if lag > MOST_LAG:
         yield Problem(
@@ -228,9 +194,6 @@ def _delay(config: Sections) -> Iterator[Problem]:
             wanted=f"at most {MOST_LAG:g} s where model.delay is not given",
             field="servo.delay",
         )
-    elif (periods := config.delay.steps + (config.guard.sample_age + lag) * rate) > _MOST_PERIODS:
-        what, wanted = f"found {periods:.0f} periods of delay in all", f"at most {_MOST_PERIODS}"
-        yield Problem(what, wanted=wanted, field="guard.sample_age")
 
 
 def _law(config: Sections) -> Iterator[Problem]:

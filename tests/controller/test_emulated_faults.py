@@ -30,8 +30,6 @@ def faults(*sets: str) -> tuple[str, ...]:
         ("late:ms=3,p=.1", ("late:ms=3,p=.1",)),
         ("drop:p=0.01 late:ms=3,p=.1", ("drop:p=0.01", "late:ms=3,p=.1")),
         ('["late:ms=3,p=.1", stuck]', ("late:ms=3,p=.1", "stuck")),
-        ("[late:ms=3,p=.1]", ("late:ms=3,p=.1",)),
-        ("drop,late:ms=3,p=.1", ("drop", "late:ms=3,p=.1")),
         ("[]", ()),
     ],
 )

@@ -96,7 +96,7 @@ def test_the_names_of_the_bus_are_those_of_its_servo(tmp_path: Path) -> None:
         ("axes.elbow.wall.stiffness=-3", "axes.elbow.wall.stiffness: found -3, want"),
         ("wall.stiffness=-3", "wall.stiffness: found -3, wanted a number from 0"),
         ("axes.elbow.wall.stifness=3", "unknown; did you mean axes.elbow.wall.stiffness?"),
-        ("axes.elbow.loop.rate_hz=3", "loop is the same for all axes: set it at the top level"),
+        ("axes.elbow.loop.rate_hz=3", "axes.elbow.loop: unknown"),
         ("axes.elbow.wall.law=detents", "axes.elbow.wall.count: found nothing, wanted the number"),
         ("axes.elbow=3", "axes.elbow: found 3, wanted a section with servo, model"),
         ("axes={Elbow: {}}", "axes.Elbow: found 'Elbow', wanted small letters"),

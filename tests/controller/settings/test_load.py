@@ -172,11 +172,7 @@ def test_a_field_with_choices_names_its_default() -> None:
         ("wal.stiffness=1", "did you mean wall?"),
         ("stiffness=1", "did you mean wall.stiffness?"),
         ("servo.stiffness=1", "did you mean wall.stiffness?"),
-        ("guard.xyz=1", "guard has mode, margin"),
-        ("qqq=1", "sections are loop, realtime"),
-        ("model.delay={value: 0, low: 0, high: 0, mean: 0}", "wanted value, low and high"),
-        ("wall.parts=[{law: spring, widht: 1}]", "did you mean width?"),
-        ("wall.parts=[{law: spring, parts: []}]", "a part has law, "),
+        ("qqq=1", "`haptic-wall config` lists all"),
     ],
 )
 def test_an_unknown_name_comes_with_a_suggestion(change: str, suggestion: str) -> None:
@@ -202,7 +198,6 @@ def test_an_unknown_name_comes_with_a_suggestion(change: str, suggestion: str) -
         ("emulated-ideal", ["safety.max_silence_s=0.11"], "safety.max_silence_s"),
         ("xm430-w350", ["servo.watchdog_s=0.02"], "safety.max_silence_s"),
         ("simulated", ["loop.rate_hz=50", "safety.heartbeat_s=0.03"], "safety.heartbeat_s"),
-        ("simulated", ["realtime.spin_us=601"], "realtime.spin_us"),
         (HARDWARE, ["safety.engage=at-once"], "safety.engage"),
         (HARDWARE, ["safety.engage_torque=0.11"], "safety.engage_torque"),
         ("simulated", ["safety.travel=[1, -1]"], "safety.travel"),
