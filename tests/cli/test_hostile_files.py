@@ -137,7 +137,7 @@ def hostile_logs(name: str) -> Iterator[Path]:
     for wall in (SHELL, part, {"law": "sum", "parts": [part]}):
         paths = {f"wall.{key}": value for key, value in wall.items()}
         applied = {"row": 100, "at_s": 0.1, "outcome": "applied", "set": [], "changed": paths}
-        applied |= {"by": {"user": "me", "pid": 7}, "waited_s": 0.01}
+        applied |= {"waited_s": 0.01}
         for config, events in (({**good, "wall": {**good["wall"], **wall}}, []), (good, [applied])):
             path = Path("hostile.hwlog")
             with LogWriter(path, {"name": "hostile", "config": config}, force=True) as log:
