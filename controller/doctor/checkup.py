@@ -60,7 +60,6 @@ _ON_THE_BUS: Final = (
     "firmware",
     "registers",
     "reply time",
-    "schedule",
 )
 
 
@@ -136,7 +135,7 @@ class _Checkup:
             measured = self._servos(axes)
         self.report.axis = ""
         if measured is None:
-            self.report.leave_out("reply time", "schedule")
+            self.report.leave_out("reply time")
             if "used by" in (check.name for check in self.report.wrong):
                 # A measurement would take the core from the program that drives the servo there.
                 self.report.leave_out("wake-up lateness", "real-time rights")
@@ -250,7 +249,6 @@ class _Checkup:
         if measured["failed"] is not None:
             error = ServoError(measured["failed"])
             self._add(of_error("reply time", error, "answers always", f"check {self._wiring}"))
-            self.report.leave_out("schedule")
         elif measured["replies"] is not None:
             self._timing(Replies(**measured["replies"]), stalls=not lateness.ok)
         settings = [Check(**setting) for setting in measured["realtime"]]
