@@ -117,7 +117,6 @@ def run_doctor(bench: StepContext) -> StepResult:
     return StepResult(
         {
             "checks": [asdict(check) for check in report.found.values()],
-            "not_examined": report.not_examined,
             "reached": report.reached,
             "suits": report.suits,
             "fatal": [f.name for f in report.wrong if f.name not in _HARMLESS],
