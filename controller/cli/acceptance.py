@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from haptic_wall.controller.cli.commission import announced, folder_for, write_all, written
+from haptic_wall.controller.cli.commission import announced, write_all, written
 from haptic_wall.controller.cli.experiment import REACH, Asked, experiment, folder_option, moving
 from haptic_wall.controller.cli.failure import EndedEarlyError
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
@@ -33,15 +33,15 @@ _EMULATED_S = 60.0
 
 
 @click.command()
-@click.option("--plan", "only_plan", is_flag=True, help="Only announce the steps.")
 @experiment(
     folder_option(
         "Folder for report.html, acceptance.json, acceptance.zip and the measurements. The command"
-        " continues an interrupted acceptance in DIR."
+        " continues an interrupted acceptance in DIR.",
+        needed=True,
     ),
     of_walls=True,
 )
-def command(asked: Asked, only_plan: bool) -> None:
+def command(asked: Asked) -> None:
     """Commission CONFIG's servo and an emulated one beside it, and judge the belief by both.
 
     The command takes the steps of commission, and repeats them with an emulated servo that is what
@@ -56,11 +56,9 @@ def command(asked: Asked, only_plan: bool) -> None:
     from haptic_wall.controller.experiments.kept import refuse_foreign
     from haptic_wall.controller.report.commission.picture import PLOTS
 
-    config = asked.config
+    config, out = asked.config, asked.out
+    assert out is not None
     announcement = announce(config, REACH)
-    out = folder_for(asked, announcement, only_plan, "acceptance")
-    if out is None:
-        return
     take_folder("--out", out, ())
     mark = f"{_MEASURED}/{ROWS}"
     refuse_foreign(out, mark, (_JSON, _PAGE, bundle.FILE, _MEASURED, _EMULATED))

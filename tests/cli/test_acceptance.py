@@ -120,8 +120,11 @@ def test_the_same_command_measures_nothing_twice_and_others_are_refused(
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("simulated",), "--out: found nothing, wanted the folder"),
-        (("simulated", "--set=wall.law=spring"), "wall.law: found spring, wanted wall"),
+        (("simulated",), "--out: missing"),
+        (
+            ("simulated", "--set=wall.law=spring", "--out", "{out}"),
+            "wall.law: found spring, wanted wall",
+        ),
         (("xm430-w350", "--out", "{out}"), "give --yes when the shaft's way is free"),
     ],
 )
