@@ -182,13 +182,7 @@ class _Checkup:
             table.registers = model.registers_at(found.firmware)
             checks, repairs = self._judge(table, settings, model)
             if self._mend(table, checks, repairs):
-                before = checks
                 checks, _ = self._judge(table, settings, model)
-                for name, check in checks.items():
-                    first = before.get(name, check)
-                    if first.found != check.found:
-                        found_both = f"{first.found}, now {check.found}"
-                        checks[name] = replace(check, found=found_both)
         self._add(*checks.values())
         return checks["torque"].ok
 
@@ -252,5 +246,4 @@ class _Checkup:
             stalls,
             self._wiring,
         )
-        self.report.suits = timing.best
         self._add(*timing.checks())

@@ -67,8 +67,6 @@ class Report:
     """The port could be used, and a servo replied on it"""
     axis: str = ""
     """The axis that is examined; its own checks have its name before theirs. Empty: the only one"""
-    suits: str | None = None
-    """The suitable schedule; None: none, or not measured"""
 
     @property
     def wrong(self) -> list[Check]:

@@ -18,7 +18,6 @@ def as_data(name: str, report: Report) -> dict[str, Any]:
         "checks": [asdict(finding) for finding in report.found.values()],
         "changes": [change._asdict() for change in report.changes],
         "reached": report.reached,
-        "suits": report.suits,
     }
 
 

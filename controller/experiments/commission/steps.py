@@ -118,7 +118,6 @@ def run_doctor(bench: StepContext) -> StepResult:
         {
             "checks": [asdict(check) for check in report.found.values()],
             "reached": report.reached,
-            "suits": report.suits,
             "fatal": [f.name for f in report.wrong if f.name not in _HARMLESS],
         }
     )
