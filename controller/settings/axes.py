@@ -6,7 +6,6 @@ configuration holds each axis whole, so that written out and read again it is th
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -65,9 +64,6 @@ class Axis(Section):
 
 OWN: Final = tuple(Axis.model_fields)
 """Names of these sections"""
-_OWN_PATH: Final = re.compile(
-    rf"\bservo\.(?!(?:{'|'.join(SHARED)})\b)(?={'|'.join(Servo.model_fields)})"
-)
 
 
 def completed(data: dict[str, Any]) -> dict[str, Any]:
@@ -112,8 +108,3 @@ def _own(axis: Mapping[str, Any], default: Mapping[str, Any]) -> dict[str, Any]:
     return {
         name: value for name, value in axis.items() if name not in default or value != default[name]
     }
-
-
-def own_paths(text: str, axis: str) -> str:
-    """Return a text in which the settings of ``servo`` that an axis has of its own are its own."""
-    return _OWN_PATH.sub(f"axes.{axis}.servo.", text)

@@ -11,7 +11,6 @@ from haptic_wall.controller.settings.fields import fields
 from haptic_wall.controller.settings.load import apply_set, loaded
 from haptic_wall.controller.settings.model import NUMBERS
 from haptic_wall.controller.system.printable import in_line
-from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.names import did_you_mean
 
 CHANGEABLE: Final = (
@@ -86,10 +85,8 @@ def _refuse_fixed(path: str) -> None:
     if path in CHANGEABLE:
         return
     wanted = "wall.stiffness, wall.damping, wall.position, delay.steps, wall.law or its numbers"
-    if path in fields():
-        what = "found a setting that a running wall cannot change"
-        hint = "end the run, and start it with --set"
-    else:
-        what = "unknown"
-        hint = did_you_mean(path, CHANGEABLE) or did_you_mean(path, fields())
-    raise UserError(Problem(what, wanted=wanted, advice=hint, field=in_line(path)))
+    hint = "end the run, and start it with --set"
+    if path not in fields():
+        hint = did_you_mean(path, CHANGEABLE)
+    what = "found a setting that a running wall cannot change"
+    raise UserError(what, wanted=wanted, advice=hint, field=in_line(path))

@@ -223,7 +223,7 @@ def test_a_servo_that_is_refused_is_named_with_its_axis() -> None:
     with pytest.raises(UnfitServoError) as refused:
         run_session(config, SimulatedClock(), Telemetry.create(2), 0.1, surroundings=around)
     assert str(refused.value).startswith("two: The servo with id 2")
-    assert "set axes.two.servo.model=XM540-W270" in str(refused.value)
+    assert "set servo.model=XM540-W270" in str(refused.value)
 
 
 def test_no_further_servo_is_started_once_the_run_is_to_stop() -> None:
