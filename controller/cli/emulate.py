@@ -15,6 +15,7 @@ from haptic_wall.controller.cli.places import FileToWrite, force_option, is_forc
 from haptic_wall.controller.emulated_bus.program import NAMES, PRIORITY, Plan, run_bus, servo_of
 from haptic_wall.controller.errors import PlatformError, UserError
 from haptic_wall.controller.runtime import realtime
+from haptic_wall.hw.dynamixel.registers import BAUD_RATES
 from haptic_wall.hw.emulated.adapter import BLOCKS
 from haptic_wall.hw.emulated.faults import KINDS, suggestion
 from haptic_wall.hw.errors import Problem, SpecError
@@ -103,6 +104,9 @@ def command(
     The path of its pseudo-terminal is the first line on standard output; a serial
     client opens it that needs no modem lines, RS-485 or parity. The bus runs until Ctrl-C.
     """
+    if given["baud"] not in BAUD_RATES:
+        wanted = f"one of {', '.join(map(str, BAUD_RATES))}"
+        raise UserError(f"found {given['baud']}", field="--baud", wanted=wanted)
     if link is not None:
         _refuse_foreign(link)
     for name, path in (("link", link), ("record", record)):
@@ -128,7 +132,7 @@ def command(
     except FileExistsError as error:
         raise UserError(error, field="--link", advice="name another place") from error
     except ValueError as error:
-        raise UserError(error) from error
+        raise UserError(error, field="--servo") from error
     if failure is not None:
         what = f"the record is incomplete: {failure.strerror}"
         advice = "make room, or name another place (the bus was not disturbed)"
