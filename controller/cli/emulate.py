@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -128,11 +129,12 @@ def command(
         with interrupt.until_signal() as came:
             failure = run_bus(plan, lambda: bool(came), say)
     except SpecError as error:
-        raise UserError(error.problem) from error
+        found = error.problem
+        raise UserError(replace(found, field=found.field or "--servo")) from error
     except FileExistsError as error:
         raise UserError(error, field="--link", advice="name another place") from error
     except ValueError as error:
-        raise UserError(error, field="--servo") from error
+        raise UserError(error) from error
     if failure is not None:
         what = f"the record is incomplete: {failure.strerror}"
         advice = "make room, or name another place (the bus was not disturbed)"
