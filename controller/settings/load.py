@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib import resources
@@ -13,11 +13,14 @@ from typing import Any
 from pydantic import ValidationError
 
 from haptic_wall.controller.errors import ConfigError, UserError
+from haptic_wall.controller.laws.table import LAWS, SUM
+from haptic_wall.controller.laws.wall import NONE
 from haptic_wall.controller.settings import yaml_text as config_yaml
 from haptic_wall.controller.settings.axes import RENAMED
 from haptic_wall.controller.settings.axis_names import split_path
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.fields import fields, sections
+from haptic_wall.controller.settings.model import NUMBERS, Wall
 from haptic_wall.controller.settings.problems import problems_of, shown
 from haptic_wall.controller.system import files
 from haptic_wall.controller.system.printable import in_line
@@ -95,9 +98,44 @@ def load_config(source: str, sets: Sequence[str] = (), *, runs: bool = False) ->
             problems.append(error.problem)
     config, found = _validated(data, {"runs": runs})
     problems += found
+    given = _leaves(data)
+    if config is not None:
+        problems += _of_another_law(config, given, sets)
     if problems or config is None:
         raise ConfigError(title, problems)
-    return Loaded(config, source, _leaves(data))
+    return Loaded(config, source, given)
+
+
+def _of_another_law(
+    config: Config, given: Collection[str], sets: Sequence[str]
+) -> Iterator[Problem]:
+    """Yield the given numbers of a wall that its law does not use.
+
+    Where ``sets`` change a law, the numbers of the file are of the law before, and stay unused.
+    """
+    own = {change.partition("=")[0].strip() for change in sets}
+    is_changed = any(split_path(path)[1] == "wall.law" for path in own)
+    uses = {name: kind.numbers for name, kind in LAWS.items()} | {SUM: ("parts",)}
+    for path in given:
+        prefix, bare = split_path(path)
+        name = bare.removeprefix("wall.")
+        if not bare.startswith("wall.") or name not in NUMBERS or name in ("law", "side"):
+            continue
+        walls = [one.wall for axis, one in config.each.items() if prefix in ("", f"axes.{axis}.")]
+        default = Wall.model_fields[name].default
+        is_used = any(
+            wall.law == NONE
+            or name in uses.get(wall.law, ("options",))
+            or getattr(wall, name) == default
+            for wall in walls
+        )
+        if not is_used and (path in own or not is_changed):
+            laws = [law for law, numbers in uses.items() if name in numbers]
+            yield Problem(
+                f"found a value, which the law {walls[0].law} does not use",
+                field=in_line(path),
+                advice=f"it is for wall.law {' or '.join(laws) or 'module:Class'}",
+            )
 
 
 def load_axis(

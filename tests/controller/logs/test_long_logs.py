@@ -99,7 +99,6 @@ def test_a_sketch_keeps_every_peak_in_little_memory(monkeypatch: pytest.MonkeyPa
     assert peak(lambda: made.append(sketched(blocks(), count, 7))) < 3.5  # of 16 MB
     (drawn,) = made
     assert drawn.rows["torque"].max() == 3.0
-    assert drawn.missed == (5, 0)
     assert 62_222 in drawn.rows["seq"]
     assert (drawn.rows["seq"][0], drawn.rows["seq"][-1]) == (0, count - 1)
     seq: IntArray = drawn.rows["seq"].astype(np.int64)
@@ -107,4 +106,3 @@ def test_a_sketch_keeps_every_peak_in_little_memory(monkeypatch: pytest.MonkeyPa
     assert len(drawn.rows) < 25 * 200
     assert drawn.time[-1] == pytest.approx(99.999)
     assert drawn.mean_velocity.size == 200
-    assert drawn.medians_us["lateness_ns"] == pytest.approx(1.35, rel=0.02)
