@@ -35,8 +35,7 @@ def reasons(decision: Decision, wall: Wall, work: Work) -> tuple[str, ...]:
     found = [*_stiffness(decision, wall), *_damping(decision, wall)]
     if decision.binding is not None:
         now = smallest(decision.limits)[1]
-        tried = remedies(wall, BY_NAME[decision.binding].raised_by, work)
-        worth = [each for each in tried if each.stiffness > WORTH_NAMING * now]
+        worth = [each for each in remedies(wall, work) if each.stiffness > WORTH_NAMING * now]
         found += [_would_raise(each, decision) for each in worth[: max(2, _MOST - len(found))]]
     return tuple(found)
 

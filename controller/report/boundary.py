@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from haptic_wall.controller.guard.boundary import Curve, Question, WallSide, curve
+from haptic_wall.controller.guard.decision_report import filter_report
 from haptic_wall.controller.report import style
 from haptic_wall.controller.report.limit_curves import draw_limits
 
@@ -51,7 +52,7 @@ def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> N
         ax.set_xlim(min(1.02 * lowest, -0.01 * top), 1.02 * top)
         ax.set_ylim(0.0, 1.25 * peak)
         ax.set_ylabel(style.STIFFNESS)
-        ax.set_title(_title(question, found), fontsize=8.5, loc="left")
+        ax.set_title(_title(question), fontsize=8.5, loc="left")
         shown = [ax]
         if not question.load and -lowest < _SMALL * top:
             shown.append(_origin(ax, question, lowest, found))
@@ -129,7 +130,7 @@ def _origin(ax: Axes, question: Question, lowest: float, found: Mapping[str, Any
     return inset
 
 
-def _title(question: Question, found: Mapping[str, Any]) -> str:
+def _title(question: Question) -> str:
     p = question.plants(1)
     period = question.situation.period
     delay = float(p.delay[0])
@@ -140,7 +141,7 @@ def _title(question: Question, found: Mapping[str, Any]) -> str:
         if load
         else ""
     )
-    if filtered := found["settings"]["velocity_filter"]:
+    if filtered := filter_report(question.velocity_filter, period):
         behind += f",  velocity through a {filtered['kind']} at {filtered['frequency_hz']:.4g} Hz"
     return (
         f"$m$ = {float(p.inertia[0]):.4g} kg·m²,  $b$ = {float(p.damping[0]):.4g} N·m·s/rad,  "
