@@ -405,7 +405,7 @@ def test_what_is_assumed_of_an_unknown_vibration_is_said() -> None:
     }
     decision = one(Request(5.0, 0.04, "both"), situation(**train))
     said = assumed(situation(**train).belief, decision)
-    assert "a gear train of 50 to 800 N·m/rad is assumed" in said
+    assert "a gear train of 50 to 800 N·m/rad with a load of at most 1e-06 kg·m² is assumed" in said
     assert "a rigid servo without a link is assumed" in assumed(situation().belief, decision)
 
 
