@@ -24,7 +24,7 @@ limit that it costs at its ceiling at most"""
 _DAMPER, _SPRING, _FRICTION = 0.2, 0.12, 0.12
 """Rates of a damper, a spring and the motor's friction up to which formulas hold, over that of the
 vibration"""
-_COSTS, _APART = 0.9, 1.41
+_COSTS, _APART = 0.9, 1.26
 """Fraction of the rigid limit that a formula must leave to take the place of the grid; ratio of the
 frequencies that are tried: walls of different damping share a grid"""
 
