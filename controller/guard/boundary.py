@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 
-from haptic_wall.controller.guard.decision_report import filter_report, finite
+from haptic_wall.controller.guard.decision_report import finite
 from haptic_wall.controller.guard.evaluation import (
     Evaluation,
     encoder_damping,
@@ -31,14 +31,7 @@ WallSide = Literal["one", "both"]
 EVERY_DAMPING = GuardSettings(mode="off")
 """Guard settings that evaluate the limits at any damping, without clamping it."""
 _PEAK_POINTS = 33
-_NO_ENCODER = "the encoder, for which counts per turn and torque limit must be given"
 _DEFAULT_SHARES = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9)
-_BELIEVED = ("inertia", "damping", "delay", "torque_gain")
-_LOAD = (
-    ("inertia", "load_inertia"),
-    ("frequency_hz", "flexible_hz"),
-    ("damping_ratio", "flexible_damping_ratio"),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,14 +211,11 @@ def report(question: Question, virtual_damping: Sequence[float]) -> dict[str, An
     binding, stiffness = smallest(limits)
     rigid = np.array([np.inf]) if question.load else _evaluation(question).rigid_ceiling
     asked = (question.request, EVERY_DAMPING, question.situation, question.plants(1).period, rigid)
-    encoder = finite(float(encoder_damping(*asked)[0]))
     return {
         "max_virtual_damping": ceiling(question),
-        "encoder_damping": encoder,
-        "not_examined": _NO_ENCODER if encoder is None else None,
+        "encoder_damping": finite(float(encoder_damping(*asked)[0])),
         "peak": highest(question),
         "points": points,
-        "settings": _settings(question),
         "design": {
             "side": question.side,
             "virtual_damping": points[best]["virtual_damping"],
@@ -243,24 +233,4 @@ def _point(found: Curve, i: int) -> dict[str, float | None]:
         **limits,
         "passive": None if np.isnan(found.passive[i]) else float(found.passive[i]),
         "frequency_hz": float(found.frequency[i]),
-    }
-
-
-def _settings(question: Question) -> dict[str, Any]:
-    situation, belief = question.situation, question.situation.belief
-
-    def ends(name: str) -> dict[str, float]:
-        each = getattr(belief, name)
-        return {"low": each.low, "high": each.high}
-
-    flexible: dict[str, Any] = {} if question.load is None else {"load": asdict(question.load)}
-    if belief.is_flexible:
-        flexible["believed_load"] = {key: ends(name) for key, name in _LOAD}
-        flexible["believed_load"]["encoder"] = belief.encoder
-    return {
-        **{name: ends(name) for name in _BELIEVED},
-        "period": situation.period,
-        "velocity_samples": question.velocity_samples,
-        "velocity_filter": filter_report(question.velocity_filter, situation.period),
-        **flexible,
     }

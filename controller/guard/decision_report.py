@@ -72,20 +72,14 @@ def assumed(belief: Belief, decision: Decision) -> str:
         belief: One without a measured vibration.
         decision: Decision in force.
     """
-    if not belief.transmission_stiffness.high > 0.0:
-        return (
-            "no vibration is known (model.flexible_hz is not set): a rigid servo without a link is"
-            " assumed. A link on the horn may vibrate at a virtual damping far below the ceiling of"
-            f" {decision.damping_ceiling:.3g} N·m·s/rad: {_MEASURE}"
-        )
-    train, load = belief.transmission_stiffness, belief.load_inertia
-    said = (
-        "no vibration is known (model.flexible_hz is not set): a gear train of"
-        f" {train.low:g} to {train.high:g} N·m/rad is assumed"
+    train = belief.transmission_stiffness
+    servo = "a rigid servo without a link"
+    if train.high > 0.0:
+        servo = f"a gear train of {train.low:g} to {train.high:g} N·m/rad"
+    if belief.is_flexible:
+        servo += f" with a load of at most {belief.load_inertia.high:.2g} kg·m²"
+    return (
+        f"no vibration is known (model.flexible_hz is not set): {servo} is assumed. A link on the"
+        " horn may vibrate at a virtual damping far below the ceiling of"
+        f" {decision.damping_ceiling:.3g} N·m·s/rad: {_MEASURE}"
     )
-    if load.high > 0.0:
-        said += (
-            f", and on it a load of at most {load.high:.2g} kg·m², which vibrates at"
-            f" {belief.flexible_hz.low:.2g} Hz or above"
-        )
-    return f"{said}. A heavier one may vibrate at a lower damping: {_MEASURE}"

@@ -198,7 +198,7 @@ class Evaluation:
     @cached_property
     def box(self) -> Box:
         """Return the members to evaluate around each corner."""
-        return Box.of(self.situation, self.request.velocity_samples)
+        return Box.of(self.situation, self.request)
 
     @property
     def exact(self) -> FloatArray:

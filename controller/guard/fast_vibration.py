@@ -24,9 +24,9 @@ limit that it costs at its ceiling at most"""
 _DAMPER, _SPRING, _FRICTION = 0.2, 0.12, 0.12
 """Rates of a damper, a spring and the motor's friction up to which formulas hold, over that of the
 vibration"""
-_COSTS, _SPLITS = 0.9, 24
-"""Fraction of the rigid limit that a formula must leave to take the place of the grid; frequencies
-that are tried"""
+_COSTS, _APART = 0.9, 1.26
+"""Fraction of the rigid limit that a formula must leave to take the place of the grid; ratio of the
+frequencies that are tried: walls of different damping share a grid"""
 
 
 def formulas_from(
@@ -46,12 +46,13 @@ def formulas_from(
     if low >= highest or belief.encoder != "output":
         return highest
     rigid = np.full_like(damping, UNBOUND)
-    for hz in np.geomspace(low, highest, _SPLITS).tolist():
+    steps = math.ceil(math.log(highest / low) / math.log(_APART))
+    for hz in (low, *(highest / _APART**k for k in range(steps - 1, 0, -1))):
         allowed = fast_ceiling(belief, hz, rigid, periods[0])
         if np.all(damping < _FAST_CEILING * allowed):
             left = fast_limit(belief, hz, stiffness, damping / allowed, periods[0])
             if np.all(left >= _COSTS * stiffness):
-                return float(hz)
+                return hz
     return highest
 
 

@@ -35,8 +35,8 @@ from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 WITHIN = 0.96
 """Fraction of the least value over the grid that the guard uses"""
-_TOGETHER = 300
-"""So many servos are computed at once: fewer take more calls, more take much memory"""
+_TOGETHER = 100
+"""So many servos are computed at once: fewer take more calls, more leave the cache"""
 _PHASE = 0.4
 """Largest step of the phase of the vibration over the delay, between frequencies of the grid and
 between its delays [rad]"""
@@ -107,6 +107,8 @@ class LinkLimits:
         self._filter = velocity_filter
         self._notch = velocity_filter is not None and velocity_filter.kind == "notch"
         self._served, self._work = served, work
+        # stands for these in keys: a belief takes long to hash
+        self._asked = work.once(("link", belief, samples, velocity_filter), object)
 
     def ceiling(self, period: FloatArray, delay: FloatArray) -> FloatArray:
         """Return the commanded damping above which the load may vibrate without any stiffness.
@@ -152,7 +154,8 @@ class LinkLimits:
 
     def _intervals(self, period: float) -> list[float]:
         asked = (self._belief, period, self._served, self._filter)
-        every = self._work.once(("intervals", *asked), lambda: _all_intervals(*asked))
+        key = ("intervals", self._asked, period, self._served)
+        every = self._work.once(key, lambda: _all_intervals(*asked))
         return [self._shared(at) for at in every]
 
     def _shared(self, at: float) -> float:
@@ -202,7 +205,7 @@ class LinkLimits:
         return self._work.once(key, lambda: float(self._scan(at, knot).ceilings().min()))
 
     def _key(self, kind: str, at: float, knot: Knot) -> tuple[Hashable, ...]:
-        return kind, self._belief, at, knot, self._samples, self._filter
+        return kind, self._asked, at, knot
 
     def _scan(self, at: float, knot: Knot) -> FlexibleScan:
         key = self._key("scan", at, knot)

@@ -30,8 +30,6 @@ class Limit(Protocol):
     meaning: str
     """What happens above it, as the end of a sentence"""
     source: str
-    raised_by: tuple[str, ...]
-    """Names of the changes (``design``) that raise it, besides more of the servo's own damping"""
 
     def applies(self, at: Evaluation, /) -> bool:
         """Whether it limits this wall."""
@@ -40,16 +38,12 @@ class Limit(Protocol):
         """Return it at the commanded damping of each corner [N·m/rad]."""
 
 
-_OF_THE_LOOP: tuple[str, ...] = ("virtual_damping", "largest_part", "damping", "belief")
-
-
 class Linear:
     """(b + B) / (T/2 + t_d): the tangent of the exact boundary at the origin."""
 
     name, label = "linear", "linear condition"
     meaning = "sum of the damping over sum of the delay"
     source = "Gil et al., ICRA 2007, (7) to (10)"
-    raised_by: tuple[str, ...] = _OF_THE_LOOP
 
     def applies(self, _: Evaluation) -> bool:
         """Always."""
@@ -68,7 +62,6 @@ class Exact:
     name, label = "exact", "exact"
     meaning = "above it the loop oscillates and grows"
     source = "Gil et al., ICRA 2007, (11)"
-    raised_by: tuple[str, ...] = _OF_THE_LOOP
 
     def applies(self, _: Evaluation) -> bool:
         """Always."""
@@ -85,7 +78,6 @@ class OneSided:
     name, label = "one_sided", "one-sided"
     meaning = "above it a wall that never pulls returns the device faster than it came"
     source = "simulated contacts"
-    raised_by: tuple[str, ...] = (*_OF_THE_LOOP, "two_sided")
 
     CORNER_ALONE = 0.94
     """Fraction of the corner's limit that is used where friction is light: the worst that a search
@@ -113,7 +105,6 @@ class Quantisation:
     name, label = "quantisation", "encoder (quantisation)"
     meaning = "above it one encoder count commands too much of the torque limit"
     source = "Diolaiti et al. 2006"
-    raised_by: tuple[str, ...] = ("virtual_damping", "encoder", "largest_part", "belief")
 
     def applies(self, at: Evaluation) -> bool:
         """Where position and torque limit are known to be finite."""
@@ -132,7 +123,6 @@ class Passive:
     name, label = "passive", "passive"
     meaning = "above it some passive hand makes the wall unstable"
     source = "Colgate and Schenkel 1997"
-    raised_by: tuple[str, ...] = _OF_THE_LOOP
 
     def applies(self, at: Evaluation) -> bool:
         """In mode ``passive``."""
@@ -172,7 +162,6 @@ class Backlash:
         "above it the believed backlash may sustain an oscillation that friction does not stop"
     )
     source = "Gelb and Vander Velde 1968"
-    raised_by: tuple[str, ...] = _OF_THE_LOOP
 
     COUNTS = 4
     """An oscillation of up to so many counts to either side is let be"""
@@ -203,7 +192,6 @@ class Flexible:
     name, label = "flexible", "flexible load"
     meaning = "above it the believed load may vibrate on its flexible transmission"
     source = "two masses, exactly discretised"
-    raised_by: tuple[str, ...] = (*_OF_THE_LOOP, "two_sided", "motor_encoder", "stiffer")
 
     ON_A_LINK = 0.4
     """Fraction that a two-sided law of several slopes may use: a law of many ridges can turn the
@@ -235,7 +223,6 @@ class Resolution:
     name, label = "resolution", "resolution"
     meaning = "above it friction slips before the encoder has seen it bend"
     source = "four counts"
-    raised_by: tuple[str, ...] = ("encoder",)
 
     def applies(self, at: Evaluation) -> bool:
         """To such a law."""

@@ -35,8 +35,7 @@ def reasons(decision: Decision, wall: Wall, work: Work) -> tuple[str, ...]:
     found = [*_stiffness(decision, wall), *_damping(decision, wall)]
     if decision.binding is not None:
         now = smallest(decision.limits)[1]
-        tried = remedies(wall, BY_NAME[decision.binding].raised_by, work)
-        worth = [each for each in tried if each.stiffness > WORTH_NAMING * now]
+        worth = [each for each in remedies(wall, work) if each.stiffness > WORTH_NAMING * now]
         found += [_would_raise(each, decision) for each in worth[: max(2, _MOST - len(found))]]
     return tuple(found)
 
@@ -74,7 +73,7 @@ def _stiffness(decision: Decision, wall: Wall) -> Iterator[str]:
     )
     if decision.binding == "quantisation":
         if not decision.is_coarse:
-            yield _coarse_count(decision, wall)
+            yield _count(decision, wall, decision.damping)
     elif value == 0:
         at = min(decision.damping, decision.request.damping)
         yield (
@@ -90,19 +89,17 @@ def _other_damping(decision: Decision, wall: Wall) -> str:
     return f"virtual damping within 0 to {highest:.4g} N·m·s/rad"
 
 
-def _coarse_count(decision: Decision, wall: Wall) -> str:
-    torque = abs(decision.damping) * _per_damping(decision, wall)
-    said = (
-        f"one encoder count in one sample commands {torque:.3g} N·m through the damping alone, and "
-        f"a count may command {_share(wall):.3g} N·m, a fraction of the torque limit "
-        "(guard.quantisation_share)"
+def _count(decision: Decision, wall: Wall, damping: float) -> str:
+    """Say what one encoder count commands through a damping alone, and what it may command."""
+    period = np.array([decision.period])
+    torque = abs(damping) * float(count_torque(decision.request, wall.situation, period)[0])
+    allowed = wall.settings.quantisation_share * wall.situation.torque_limit
+    return (
+        f"one encoder count in one sample commands {torque:.3g} N·m through a damping of "
+        f"{damping:.4g} N·m·s/rad, and may command {allowed:.3g} N·m, a fraction of the torque "
+        "limit (guard.quantisation_share); a velocity over more samples raises this bound in "
+        "proportion"
     )
-    if decision.damping:
-        said += (
-            f": only virtual damping below {decision.encoder_damping:.3g} N·m·s/rad leaves torque "
-            f"for the stiffness; {_more_samples(decision)}"
-        )
-    return said
 
 
 def _damping(decision: Decision, wall: Wall) -> Iterator[str]:
@@ -112,11 +109,7 @@ def _damping(decision: Decision, wall: Wall) -> Iterator[str]:
     said = f"the guard allows {given:.4g} instead of {asked:.4g} N·m·s/rad: "
     belief = wall.situation.belief
     if decision.is_coarse:
-        torque = abs(asked) * _per_damping(decision, wall)
-        said += (
-            f"one encoder count in one sample would command {torque:.3g} N·m, and may command "
-            f"{_share(wall):.3g} N·m, a fraction of the torque limit; {_more_samples(decision)}"
-        )
+        said += _count(decision, wall, asked)
     elif asked < given:
         lowest = -belief.damping.low / belief.torque_gain.high
         said += (
@@ -138,23 +131,6 @@ def _damping(decision: Decision, wall: Wall) -> Iterator[str]:
                 " motor's side, or a stiffer horn and link, raises this ceiling"
             )
     yield said
-
-
-def _per_damping(decision: Decision, wall: Wall) -> float:
-    period = np.array([decision.period])
-    return float(count_torque(decision.request, wall.situation, period)[0])
-
-
-def _share(wall: Wall) -> float:
-    return wall.settings.quantisation_share * wall.situation.torque_limit
-
-
-def _more_samples(decision: Decision) -> str:
-    samples = decision.request.velocity_samples
-    return (
-        f"a velocity over more than {samples} sample{'s' if samples > 1 else ''} raises this bound "
-        "in proportion"
-    )
 
 
 def _would_raise(each: Remedy, decision: Decision) -> str:

@@ -6,13 +6,13 @@ of them another limit may bind.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from haptic_wall.controller.guard.belief import Belief, Bounded
+from haptic_wall.controller.guard.belief import Bounded
 from haptic_wall.controller.guard.delay_parts import (
     HOLD,
     SAMPLE_AGE,
@@ -25,7 +25,6 @@ from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.guard.work import Work
 
-FINER = 4
 _SHARES = np.array([0.0, *np.geomspace(1e-2, 1.0, 10)])
 """Virtual dampings that are tried, as fractions of the largest that may be commanded"""
 _WITHIN = 1e-4  # fraction of the range left out at its end, where no stiffness is allowed
@@ -56,70 +55,43 @@ class Wall(NamedTuple):
         return replace(one, delay=np.array([self.parts.delay]))
 
 
-def remedies(wall: Wall, changes: Sequence[str], work: Work) -> list[Remedy]:
-    """Return the limits after each change, to 5 %, the highest first.
+def remedies(wall: Wall, work: Work) -> list[Remedy]:
+    """Return the limits after each change that applies, to 5 %, the highest first.
 
     Args:
         wall: The requested wall, whose stiffness has no effect.
-        changes: Changes to try: ``virtual_damping`` another B; ``largest_part`` of the delay
-            ``shorter``, the hold included; ``damping``, the viscous, twice; ``encoder`` ``FINER``
-            times finer; ``two_sided`` a wall that also pulls; ``motor_encoder`` on the motor's side
-            of a flexible transmission; ``stiffer``, that transmission's vibration at twice its
-            frequency; ``belief`` the servo known exactly, at its believed values. Those that do not
-            apply are left out (a two-sided wall in place of one).
         work: Results of earlier evaluations.
     """
     found = []
-    for change in changes:
-        made = _changed(change, wall, work)
-        if made is not None:
-            other, text = made
-            asked = (other.request, other.settings, other.situation, other.corner)
-            after = evaluate(Evaluation(*asked, work=work))
-            found.append(Remedy(text, float(least_of(after)[0])))
+    for other, text in _changes(wall, work):
+        asked = (other.request, other.settings, other.situation, other.corner)
+        after = evaluate(Evaluation(*asked, work=work))
+        found.append(Remedy(text, float(least_of(after)[0])))
     return sorted(found, key=lambda each: -each.stiffness)
 
 
-def _changed(change: str, wall: Wall, work: Work) -> tuple[Wall, str] | None:
-    """Return the wall after a change, and the change in words; None where it does not apply."""
+def _changes(wall: Wall, work: Work) -> Iterator[tuple[Wall, str]]:
+    """Yield the wall after each change, and the change in words."""
     request, _, situation, parts = wall
     belief = situation.belief
-    match change:
-        case "virtual_damping":
-            best = _good_damping(wall, work)
-            text = f"virtual damping {best:.2g} instead of {request.damping:.3g} N·m·s/rad"
-            return wall._replace(request=replace(request, damping=best)), text
-        case "largest_part":
-            return _largest_part(wall)
-        case "encoder" if situation.position_step > 0:
-            finer = replace(situation, position_step=situation.position_step / FINER)
-            return wall._replace(situation=finer), f"an encoder {FINER} times finer"
-        case "two_sided" if request.side != "both" and request.linear:
-            both = replace(request, side="both")
-            return wall._replace(request=both), "a two-sided wall, which also pulls"
-        case "belief" if not belief.is_known:
-            rest = max(parts.delay - belief.delay.high, 0.0)
-            made = replace(parts, named={"delay": rest + belief.delay.value})
-            names = ("inertia", "damping", "delay", "torque_gain")
-            exact: dict[str, Any] = {
-                name: Bounded.exactly(getattr(belief, name).value) for name in names
-            }
-            known = _with_belief(wall, replace(belief, **exact))
-            return known._replace(parts=made), "the servo known exactly, at its believed values"
-        case "damping" if belief.damping.low > 0:
-            low = belief.damping.low
-            text = f"twice the viscous damping, {2 * low:.3g} instead of {low:.3g} N·m·s/rad"
-            return _with_belief(wall, replace(belief, damping=_twice(belief.damping))), text
-        case "motor_encoder" if belief.is_flexible and belief.encoder == "output":
-            text = "an encoder on the motor's side of the flexible transmission"
-            return _with_belief(wall, replace(belief, encoder="motor")), text
-        case "stiffer" if belief.is_flexible:
-            hz = _twice(belief.flexible_hz)
-            text = f"a stiffer horn and link, {hz.low:.3g} Hz at least instead of"
-            text += f" {belief.flexible_hz.low:.3g}"
-            return _with_belief(wall, replace(belief, flexible_hz=hz)), text
-        case _:
-            return None
+    best = _good_damping(wall, work)
+    text = f"virtual damping {best:.2g} instead of {request.damping:.3g} N·m·s/rad"
+    yield wall._replace(request=replace(request, damping=best)), text
+    yield _largest_part(wall)
+    if request.side != "both" and request.linear:
+        both = replace(request, side="both")
+        yield wall._replace(request=both), "a two-sided wall, which also pulls"
+    if not belief.is_known:
+        rest = max(parts.delay - belief.delay.high, 0.0)
+        names = ("inertia", "damping", "delay", "torque_gain")
+        exact: dict[str, Any] = {
+            name: Bounded.exactly(getattr(belief, name).value) for name in names
+        }
+        known = wall._replace(
+            situation=replace(situation, belief=replace(belief, **exact)),
+            parts=replace(parts, named={"delay": rest + belief.delay.value}),
+        )
+        yield known, "the servo known exactly, at its believed values"
 
 
 def _largest_part(wall: Wall) -> tuple[Wall, str]:
@@ -140,14 +112,6 @@ def _largest_part(wall: Wall) -> tuple[Wall, str]:
     }.get(name, f"a delay ({name})")
     text = f"{what} of {ms(least)} instead of {ms(size)}, {share}"
     return wall._replace(parts=replace(parts, named={**parts.named, name: least})), text
-
-
-def _with_belief(wall: Wall, belief: Belief) -> Wall:
-    return wall._replace(situation=replace(wall.situation, belief=belief))
-
-
-def _twice(value: Bounded) -> Bounded:
-    return Bounded(2.0 * value.value, 2.0 * value.low, 2.0 * value.high)
 
 
 def _good_damping(wall: Wall, work: Work) -> float:

@@ -50,16 +50,16 @@ FORGIVEN = 20.0
 cannot feed an oscillation"""
 INTERVAL_BINS = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0)
 """Upper ends of the bins of the served interval [periods]."""
-LINK_BINS = (1.0, 1.25, 1.5, 1.75, 2.0)
-"""The same where a link is believed: its limits are the least over a bin, so bins are narrower, and
-what longer intervals allow takes long to compute [periods]"""
+LINK_BINS = (1.0, 1.5, 2.0)
+"""The same where a link is believed: its limits are the least over a bin, and take long to compute
+[periods]"""
 IRREGULAR_CAP = 0.5
 """Factor on ``guard.damping_cap`` in all bins but the first. Damping near the ceiling of the
 weighted interval exceeds the ceiling of the longest intervals, and some repeated patterns then grow
 at 0.8 of the limit."""
-OLDEST = 3
-"""Oldest age that gets gains, over a period, or over ``guard.sample_age`` where that is longer: a
-pipelined sample is one old, and two after a lost reply"""
+OLDEST, OLDEST_SLOW = 3, 2
+"""Oldest age that gets gains, over a period: a pipelined sample is one old, and two after a lost
+reply; and over ``guard.sample_age``"""
 
 
 def age_bins_ns(period_ns: int, slowest_ns: int = 0) -> list[int]:
@@ -69,7 +69,7 @@ def age_bins_ns(period_ns: int, slowest_ns: int = 0) -> list[int]:
         period_ns: The sampling period [ns].
         slowest_ns: Time that a sample takes, where that may be more than a period [ns].
     """
-    longest_us = OLDEST * max(period_ns, slowest_ns) // 1000
+    longest_us = max(OLDEST * period_ns, OLDEST_SLOW * slowest_ns) // 1000
     microseconds = [*range(0, 600, 10), *range(600, 2000, 100), *range(2000, 20_000, 1000)]
     microseconds += range(20_000, longest_us + 2000, 2000)
     return [us * 1000 for us in microseconds[: bisect_left(microseconds, longest_us) + 1]]

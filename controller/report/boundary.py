@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from haptic_wall.controller.guard.boundary import Curve, Question, WallSide, curve
+from haptic_wall.controller.guard.decision_report import filter_report
 from haptic_wall.controller.guard.limits import BY_NAME
 from haptic_wall.controller.report import style
 
@@ -57,7 +58,7 @@ def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> N
         ax.set_xlim(min(1.02 * lowest, -0.01 * top), 1.02 * top)
         ax.set_ylim(0.0, 1.25 * peak)
         ax.set_ylabel(style.STIFFNESS)
-        ax.set_title(_title(question, found), fontsize=8.5, loc="left")
+        ax.set_title(_title(question), fontsize=8.5, loc="left")
         ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
         stable = across.frequency > 0
         below.plot(across.virtual_damping[stable], across.frequency[stable], color=style.INK)
@@ -120,7 +121,7 @@ def _marks(ax: Axes, question: Question, found: Mapping[str, Any]) -> None:
     )
 
 
-def _title(question: Question, found: Mapping[str, Any]) -> str:
+def _title(question: Question) -> str:
     p = question.plants(1)
     period = question.situation.period
     delay = float(p.delay[0])
@@ -131,7 +132,7 @@ def _title(question: Question, found: Mapping[str, Any]) -> str:
         if load
         else ""
     )
-    if filtered := found["settings"]["velocity_filter"]:
+    if filtered := filter_report(question.velocity_filter, period):
         behind += f",  velocity through a {filtered['kind']} at {filtered['frequency_hz']:.4g} Hz"
     return (
         f"$m$ = {float(p.inertia[0]):.4g} kg·m²,  $b$ = {float(p.damping[0]):.4g} N·m·s/rad,  "

@@ -6,8 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from haptic_wall.controller.guard.limits import BY_NAME
-from haptic_wall.controller.report.run_text import filter_text
-from haptic_wall.controller.system.wrapping import wrapped
 
 
 def boundary_text(found: Mapping[str, Any]) -> str:
@@ -16,44 +14,7 @@ def boundary_text(found: Mapping[str, Any]) -> str:
     Args:
         found: The answer, as for ``--json``.
     """
-    return "\n".join(
-        [
-            *_settings(found["settings"]),
-            "",
-            *_points(found),
-            "",
-            *_stiffest(found),
-        ]
-    )
-
-
-def _settings(settings: Mapping[str, Any]) -> Iterator[str]:
-    period = settings["period"]
-    delay = settings["delay"]["high"]
-    parts = [
-        f"inertia {_span(settings['inertia'])} kg·m²",
-        f"viscous damping {_span(settings['damping'])} N·m·s/rad",
-        f"period {1e3 * period:.4g} ms ({1 / period:.4g} Hz)",
-        f"delay {_span(settings['delay'], 1e3)} ms ({_periods(delay / period)})",
-    ]
-    if settings["torque_gain"] != {"low": 1.0, "high": 1.0}:
-        parts.append(f"torque gain {_span(settings['torque_gain'])}")
-    if settings["velocity_samples"] > 1:
-        parts.append(f"velocity over {settings['velocity_samples']} samples")
-    if filtered := settings["velocity_filter"]:
-        parts.append(f"velocity through a {filter_text(filtered)}")
-    if load := settings.get("load"):
-        parts.append(
-            f"a load of {load['inertia']:.4g} kg·m² behind {load['stiffness']:.4g} N·m/rad with"
-            f" {load['damping']:.4g} N·m·s/rad, encoder on the {load['encoder']}"
-        )
-    if load := settings.get("believed_load"):
-        parts.append(
-            f"a believed load of {_span(load['inertia'])} kg·m² of it that vibrates at"
-            f" {_span(load['frequency_hz'])} Hz with a damping ratio of"
-            f" {_span(load['damping_ratio'])}, encoder on the {load['encoder']}"
-        )
-    yield from wrapped(", ".join(parts))
+    return "\n".join([*_points(found), "", *_stiffest(found)])
 
 
 def _points(found: Mapping[str, Any]) -> Iterator[str]:
@@ -68,7 +29,7 @@ def _points(found: Mapping[str, Any]) -> Iterator[str]:
     yield from _aligned(rows)
     yield ""
     peak = found["peak"]
-    of = "flexible" if "believed_load" in found["settings"] else "exact"
+    of = "exact" if points[0]["flexible"] is None else "flexible"
     yield (
         f"ceiling  no stiffness is stable above a virtual damping of "
         f"{found['max_virtual_damping']:.4g} N·m·s/rad"
@@ -93,8 +54,6 @@ def _stiffest(found: Mapping[str, Any]) -> Iterator[str]:
         f"{stiffest}"
     )
     yield f"limit    {_name(design['binding'])}, {design['stiffness']:.4g} N·m/rad"
-    if found["not_examined"] is not None:
-        yield f"not examined: {found['not_examined']}"
 
 
 def _aligned(rows: Sequence[Sequence[str]]) -> Iterator[str]:
@@ -107,13 +66,3 @@ def _aligned(rows: Sequence[Sequence[str]]) -> Iterator[str]:
 
 def _name(limit: str) -> str:
     return limit.replace("_", "-")
-
-
-def _span(ends: Mapping[str, float], scale: float = 1.0) -> str:
-    low, high = scale * ends["low"], scale * ends["high"]
-    return f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
-
-
-def _periods(count: float) -> str:
-    number = f"{count:.3g}"
-    return f"{number} period{'' if number == '1' else 's'}"

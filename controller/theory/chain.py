@@ -143,6 +143,27 @@ def sampled(chain: Chain, period: FloatArray, fraction: FloatArray) -> Sampled:
         fraction: Fraction of a period by which the torque comes later than the whole periods of the
             delay, 0 <= fraction < 1; of each chain.
     """
+    step, new, old = _over_period(chain, period, fraction)
+    numerator, _ = _polynomials(step, new, old)
+    poles = np.linalg.eigvals(chain.matrices()[0] * period[:, None, None]).astype(np.complex128)
+    return Sampled(np.expm1(poles), numerator, step, new, old)
+
+
+def transfer(
+    chain: Chain, period: FloatArray, fraction: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the numerator of ``sampled``, and what is below it over delta, by rising powers.
+
+    Beside a pole that is hardly damped these coefficients lose digits, and the poles do not; they
+    take half the time.
+    """
+    return _polynomials(*_over_period(chain, period, fraction))
+
+
+def _over_period(
+    chain: Chain, period: FloatArray, fraction: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return ``step``, ``new`` and ``old`` of ``sampled``."""
     a, b, c = chain.matrices()
     count, size, _ = a.shape
     # states, position, held torque
@@ -155,14 +176,7 @@ def sampled(chain: Chain, period: FloatArray, fraction: FloatArray) -> Sampled:
     if fraction.any():
         late = moved(whole * ((1.0 - fraction)[:, None, None] * scales)) / scales
     new = late[:, :-1, -1]
-    old = full[:, :-1, -1] - new
-    poles = np.linalg.eigvals(a * period[:, None, None]).astype(np.complex128)
-    step = full[:, :-1, :-1]
-    newer, older = _numerator(step, new), _numerator(step, old)
-    numerator = np.zeros((count, size + 2))
-    numerator[:, :-1] = older + newer
-    numerator[:, 1:] += newer  # old + z new, with z = 1 + delta
-    return Sampled(np.expm1(poles), numerator, step, new, old)
+    return full[:, :-1, :-1], new, full[:, :-1, -1] - new
 
 
 _BLOCK = 256
@@ -215,21 +229,28 @@ def _moved(matrices: FloatArray) -> FloatArray:
     return result
 
 
-def _numerator(step: FloatArray, held: FloatArray) -> FloatArray:
-    """Return the last row of adj(delta I - step) times ``held``, rising powers of delta.
+def _polynomials(
+    step: FloatArray, new: FloatArray, old: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the last row of adj(delta I - step) (old + z new), and the determinant over delta.
+
+    Both by rising powers of delta; ``step`` has a determinant of 0.
 
     Source: Faddeev and LeVerrier's recursion.
     """
     size = step.shape[1]
-    found = np.zeros((len(step), size))
-    matrix = np.broadcast_to(np.eye(size), step.shape).copy()
-    found[:, size - 1] = held[:, -1]
-    for k in range(1, size):
-        product = step @ matrix
-        coefficient = -np.trace(product, axis1=1, axis2=2) / k
-        matrix = product + coefficient[:, None, None] * np.eye(size)
-        found[:, size - 1 - k] = np.einsum("ij,ij->i", matrix[:, -1], held)
-    return found
+    below, numerator = np.ones((len(step), size)), np.zeros((len(step), size + 1))
+    matrix = np.broadcast_to(np.eye(size), step.shape)
+    both = old + new
+    for k in range(size - 1, -1, -1):
+        row = matrix[:, -1]
+        numerator[:, k] += np.einsum("ij,ij->i", row, both)
+        numerator[:, k + 1] += np.einsum("ij,ij->i", row, new)  # z = 1 + delta
+        if k:
+            product = step @ matrix
+            below[:, k - 1] = -np.trace(product, axis1=1, axis2=2) / (size - k)
+            matrix = product + below[:, k - 1, None, None] * np.eye(size)
+    return numerator, below
 
 
 def one_mass(inertia: ArrayLike, damping: ArrayLike) -> tuple[Chain, tuple[int, ...]]:

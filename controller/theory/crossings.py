@@ -61,19 +61,11 @@ class Loops:
         return Loops(chains, period, whole, self.samples, self.velocity_filter)
 
     def responses(self, w: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """Return F = -1/G and D, filtered, at frequencies [rad/sample], loops × frequencies.
-
-        ``w`` may have fewer rows, for loops that repeat every so many: so has the difference then.
-        """
-        half = _turned(0.5 * w)
-        turned = half if self.samples == 1 else _turned(0.5 * self.samples * w)
-        late = _turned((self.whole[: len(w), None] + 1.0) * w)
-        times = max(self.period.size // max(len(w), 1), 1)
-        if times == 1:
-            return self._inverse(half, late), self._difference(w, turned)
-        every = np.split(np.arange(self.period.size), times)
-        inverse = [self.take(part)._inverse(half, late) for part in every]
-        return np.concatenate(inverse), self.take(every[0])._difference(w, turned)
+        """Return F = -1/G and D, filtered, at frequencies [rad/sample], loops × frequencies."""
+        half = turned(0.5 * w)
+        late = turned((self.whole[:, None] + 1.0) * w)
+        asked = (w, half, self.samples, self.period[:, None], self.velocity_filter)
+        return self._inverse(half, late), difference(*asked)
 
     def _inverse(self, half: ComplexArray, late: ComplexArray) -> ComplexArray:
         """Return F at frequencies of which ``half`` is exp(j w/2), turned by the delay."""
@@ -90,14 +82,21 @@ class Loops:
         found /= below
         return found
 
-    def _difference(self, w: FloatArray, turned: ComplexArray) -> ComplexArray:
-        """Return D at the frequencies ``w``, where ``turned`` is exp(j N w/2)."""
-        scale = 2j / (self.samples * self.period[:, None])
-        found: ComplexArray = scale * turned.imag * turned.conj()
-        return found if self.velocity_filter is None else found * self.velocity_filter.response(w)
+
+def difference(
+    w: FloatArray,
+    half: ComplexArray,
+    samples: int,
+    period: FloatArray | float,
+    velocity_filter: VelocityFilter | None,
+) -> ComplexArray:
+    """Return D, filtered, at frequencies ``w`` [rad/sample]; ``half`` is exp(j w/2)."""
+    over_all = half if samples == 1 else turned(0.5 * samples * w)
+    found: ComplexArray = 2j / (samples * period) * over_all.imag * over_all.conj()
+    return found if velocity_filter is None else found * velocity_filter.response(w)
 
 
-def _turned(angle: FloatArray) -> ComplexArray:
+def turned(angle: FloatArray) -> ComplexArray:
     """Return exp(j angle): of real angles in half the time of ``numpy.exp``."""
     found = np.empty(angle.shape, dtype=np.result_type(angle, np.complex64))
     found.real, found.imag = np.cos(angle), np.sin(angle)
@@ -132,7 +131,7 @@ def ceilings(loops: Loops) -> FloatArray:
     # F is parallel to D: as D has zeros, to its direction, and the rest is its size
     def left(some: Loops, _: IntArray, w: FloatArray) -> ComplexArray:
         inverse = some.responses(w)[0]
-        found: ComplexArray = inverse * -1j * _turned(0.5 * some.samples * w)
+        found: ComplexArray = inverse * -1j * turned(0.5 * some.samples * w)
         filtered = some.velocity_filter
         return found if filtered is None else found * filtered.below(w)
 

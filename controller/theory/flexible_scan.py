@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from haptic_wall.controller.theory.chain import Sampled, sampled, two_masses
-from haptic_wall.controller.theory.checks import ComplexArray, FloatArray
-from haptic_wall.controller.theory.crossings import Loops
+from haptic_wall.controller.theory.chain import transfer, two_masses
+from haptic_wall.controller.theory.checks import ComplexArray, FloatArray, IntArray
+from haptic_wall.controller.theory.crossings import difference, turned
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 _FEW, _EVEN = 64, 80
@@ -52,10 +52,26 @@ class Servos(NamedTuple):
 
 
 class FlexibleScan:
-    """Two-mass servos of one period, delay and number of velocity samples."""
+    """Two-mass servos of one period, delay and number of velocity samples.
 
-    def __init__(self, parts: _Parts, ceiling: FloatArray, floor: FloatArray) -> None:
-        self._parts, self._ceiling, self._floor = parts, ceiling, floor
+    F is dampings × servos × frequencies, D servos × frequencies; each as real and imaginary part.
+    """
+
+    def __init__(self, f: _Parts, d: _Parts) -> None:
+        self._f, self._d = f, d
+        self._ceiling = self._dampings(1.0)
+
+    def _dampings(self, sign: float) -> FloatArray:
+        """Return the least size of a damping of this sign at which a pole is on the circle."""
+        f, d = self._f, self._d
+
+        def values(at: IntArray) -> tuple[FloatArray, FloatArray]:
+            (f_real, f_imag), (d_real, d_imag) = f.at(at), d.at(at % d.real.size)
+            square = d_real**2 + d_imag**2
+            real = (f_real * d_real + f_imag * d_imag) / square
+            return sign * real, (f_imag * d_real - f_real * d_imag) / square
+
+        return _least(f.imag * d.real > f.real * d.imag, values)
 
     @classmethod
     def of(
@@ -80,10 +96,9 @@ class FlexibleScan:
         inertia, _, load_inertia, stiffness, transmission_damping = every
         chain, shape = two_masses(*every, encoder=encoder)
         late = np.repeat([group.delay / period for group in groups], sizes)
-        times = np.full(math.prod(shape), period)
-        fraction = np.broadcast_to(late - np.floor(late), shape).ravel()
-        chains = sampled(chain, times, fraction)
-        whole = np.floor(np.broadcast_to(late, shape).ravel()).astype(np.int64)
+        whole = np.floor(late)
+        fraction = np.broadcast_to(late - whole, shape).ravel()
+        numerator, below = transfer(chain, np.full(math.prod(shape), period), fraction)
         with_both = np.sqrt(stiffness * (1.0 / inertia + 1.0 / load_inertia))
         near = np.stack([with_both, np.sqrt(stiffness / load_inertia)], axis=1)
         ratios = 0.5 * (transmission_damping / stiffness)[:, None] * near
@@ -96,11 +111,13 @@ class FlexibleScan:
             ]
         )
         if velocity_filter is None and max(sizes) > _MANY and np.min(ratios) > _HARDLY:
-            chains, times = _single(chains), times.astype(np.float32)
+            numerator, below = numerator.astype(np.float32), below.astype(np.float32)
             w = np.minimum(w.astype(np.float32), _BELOW_PI)
-        parts = _Parts.of(*Loops(chains, times, whole, samples, velocity_filter).responses(w))
-        ceiling, floor = parts.dampings()
-        return [cls(parts.take(own), ceiling[own], floor[own]) for own in spans]
+        half = turned(0.5 * w)
+        late = turned((whole[:, None].astype(w.dtype) + 1.0) * w)
+        f = _inverse(numerator, below, 2j * half.imag * half, late)
+        d = _Parts.of(difference(w, half, samples, period, velocity_filter))
+        return [cls(f.of_servos(own), d.of_servos(own)) for own in spans]
 
     def ceilings(self) -> FloatArray:
         """Return the virtual damping above which no stiffness from 0 on is stable [N·m·s/rad]."""
@@ -112,49 +129,74 @@ class FlexibleScan:
         Args:
             virtual_damping: Virtual damping of all, or of each servo [N·m·s/rad].
         """
+        f, d = self._f, self._d
         big_b = np.broadcast_to(virtual_damping, self._ceiling.shape)
-        stable = (big_b < self._ceiling) & (big_b > self._floor)
-        return np.where(stable, self._parts.stiffness(big_b), 0.0)
+        stable = big_b < self._ceiling
+        if np.any(big_b < 0.0):
+            stable &= big_b > -self._dampings(-1.0)
+        big_b = big_b.astype(f.real.dtype)
+
+        def values(at: IntArray) -> tuple[FloatArray, FloatArray]:
+            at_d = at % d.real.size
+            (f_real, f_imag), (d_real, d_imag) = f.at(at), d.at(at_d)
+            own = big_b[at_d // d.real.shape[1]]
+            return f_real - own * d_real, f_imag - own * d_imag
+
+        return np.where(stable, _least(f.imag > big_b[:, None] * d.imag, values), 0.0)
 
 
 class _Parts(NamedTuple):
-    """Real and imaginary parts of F and D; dampings × servos × frequencies."""
+    """Real and imaginary part of complex numbers."""
 
-    f_real: FloatArray
-    f_imag: FloatArray
-    d_real: FloatArray
-    d_imag: FloatArray
+    real: FloatArray
+    imag: FloatArray
 
     @classmethod
-    def of(cls, f: ComplexArray, d: ComplexArray) -> _Parts:
-        """Return the parts; the rows of F are servos, then the same with other dampings."""
-        parts = (np.ascontiguousarray(each) for each in (f.real, f.imag, d.real, d.imag))
-        return cls(*(each.reshape(-1, *d.shape) for each in parts))
+    def of(cls, values: ComplexArray) -> _Parts:
+        """Return the parts of an array."""
+        return cls(np.ascontiguousarray(values.real), np.ascontiguousarray(values.imag))
 
-    def take(self, servos: slice) -> _Parts:
+    def of_servos(self, servos: slice) -> _Parts:
         """Return the parts of some servos."""
-        return _Parts(*(each[:, servos] for each in self))
+        return _Parts(*(np.ascontiguousarray(each[..., servos, :]) for each in self))
 
-    def dampings(self) -> tuple[FloatArray, FloatArray]:
-        """Return the least ceiling and the greatest floor of the virtual damping."""
-        square = self.d_real**2 + self.d_imag**2
-        real = (self.f_real * self.d_real + self.f_imag * self.d_imag) / square
-        imaginary = (self.f_imag * self.d_real - self.f_real * self.d_imag) / square
-        return _least(imaginary, real), -_least(imaginary, -real)
-
-    def stiffness(self, virtual_damping: FloatArray) -> FloatArray:
-        """Return the least stiffness at which a pole is on the unit circle."""
-        big_b = virtual_damping[:, None].astype(self.f_real.dtype)
-        return _least(self.f_imag - big_b * self.d_imag, self.f_real - big_b * self.d_real)
+    def at(self, index: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return the parts at flat indices."""
+        return self.real.ravel()[index], self.imag.ravel()[index]
 
 
-def _single(chains: Sampled) -> Sampled:
-    """Return chains whose response is computed in single precision, in half the memory."""
-    return replace(
-        chains,
-        moved_poles=chains.moved_poles.astype(np.complex64),
-        numerator=chains.numerator.astype(np.float32),
-    )
+def _inverse(
+    numerator: FloatArray, below: FloatArray, moved: ComplexArray, late: ComplexArray
+) -> _Parts:
+    """Return F = -1/G from the coefficients of ``transfer``, dampings × servos × frequencies.
+
+    Args:
+        numerator: Of the servos with one damping, then with the next; rows × coefficients.
+        below: The same.
+        moved: z - 1, servos × frequencies.
+        late: z^(whole + 1).
+    """
+    rows = len(moved)
+    shape = len(below) // rows, *moved.shape
+    parts = _Parts(np.empty(shape, moved.real.dtype), np.empty(shape, moved.real.dtype))
+    turned_back = -moved * late
+    for i in range(shape[0]):
+        own = slice(i * rows, (i + 1) * rows)
+        found = _polynomial(below[own], moved)
+        found *= turned_back
+        found /= _polynomial(numerator[own], moved)
+        parts.real[i], parts.imag[i] = found.real, found.imag
+    return parts
+
+
+def _polynomial(coefficients: FloatArray, x: ComplexArray) -> ComplexArray:
+    """Return polynomials of rising powers, rows × coefficients, at x, rows × points."""
+    found = coefficients[:, -1, None] * x
+    for i in range(coefficients.shape[1] - 2, 0, -1):
+        found += coefficients[:, i, None]
+        found *= x
+    found += coefficients[:, 0, None]
+    return found
 
 
 def _grid(
@@ -180,24 +222,31 @@ def _grid(
     return np.where(np.abs(found - w0) < 1e-7 * w0, (1.0 + 1e-6) * w0, found)
 
 
-def _least(imaginary: FloatArray, real: FloatArray) -> FloatArray:
+def _least(
+    positive: NDArray[np.bool_], values: Callable[[IntArray], tuple[FloatArray, FloatArray]]
+) -> FloatArray:
     """Return each servo's least positive real part where the imaginary part is 0, or infinity.
 
     F is affine in the servo's damping, nearly so where torques are held: so real and imaginary part
     are interpolated between dampings as they are between frequencies.
+
+    Args:
+        positive: Whether the imaginary part is, dampings × servos × frequencies.
+        values: Returns real and imaginary parts at flat indices.
     """
-    _, count, frequencies = real.shape
-    last = real[..., -1]  # at pi all is real, but for a division by a difference of 0
-    at_pi = (last > 0) & (np.abs(imaginary[..., -1]) < last)
-    found: FloatArray = np.where(at_pi, last, np.inf).min(axis=0)
-    real, imaginary = real.ravel(), imaginary.ravel()
-    positive = imaginary > 0
+    dampings, count, frequencies = positive.shape
+    ends = np.arange(1, dampings * count + 1) * frequencies - 1
+    last, imaginary = values(ends)  # at pi all is real, but for a division by a difference of 0
+    at_pi = (last > 0) & (np.abs(imaginary) < last)
+    found: FloatArray = np.where(at_pi, last, np.inf).reshape(dampings, count).min(axis=0)
+    positive = positive.ravel()
     for step in (1, count * frequencies):
         at = np.flatnonzero(positive[:-step] != positive[step:])
         if step == 1:
             at = at[(at + 1) % frequencies != 0]
+        (real, imaginary), (real_after, imaginary_after) = values(at), values(at + step)
         with np.errstate(divide="ignore", invalid="ignore"):
-            share = imaginary[at] / (imaginary[at] - imaginary[at + step])
-            value = real[at] + share * (real[at + step] - real[at])
+            share = imaginary / (imaginary - imaginary_after)
+            value = real + share * (real_after - real)
         np.minimum.at(found, at // frequencies % count, np.where(value > 0, value, np.inf))
     return found

@@ -17,6 +17,7 @@ from haptic_wall.controller.theory import (
 )
 from haptic_wall.controller.theory.boundary import chain_boundary
 from haptic_wall.controller.theory.chain import one_mass
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from tests.support.contacts import restitution
 
 T = 1e-3
@@ -59,7 +60,7 @@ def test_a_servo_with_more_damping_than_the_least_believed_comes_back_no_faster(
 def test_the_members_begin_with_the_corner_and_reach_the_ends_of_the_belief() -> None:
     """None is beyond them: what is not believed would cost stiffness."""
     where = situation((0.2, 0.8), inertia=(M, 1.3 * M), gain=(0.8, 1.25))
-    box = Box.of(where, 1)
+    box = Box.of(where, Request(0.0, 0.0, "above"))
     ends = np.array([[1.0, 1.3], [0.0, 0.6 * M / T], [0.8 / 1.25, 1.0]])
     members = np.array([box.inertia, box.damping, box.gain])
     assert members[:, 0] == pytest.approx([1.0, 0.0, 1.0])
@@ -86,6 +87,18 @@ def test_a_heavier_servo_is_stable_with_a_velocity_over_many_samples(heavier: fl
     chain = one_mass(heavier * M, 0.0877 * M / T)
     limit = float(chain_boundary(*chain, decision.damping, T, 0.0, samples).stiffness)
     assert decision.stiffness < limit
+
+
+@pytest.mark.parametrize("heavier", [1.05, 1.15, 1.5, 1.8])
+def test_a_heavier_servo_is_stable_with_a_low_pass(heavier: float) -> None:
+    """Decided for the lightest servo alone, this wall has up to seven times its limit."""
+    where = situation((0.065, 0.065), (M, 1.8 * M), delay=(2.67, 2.67))
+    lowpass = VelocityFilter("lowpass", 0.0402, 0.32)
+    request = Request(1e9, 1e9, "both", velocity_filter=lowpass)
+    (decision,) = decide(request, GuardSettings(margin=0.99, damping_cap=0.99), where, [0.0])
+    chain = one_mass(heavier * M, 0.065 * M / T)
+    limit = float(chain_boundary(*chain, decision.damping, T, 2.67 * T, 1, lowpass).stiffness)
+    assert 0.0 < decision.stiffness < limit
 
 
 # found by search: b T/m at the corner, B of the ceiling, delay; inertia and gain of the member
