@@ -228,6 +228,12 @@ def _current_limit(seen: Seen) -> Verdict:
     elif current > most:
         why = f"Its Current Limit (38) reads {current}, but an {name} has at most {most}"
         advice = "start again, and replace the servo if it still reads so"
+    elif seen.torque_limit > 0.0 and not seen.law.within(seen.torque_limit):
+        why = (
+            f"servo.torque_limit is {seen.torque_limit:g} N·m, but its smallest torque at "
+            f"{seen.volts:g} V is {seen.law.step:.2g} N·m"
+        )
+        advice = "raise servo.torque_limit above that"
     elif torque < seen.torque_limit:
         advice = (
             f"servo.torque_limit is {seen.torque_limit:g} N·m: raise Current Limit (38), or accept "
