@@ -1,4 +1,4 @@
-"""Computes the motion of a damped oscillator, and its time until rest, in closed form.
+"""Computes the motion of a damped oscillator, and its time until rest.
 
 Everything is per unit inertia: ``h'' + decay h' + spring h = 0`` with ``h(0) = 0, h'(0) = 1``.
 A body that starts with velocity v, pushed by ``push + ramp t``, then has ::
