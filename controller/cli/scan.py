@@ -16,7 +16,7 @@ from haptic_wall.controller.system.signals import interrupting
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.codec import MAX_ID
 from haptic_wall.hw.dynamixel.registers import BAUD_RATES
-from haptic_wall.hw.errors import wiring
+from haptic_wall.hw.errors import WIRING
 
 HARDWARE = 4
 
@@ -118,7 +118,7 @@ def _text(found: dict[str, Any]) -> str:
         lines += axes_lines(axes)
     if not found["servos"]:
         lines.append(
-            f"Nothing answers: check {wiring(found['port'])}, or try more ids with --ids 0-252; "
+            f"Nothing answers: check {WIRING}, or try more ids with --ids 0-252; "
             "`haptic-wall doctor CONFIG` examines the bus of a configuration."
         )
     for one in found["bauds"]:

@@ -23,7 +23,7 @@ from haptic_wall.hw.dynamixel.register_access import PATIENCE_NS, Table
 from haptic_wall.hw.dynamixel.registers import BAUD_RATES
 from haptic_wall.hw.dynamixel.tables import model_by_number
 from haptic_wall.hw.dynamixel.wire import cycle_s
-from haptic_wall.hw.errors import BaudRefusedError, ServoLostError, UnfitServoError, wiring
+from haptic_wall.hw.errors import WIRING, BaudRefusedError, ServoLostError, UnfitServoError
 from haptic_wall.hw.serialport.timer import set_timer_to_1_ms
 from haptic_wall.hw.servo import Check
 from haptic_wall.hw.settings import DriverSettings
@@ -84,10 +84,7 @@ class Locator:
         garbled = [str(one.baud) for one in searches if one.garbled]
         found = f"nothing at any rate: neither id {settings.id} nor 0 to {IDS[-1]}"
         at = shlex.quote(settings.port)
-        fix = (
-            f"check {wiring(settings.port)}; `haptic-wall scan --port {at} --ids 0-252` pings every"
-            " id"
-        )
+        fix = f"check {WIRING}; `haptic-wall scan --port {at} --ids 0-252` pings every id"
         if servos:
             found, fix = f"no, but {listed}", "set servo.id and servo.baud to those found"
         elif garbled:

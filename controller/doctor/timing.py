@@ -11,7 +11,7 @@ from haptic_wall.controller.doctor.report import not_applicable
 from haptic_wall.controller.runtime.realtime import Profile, missing_for_strict
 from haptic_wall.controller.settings.shares import COLLECT_SHARE
 from haptic_wall.hw.dynamixel.wire import cycle_s
-from haptic_wall.hw.errors import wiring
+from haptic_wall.hw.errors import WIRING
 from haptic_wall.hw.servo import Check
 from haptic_wall.hw.settings import Schedule
 
@@ -48,8 +48,6 @@ class Timing:
     """Return delay of the servo; a run sets it to 0"""
     stalls: bool = False
     """This machine wakes up late even without a bus"""
-    wiring: str = wiring("/")
-    """What to check where the bus fails"""
 
     @property
     def most_missed(self) -> float:
@@ -99,11 +97,9 @@ class Timing:
         """Return advice against late replies, about the first cause found."""
         replies = self.replies
         if not replies.took_ns:
-            return (
-                f"check {self.wiring}: it answers single registers but not the block of its sample"
-            )
+            return f"check {WIRING}: it answers single registers but not the block of its sample"
         if replies.share_failed > self.most_missed:
-            return f"check {self.wiring}, and that no other servo has this id"
+            return f"check {WIRING}, and that no other servo has this id"
         needed_ns = 1e9 * cycle_s(self.baud, replies.count, replies.read) + self.return_delay_ns
         held_ns = percentile(replies.took_ns, 0.5) - needed_ns
         if held_ns > _TIMER_NS:

@@ -22,12 +22,12 @@ from haptic_wall.hw.dynamixel.station import Station
 from haptic_wall.hw.dynamixel.tables import Model
 from haptic_wall.hw.dynamixel.wire import ASKING_BYTES
 from haptic_wall.hw.errors import (
+    WIRING,
     Problem,
     ServoError,
     ServoLostError,
     ServoMissingError,
     UnfitServoError,
-    wiring,
 )
 from haptic_wall.hw.serialport.line import Line
 
@@ -118,7 +118,7 @@ class Table:
         for_a_second = _SECOND if self._damaged else ""
         raise ServoMissingError(
             f"No servo answers as {self.name}{self._reason()}{self._strange()}",
-            advice=f"check {wiring(self.name)}{for_a_second}; `haptic-wall scan` lists what answers"
+            advice=f"check {WIRING}{for_a_second}; `haptic-wall scan` lists what answers"
             " at which id and baud rate, and `haptic-wall doctor CONFIG` examines the bus.",
         )
 
@@ -232,7 +232,7 @@ class Table:
         """
         what += self._strange()
         more = more or (_SECOND if self._damaged else "")
-        advice = f"check {wiring(self.name)}{more}."
+        advice = f"check {WIRING}{more}."
         if late := self.lateness():
             what += late
             advice = f"{UNHELD}, and {advice}"
