@@ -479,12 +479,6 @@ def test_every_model_that_can_make_torque_starts(name: str) -> None:
     assert servo.stop()
 
 
-def test_a_torque_that_does_not_come_is_no_wrong_sign() -> None:
-    bench = Bench(probe_torque=0.3)
-    bench.truth.memory["pwm_limit"] = 16
-    refused(bench, match=r"not come \(.* N·m, where .* measured\).*raise PWM Limit \(36\)")
-
-
 def add_twin(bench: Bench, delay: int, *, position: float = 1.0, tick: int = 999) -> EmulatedServo:
     """Another servo with the same id, and this Return Delay Time [2 us]."""
     true, now_ns = replace(TRUE, position=position), bench.clock.now_ns()
