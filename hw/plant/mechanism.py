@@ -12,11 +12,11 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
-from haptic_wall.hw.hand import SharedHand
+from haptic_wall.hw.hand import Grasp, SharedHand
 from haptic_wall.hw.plant.current_loop import CurrentLoop, Winding, drive_of
 from haptic_wall.hw.plant.encoder import EncoderErrors
 from haptic_wall.hw.plant.mechanics import mechanics_of
-from haptic_wall.hw.plant.operator_model import FOREVER_NS, Grasped, OperatorModel, operator_of
+from haptic_wall.hw.plant.operator_model import FOREVER_NS, OperatorModel, held_by, operator_of
 from haptic_wall.hw.plant.step import NOBODY, Hand, Kept, kept_for, move
 from haptic_wall.hw.plant.two_masses import ROOM, swing
 from haptic_wall.hw.truth import TrueServo
@@ -74,7 +74,7 @@ class Mechanism:
         scripted = None if operator_waits else operator_of(true)
         self._operator: OperatorModel | None = scripted if operator is None else operator
         self._hand: SharedHand | None = None
-        self._grasped: Grasped | None = None
+        self._grasp: Grasp | None = None
         self._operator_ns: int | None = None
         self._start_ns = start_ns
         self._delay_ns = round(true.delay * 1e9)
@@ -170,8 +170,7 @@ class Mechanism:
             else:
                 self._pass(now_ns)
         if self._hand is not None:
-            grasp = self._hand.look(now_ns)
-            self._grasped = None if grasp is None else Grasped(grasp)
+            self._grasp = self._hand.look(now_ns)
 
     def command(self, torque: float, now_ns: int) -> float:
         """Command a torque that arrives at ``now_ns`` [ns] and acts the servo's delay later.
@@ -335,13 +334,12 @@ class Mechanism:
 
     def _grip(self, now_ns: int) -> tuple[Hand, int]:
         """Return the operator at ``now_ns``, and until when the reference keeps its slope [ns]."""
-        operator, start_ns = self._operator, self._start_ns
-        if self._grasped is not None:
-            operator, start_ns = self._grasped, 0
-        if operator is None:
+        if self._grasp is not None:
+            return held_by(self._grasp, now_ns)
+        if self._operator is None:
             return NOBODY, FOREVER_NS
-        hand, turn_ns = operator.pull(now_ns - start_ns)
-        return hand, start_ns + turn_ns
+        hand, turn_ns = self._operator.pull(now_ns - self._start_ns)
+        return hand, self._start_ns + turn_ns
 
     def _step(self, hand: Hand, length_ns: int) -> None:
         """Move for a time under the acting torque."""
