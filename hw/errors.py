@@ -23,6 +23,10 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass, replace
 from pathlib import Path
+from typing import Final
+
+WIRING: Final = "the cable and the power supply"
+"""What to check where the bus fails"""
 
 
 def is_emulated(port: str) -> bool:
@@ -30,17 +34,6 @@ def is_emulated(port: str) -> bool:
     if not port or port.endswith(("memory", "emulated")):
         return True
     return Path(port).resolve().parent == Path("/dev/pts")
-
-
-def wiring(name: str) -> str:
-    """Return what to check where the bus fails; an emulated one has neither cable nor supply.
-
-    Args:
-        name: Its port, or a name that ends in "on PORT".
-    """
-    if is_emulated(name.rpartition(" on ")[2]):
-        return "that the emulated bus runs and gets processor time"
-    return "the cable and the power supply"
 
 
 @dataclass(frozen=True, slots=True)

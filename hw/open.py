@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.errors import PortError, Problem, SpecError
@@ -18,29 +18,18 @@ from haptic_wall.hw.servo import Bus
 from haptic_wall.hw.settings import ServoSettings
 
 if TYPE_CHECKING:
+    from haptic_wall.hw.dynamixel.tables import Model
     from haptic_wall.hw.serialport.line import Line
 
 EMULATED_FIRMWARE: Final = 48
 """Of the emulated servo in memory: knows everything the driver wants of a servo"""
 
 
-class TorqueModel(NamedTuple):
-    """Facts about a model of servo that can be commanded in torque."""
-
-    constant_known: bool
-    """Its torque constant is published; otherwise it must be measured and configured"""
-    no_load_speed: float
-    """At its nominal supply [rad/s]"""
-
-
-def torque_models() -> Mapping[str, TorqueModel]:
+def torque_models() -> Mapping[str, Model]:
     """Return the models that can be commanded in torque, by name."""
     from haptic_wall.hw.dynamixel.tables import MODELS
 
-    return {
-        model.name: TorqueModel(model.torque_constant is not None, model.no_load_speed)
-        for model in MODELS.values()
-    }
+    return MODELS
 
 
 def problems(servos: Sequence[ServoSettings]) -> Iterator[Problem]:

@@ -13,7 +13,7 @@ from haptic_wall.controller.doctor.search import IDS, LIKELY_FIRST, BaudSearch, 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.signals import interrupting
 from haptic_wall.hw.clock import MonotonicClock
-from haptic_wall.hw.errors import wiring
+from haptic_wall.hw.errors import WIRING
 
 HARDWARE = 4
 
@@ -93,8 +93,8 @@ def _text(found: dict[str, Any]) -> str:
         lines += axes_lines(axes)
     if not found["servos"]:
         lines.append(
-            f"Nothing answers: check {wiring(found['port'])}; `haptic-wall doctor CONFIG` examines "
-            "the bus of a configuration."
+            f"Nothing answers: check {WIRING}; `haptic-wall doctor CONFIG` examines the bus of a"
+            " configuration."
         )
     for one in found["bauds"]:
         if one["refused"]:

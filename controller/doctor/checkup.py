@@ -38,10 +38,10 @@ from haptic_wall.hw.dynamixel.rules import (
 )
 from haptic_wall.hw.dynamixel.tables import Model, model_by_number
 from haptic_wall.hw.errors import (
+    WIRING,
     PortBusyError,
     PortError,
     ServoError,
-    wiring,
 )
 from haptic_wall.hw.serialport.port import open_port
 from haptic_wall.hw.servo import Check
@@ -102,14 +102,12 @@ class _Checkup:
         self._clock = MonotonicClock()
         self._return_delays_ns: dict[int, int] = {}
         self._locator = Locator(report, self._clock, change_baud)
-        self._wiring = ""
 
     # The bus
 
     def bus(self, axes: Mapping[str, DriverSettings]) -> None:
         """Run all checks from the port to the processor, for the axes of one bus."""
         port = next(iter(axes.values())).port
-        self._wiring = wiring(port)
         self.report.tell(f"port {port}")
         self._add(*examine_port(port))
         measured = None
@@ -160,7 +158,7 @@ class _Checkup:
             self.report.reached = False
             self._add(of_error("port", error, "a port that stays", "check the adapter"))
         except ServoError as error:
-            self._add(of_error("servo answers", error, "answers always", f"check {self._wiring}"))
+            self._add(of_error("servo answers", error, "answers always", f"check {WIRING}"))
         return None
 
     # The servo
@@ -221,7 +219,7 @@ class _Checkup:
         lateness = judge_lateness(measured["lateness_ns"], config.period_ns)
         if measured["failed"] is not None:
             error = ServoError(measured["failed"])
-            self._add(of_error("reply time", error, "answers always", f"check {self._wiring}"))
+            self._add(of_error("reply time", error, "answers always", f"check {WIRING}"))
         elif measured["replies"] is not None:
             self._timing(Replies(**measured["replies"]), stalls=not lateness.ok)
         settings = [Check(**setting) for setting in measured["realtime"]]
@@ -244,6 +242,5 @@ class _Checkup:
             config.safety.max_loss,
             max(self._return_delays_ns.values(), default=0),
             stalls,
-            self._wiring,
         )
         self._add(*timing.checks())

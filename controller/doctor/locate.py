@@ -22,7 +22,7 @@ from haptic_wall.hw.dynamixel.register_access import PATIENCE_NS, Table
 from haptic_wall.hw.dynamixel.registers import BAUD_RATES
 from haptic_wall.hw.dynamixel.tables import model_by_number
 from haptic_wall.hw.dynamixel.wire import cycle_s
-from haptic_wall.hw.errors import BaudRefusedError, ServoLostError, UnfitServoError, wiring
+from haptic_wall.hw.errors import WIRING, BaudRefusedError, ServoLostError, UnfitServoError
 from haptic_wall.hw.serialport.timer import set_timer_to_1_ms
 from haptic_wall.hw.servo import Check
 from haptic_wall.hw.settings import DriverSettings
@@ -81,7 +81,7 @@ class Locator:
         self._report.reached = bool(servos)
         listed = ", ".join(map(name_of, servos))
         garbled = [str(one.baud) for one in searches if one.garbled]
-        found, fix = "nothing at any rate", f"check {wiring(settings.port)}"
+        found, fix = "nothing at any rate", f"check {WIRING}"
         if servos:
             found, fix = f"no, but {listed}", "set servo.id and servo.baud to those found"
         elif garbled:

@@ -11,7 +11,7 @@ from haptic_wall.controller.doctor.report import not_applicable
 from haptic_wall.controller.runtime.realtime import Profile, missing_for_strict
 from haptic_wall.controller.settings.shares import COLLECT_SHARE
 from haptic_wall.hw.dynamixel.wire import cycle_s
-from haptic_wall.hw.errors import wiring
+from haptic_wall.hw.errors import WIRING
 from haptic_wall.hw.servo import Check
 from haptic_wall.hw.settings import Schedule
 
@@ -46,8 +46,6 @@ class Timing:
     """Return delay of the servo; a run sets it to 0"""
     stalls: bool = False
     """This machine wakes up late even without a bus"""
-    wiring: str = wiring("/")
-    """What to check where the bus fails"""
 
     @property
     def most_missed(self) -> float:
@@ -115,13 +113,13 @@ class Timing:
         found = f"{replies.lost} lost, {replies.corrupt} broken of {replies.asked}"
         wanted = f"at most {self.most_missed:.0%} lost"
         if not replies.took_ns:
-            fix = f"check {self.wiring}: it answers registers, but not the block of its sample"
+            fix = f"check {WIRING}: it answers registers, but not the block of its sample"
             return Check("reply time", False, found, wanted, fix)
         p50, p99 = percentile(replies.took_ns, 0.5), percentile(replies.took_ns, 0.99)
         longest = _ms(replies.took_ns[-1])
         found = f"median {_ms(p50)}, 99 % {_ms(p99)}, longest {longest}; {found}"
         ok = replies.share_failed <= self.most_missed
-        fix = "" if ok else f"check {self.wiring}, and that no other servo has this id"
+        fix = "" if ok else f"check {WIRING}, and that no other servo has this id"
         return Check("reply time", ok, found, wanted, fix)
 
     def _rate(self) -> Check:

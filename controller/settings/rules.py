@@ -159,7 +159,7 @@ def _on_a_bus(config: Sections) -> Iterator[Problem]:
             wanted=f"one of the models with current control: {', '.join(models)}",
             advice=did_you_mean(servo.model.upper(), models),
         )
-    elif not models[servo.model].constant_known and servo.torque_constant is None:
+    elif models[servo.model].torque_constant is None and servo.torque_constant is None:
         wanted = f"a measured torque per current [N·m/A]: the {servo.model} has no published one"
         yield Problem("found nothing", field="servo.torque_constant", wanted=wanted)
 

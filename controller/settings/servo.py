@@ -241,7 +241,7 @@ class Servo(_Truth):
         no other.
         """
         model = torque_models().get(self.model or "")
-        return self.kind == "emulated" and (model is None or model.constant_known)
+        return self.kind == "emulated" and (model is None or model.torque_constant is not None)
 
     def asked(self) -> ServoSettings:
         """Return this section as the backend's settings."""

@@ -44,8 +44,6 @@ _HOLD_NS: Final = 100_000_000
 """Time at the largest torque before giving up"""
 _MOVED_COUNTS: Final = 3
 """More than the backlash between shaft and encoder and than an encoder's flicker"""
-_CAME: Final = 0.5
-"""Fraction of a torque from which on it has come, as measured"""
 _TURNED_COUNTS: Final = 2
 """Distance back from the furthest position that counts as a reversal: more than an encoder's
 flicker"""
@@ -59,8 +57,6 @@ class Push:
     """[encoder counts]; 0: it did not move"""
     peak: int
     """Largest goal current, with its sign [current units]"""
-    measured: int
-    """Current measured then [current units]"""
 
     @property
     def sign_is_right(self) -> bool:
@@ -99,20 +95,15 @@ def prove_the_sign(servo: Driven, law: TorqueLaw, current_limit: int, name: str)
         if push.sign_is_right or not armed:
             break
     torque = law.torque(push.peak)
-    came = law.torque(push.measured)
     found = f"no motion at {torque:+.3f} N·m"
     why = f"Its shaft did not move at {abs(torque):.2g} N·m"
     advice = (
-        "free it if it is blocked or held, hold it up if a weight or an arm is on it, or raise "
-        "servo.probe_torque; 0 skips the probe, once the sign is known"
+        "free it if it is blocked or held, hold it up if a weight or an arm is on it, raise PWM "
+        "Limit (36) if it is low, or raise servo.probe_torque; 0 skips the probe, once the sign is "
+        "known"
     )
     if push.moved:
         found = f"{push.moved:+d} counts at {torque:+.3f} N·m"
-    lacking = not push.peak or abs(came) <= _CAME * abs(torque)
-    if lacking and not (tripped or push.sign_is_right):
-        why = f"Its torque did not come ({found}, where {came:+.3f} N·m were measured)"
-        advice = "keep the shaft still during the start, and raise PWM Limit (36) if it is low"
-    elif push.moved:
         why = f"Its shaft moved the wrong way ({found}), so a wall would pull instead of push"
         advice = "keep the shaft free during the start, then check Drive Mode (10)"
     elif tripped:
@@ -136,7 +127,7 @@ class _Prober:
         self._name = name
         self._losses = 0
         self._silent = False
-        self._position = self._current = 0
+        self._position = 0
         cycle_ns = exchange.wire_ns(CYCLE_BYTES)
         self._period_ns = max(_PERIOD_NS, round(cycle_ns / _CYCLE_SHARE))
         self._patience_ns = _PATIENCE_NS + cycle_ns
@@ -154,7 +145,7 @@ class _Prober:
             if self._silent or not self._ended():
                 raise self._table.lost(error.problem.what) from None
             self._silent = True
-            return Push(0, 0, 0)
+            return Push(0, 0)
 
     def _wait_for_rest(self) -> None:
         begun = since = self._cycle(0)
@@ -181,13 +172,12 @@ class _Prober:
             before = now
             elapsed = now - begun
             if elapsed > _RAMP_NS + _HOLD_NS:
-                measured = self._current
                 self._end()
-                return Push(0, goal, measured)
+                return Push(0, goal)
             goal = round(limit * min(1.0, elapsed / _RAMP_NS))
-        moved, peak, measured = self._position - origin, goal, self._current
+        moved, peak = self._position - origin, goal
         self._brake(impulse, peak, 1 if moved > 0 else -1)
-        return Push(moved, peak, measured)
+        return Push(moved, peak)
 
     def _brake(self, impulse: int, peak: int, way: int) -> None:
         """Cancel the impulse with half the torque, unless the shaft reverses."""
@@ -225,7 +215,7 @@ class _Prober:
         exchange.request()
         (sample,) = exchange.collect(begun + self._patience_ns)
         if sample.outcome is Outcome.OK:
-            self._position, self._current = sample.counts, sample.current
+            self._position = sample.counts
             self._losses = 0
         else:
             self._losses += 1

@@ -22,12 +22,12 @@ from haptic_wall.hw.dynamixel.station import Station
 from haptic_wall.hw.dynamixel.tables import Model
 from haptic_wall.hw.dynamixel.wire import ASKING_BYTES
 from haptic_wall.hw.errors import (
+    WIRING,
     Problem,
     ServoError,
     ServoLostError,
     ServoMissingError,
     UnfitServoError,
-    wiring,
 )
 from haptic_wall.hw.serialport.line import Line
 
@@ -82,8 +82,6 @@ class Table:
         """When a register was last read in a block of this size [ns]"""
         self._eeprom: dict[int, bytes] = {}
         """What the answer in a block of this size began with, of the EEPROM"""
-        self._stranger: int | None = None
-        """An id that nobody asked, under which a reply has come"""
 
     @classmethod
     def on(cls, line: Line, baud: int, servo_id: int, where: str, model: Model) -> Table:
@@ -117,8 +115,8 @@ class Table:
             raise failure
         for_a_second = _SECOND if self._damaged else ""
         raise ServoMissingError(
-            f"No servo answers as {self.name}{self._reason()}{self._strange()}",
-            advice=f"check {wiring(self.name)}{for_a_second}; `haptic-wall scan` lists what answers"
+            f"No servo answers as {self.name}{self._reason()}",
+            advice=f"check {WIRING}{for_a_second}; `haptic-wall scan` lists what answers"
             " at which id and baud rate, and `haptic-wall doctor CONFIG` examines the bus.",
         )
 
@@ -224,15 +222,14 @@ class Table:
         return f"; replies came up to {late_ms:.0f} ms late" if late_ms > _LATE_MS else ""
 
     def lost(self, what: str, more: str = "") -> ServoLostError:
-        """Return the error for a servo that stops answering; it names late and strange replies.
+        """Return the error for a servo that stops answering; it names late replies.
 
         Args:
             what: What it did not answer.
             more: Follows the advice.
         """
-        what += self._strange()
         more = more or (_SECOND if self._damaged else "")
-        advice = f"check {wiring(self.name)}{more}."
+        advice = f"check {WIRING}{more}."
         if late := self.lateness():
             what += late
             advice = f"{UNHELD}, and {advice}"
@@ -307,11 +304,9 @@ class Table:
             in_time = self.clock.now_ns() < deadline_ns
             for frame in parser.feed(line.read()):
                 data = frame.params
-                if frame.instruction != Instruction.STATUS:
+                if frame.instruction != Instruction.STATUS or frame.id != station.id:
                     continue  # such as an echo of what was sent
-                if frame.id != station.id:
-                    self._stranger = frame.id
-                elif code := frame.error & REFUSED:
+                if code := frame.error & REFUSED:
                     station.refusal = code if instruction else station.refusal
                 elif len(data) == size and found is None:
                     found = data
@@ -335,12 +330,6 @@ class Table:
         if code:
             return f" ({_REASONS.get(code, f'error {code}')})"
         return " (damaged replies came)" if self._damaged else ""
-
-    def _strange(self) -> str:
-        """Name an id that nobody asked, as the end of a sentence; empty: none has replied."""
-        if self._stranger is None:
-            return ""
-        return f"; a reply came from id {self._stranger}, which was not asked"
 
     def _failure(self, doing: str) -> ServoError:
         if self.station.refusal and self.station.refusal not in _GARBLED:

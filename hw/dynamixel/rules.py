@@ -228,6 +228,12 @@ def _current_limit(seen: Seen) -> Verdict:
     elif current > most:
         why = f"Its Current Limit (38) reads {current}, but an {name} has at most {most}"
         advice = "start again, and replace the servo if it still reads so"
+    elif seen.torque_limit > 0.0 and not seen.law.within(seen.torque_limit):
+        why = (
+            f"servo.torque_limit is {seen.torque_limit:g} N·m, but its smallest torque at "
+            f"{seen.volts:g} V is {seen.law.step:.2g} N·m"
+        )
+        advice = "raise servo.torque_limit above that"
     elif torque < seen.torque_limit:
         advice = (
             f"servo.torque_limit is {seen.torque_limit:g} N·m: raise Current Limit (38), or accept "
@@ -266,29 +272,14 @@ RULES: Final = (
     ),
     Rule("hardware error", ("hardware_error_status",), _error, refuses=True, register=""),
     _clear(
-        "direction",
+        "drive mode",
         "drive_mode",
         "normal",
-        {0: "reverse"},
-        "Its Drive Mode is reverse, which may reverse the position but not the torque, so that a "
-        "wall would push the wrong way",
-        f"{_FIX} clears bit 0 of Drive Mode (10)",
-    ),
-    _clear(
-        "dual joint",
-        "drive_mode",
-        "no slave",
-        {1: "slave"},
-        "It is the slave of a dual joint, which follows another servo and not this program",
-        f"{_FIX} clears bit 1 of Drive Mode (10); then drive the master",
-    ),
-    _clear(
-        "torque on by goal update",
-        "drive_mode",
-        "off",
-        {3: "on"},
-        "Any goal, even a late one, would switch its torque back on",
-        f"{_FIX} clears bit 3 of Drive Mode (10)",
+        {0: "reverse", 1: "slave of a dual joint", 3: "torque on by goal update"},
+        "Its Drive Mode is {}: reverse may reverse the position but not the torque, so that a wall "
+        "would push the wrong way; a slave follows another servo and not this program; and any "
+        "goal, even a late one, would switch a torque back on",
+        f"{_FIX} clears these bits of Drive Mode (10)",
     ),
     _clear(
         "start-up configuration",

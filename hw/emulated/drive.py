@@ -65,7 +65,6 @@ class Drive:
         """Counts by which it is off"""
         self.current_unit = model.current_unit_ma * 1e-3
         """[A] per unit of current"""
-        self._loops = mechanism.has_current_loop
         self._stepped_current = motor.senses_supply
         self._on = False
         """Whether a current is held in current mode, be it 0; otherwise the motor is limp there"""
@@ -214,22 +213,16 @@ class Drive:
         """Compute one period of the control."""
         memory, motor, volts = self._memory, self.motor, self.table.supply
         speed = self.mechanism.motor_velocity
-        current_mode = self._active == CURRENT_MODE
-        if current_mode:
+        if self._active == CURRENT_MODE:
             wanted = motor.from_sensed(self.table.current * self.current_unit, volts, speed)
             asked = motor.duty(wanted, volts, speed)
         else:
             asked = (memory["goal_position"] - self.position()) * _PWM_PER_COUNT / PWM_FULL
         duty = self._sloped(_clamp(asked, abs(memory["goal_pwm"]) / PWM_FULL), volts)
-        current = motor.current(duty, volts, speed)
-        # A current loop leads to what a limited duty makes, too: it is not passed by.
-        regulated = current_mode and (duty == asked or self._loops)
         self._duty = duty
-        if regulated:
-            self.mechanism.command(motor.torque_constant * current, now_ns)
-        else:  # the torque of a held duty falls with the speed continuously, not step by step
-            stalled = motor.current(duty, volts, 0.0) * motor.torque_constant
-            self.mechanism.command(stalled, now_ns, motor.braking)
+        # A current loop leads to what a limited duty makes, too: it is not passed by.
+        current = motor.current(duty, volts, speed)
+        self.mechanism.command(motor.torque_constant * current, now_ns)
 
     def _sloped(self, duty: float, volts: float) -> float:
         """Return the duty that PWM Slope allows; models without one follow at once."""

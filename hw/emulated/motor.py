@@ -37,11 +37,6 @@ class Motor:
     senses_supply: bool = False
     """Measured and requested currents are those of the supply"""
 
-    @property
-    def braking(self) -> float:
-        """Return by how much the torque falls per speed at constant duty [N·m·s/rad]."""
-        return self.torque_constant * self.back_emf / self.resistance
-
     def winding(self, volts: float) -> Winding:
         """Return stall torque and no-load speed at this supply voltage [V]."""
         stall = self.torque_constant * volts / self.resistance

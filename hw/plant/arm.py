@@ -1,23 +1,26 @@
-"""Couples servos whose shafts are the joints of one arm: they move together, in steps for all.
+"""Couples two servos whose shafts are the joints of one arm: they move together, in steps for both.
 
-With q the positions of the shafts, the whole equation of motion is ::
+The arm has two links in a horizontal plane, with a point mass at the end of each. The second angle
+is that between the links: 0 is a stretched arm, and pi a folded one. With q the positions of the
+shafts, the whole equation of motion is ::
 
     (M(q) + diag(m)) q'' + h(q, q') = e
 
-M and h are the links': their inertia, and their Coriolis, centrifugal and other torques. m and e
-are each servo's own: its inertia, and what ``haptic_wall.hw.plant.mechanics`` says beside it.
+M and h are the links': their inertia, and their Coriolis and centrifugal torques. m and e are each
+servo's own: its inertia, and what ``haptic_wall.hw.plant.mechanics`` says beside it.
 
 A step is the implicit midpoint of a Störmer-Verlet step: M and all torques are those of its middle.
 It is symmetric in time and of second order, so that it neither feeds nor drains an oscillation.
 Friction is an impulse against the motion of at most its bound; a joint that it can stop is at rest.
+
+Source: Spong, Hutchinson, Vidyasagar, "Robot Modeling and Control" (2006), section 7.5 (the links).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final
 
 from haptic_wall.hw.errors import SpecError
 from haptic_wall.hw.plant.mechanics import (
@@ -35,80 +38,45 @@ _PASSES: Final = 2
 """Evaluations of what depends on the velocity in the middle of a step; the first predicts it"""
 
 
-class Links(Protocol):
-    """The links of an arm, without the servos' own inertia; any number of joints."""
-
-    def inertia(self, positions: Sequence[float]) -> Sequence[Sequence[float]]:
-        """Return M, symmetric and positive semidefinite, n x n [kg·m²]."""
-        ...
-
-    def bias(self, positions: Sequence[float], velocities: Sequence[float]) -> Sequence[float]:
-        """Return h, n [N·m]: Coriolis and centrifugal torques, and gravity where there is any."""
-        ...
+def inertia_of(true: TrueArm, bend: float) -> list[list[float]]:
+    """Return M, 2 x 2 [kg·m²], at an angle between the links [rad]."""
+    outer = true.mass_2 * true.length_2**2
+    both = outer + _lever(true) * math.cos(bend)
+    whole = (true.mass_1 + true.mass_2) * true.length_1**2 - outer + 2.0 * both
+    return [[whole, both], [both, outer]]
 
 
-@dataclass(frozen=True, slots=True)
-class PlanarLinks:
-    """Two links in a horizontal plane, with a point mass at the end of each.
+def bias_of(true: TrueArm, bend: float, velocities: Sequence[float]) -> tuple[float, float]:
+    """Return h, 2 [N·m], at an angle between the links [rad] and velocities [rad/s]."""
+    first, second = velocities
+    lever = _lever(true) * math.sin(bend)
+    return -lever * second * (2.0 * first + second), lever * first * first
 
-    The second angle is that between the links: 0 is a stretched arm, and pi a folded one.
 
-    Source: Spong, Hutchinson, Vidyasagar, "Robot Modeling and Control" (2006), section 7.5.
-    """
-
-    length_1: float
-    """[m]"""
-    length_2: float
-    mass_1: float
-    """At the end of the first link [kg]"""
-    mass_2: float
-
-    def inertia(self, positions: Sequence[float]) -> Sequence[Sequence[float]]:
-        """Return M, 2 x 2 [kg·m²]."""
-        outer = self.mass_2 * self.length_2**2
-        both = outer + self._lever() * math.cos(positions[1])
-        whole = (self.mass_1 + self.mass_2) * self.length_1**2 - outer + 2.0 * both
-        return (whole, both), (both, outer)
-
-    def bias(self, positions: Sequence[float], velocities: Sequence[float]) -> Sequence[float]:
-        """Return h, 2 [N·m]."""
-        first, second = velocities
-        lever = self._lever() * math.sin(positions[1])
-        return -lever * second * (2.0 * first + second), lever * first * first
-
-    def _lever(self) -> float:
-        return self.mass_2 * self.length_1 * self.length_2
+def _lever(true: TrueArm) -> float:
+    return true.mass_2 * true.length_1 * true.length_2
 
 
 class Arm:
-    """Moves the servos of an arm; from now on none of them moves without the others.
+    """Moves the servos of an arm; from now on none of them moves without the other.
 
     Args:
-        mechanisms: The servos in the order of the joints, at the same time, all rigid.
-        links: The links between them.
-
-    Raises:
-        SpecError: A servo has a flexible transmission.
+        true: The links.
+        mechanisms: The two servos in the order of the joints, at the same time, both rigid.
     """
 
-    def __init__(self, mechanisms: Sequence[Mechanism], links: Links) -> None:
+    def __init__(self, true: TrueArm, mechanisms: Sequence[Mechanism]) -> None:
+        self._true = true
         self._mechanisms = tuple(mechanisms)
-        self._links = links
-        self._loads = [0.0] * len(self._mechanisms)
+        self._loads = [0.0, 0.0]
         """Torque of links and operator on each gear in the last step [N·m]"""
-        self._gains = self._loads[:]
+        self._gains = [0.0, 0.0]
         """Accelerations in the last step [rad/s²]"""
         for mechanism in self._mechanisms:
-            if mechanism.flexible:
-                raise SpecError(
-                    "a servo of an arm has a flexible transmission, which is not simulated",
-                    field="servo.load_inertia",
-                    wanted="0",
-                )
             mechanism.arm = self.advance
 
     def advance(self, now_ns: int) -> None:
-        """Advance all servos to ``now_ns`` [ns]."""
+        """Advance both servos to ``now_ns`` [ns]."""
         mechanisms = self._mechanisms
         time_ns = mechanisms[0].time_ns
         while True:
@@ -129,13 +97,13 @@ class Arm:
         return max(1, round(grain * 1e9))
 
     def _step(self, until_ns: int) -> None:
-        """Move all servos to ``until_ns`` [ns], under what acts now."""
-        mechanisms, links = self._mechanisms, self._links
+        """Move both servos to ``until_ns`` [ns], under what acts now."""
+        mechanisms, true = self._mechanisms, self._true
         duration = (until_ns - mechanisms[0].time_ns) * 1e-9
         half = 0.5 * duration
         v = [each.velocity for each in mechanisms]
         middle = [each.position + half * each.velocity for each in mechanisms]
-        matrix = [list(row) for row in links.inertia(middle)]
+        matrix = inertia_of(true, middle[1])
         impulses, motors = [], []
         for i, each in enumerate(mechanisms):
             p, hand, row, x = each.mechanics, each.held, matrix[i], middle[i]
@@ -154,7 +122,7 @@ class Arm:
         for _ in range(_PASSES):
             pushes = [
                 impulse - duration * bias
-                for impulse, bias in zip(impulses, links.bias(middle, paces), strict=True)
+                for impulse, bias in zip(impulses, bias_of(true, middle[1], paces), strict=True)
             ]
             bounds = []
             for i, each in enumerate(mechanisms):
@@ -187,8 +155,13 @@ def couple(true: TrueArm | None, mechanisms: Sequence[Mechanism]) -> None:
         raise SpecError(
             f"found {len(mechanisms)} servo", field="arm.shape", wanted="two servos for two links"
         )
-    links = PlanarLinks(true.length_1, true.length_2, true.mass_1, true.mass_2)
-    Arm(mechanisms[:2], links)
+    if any(mechanism.flexible for mechanism in mechanisms[:2]):
+        raise SpecError(
+            "a servo of an arm has a flexible transmission, which is not simulated",
+            field="servo.load_inertia",
+            wanted="0",
+        )
+    Arm(true, mechanisms[:2])
 
 
 def _with_friction(
@@ -202,22 +175,14 @@ def _with_friction(
 
     Source: Murty, "Linear Complementarity, Linear and Nonlinear Programming" (1988), section 3.1.
     """
-    if not any(bounds):
-        return _solved([row[:] for row in matrix], impulses), bounds
-    count = len(v)
     ways = [0.0 if speed == 0.0 else math.copysign(1.0, speed) for speed in v]
     while True:
-        moving = [i for i in range(count) if ways[i] or bounds[i] == 0.0]
         friction = [way * bound for way, bound in zip(ways, bounds, strict=True)]
-        end = [0.0] * count
-        solved = _solved(
-            [[matrix[i][j] for j in moving] for i in moving],
-            [impulses[i] - friction[i] for i in moving],
-        )
-        for i, speed in zip(moving, solved, strict=True):
-            end[i] = speed
-        for i in range(count):
-            if bounds[i] == 0.0:
+        pushes = [impulse - held for impulse, held in zip(impulses, friction, strict=True)]
+        moving = [bool(way) or bound == 0.0 for way, bound in zip(ways, bounds, strict=True)]
+        end = _solved(matrix, pushes, moving)
+        for i, bound in enumerate(bounds):
+            if bound == 0.0:
                 continue
             if ways[i]:
                 if ways[i] * end[i] < 0.0:
@@ -225,29 +190,20 @@ def _with_friction(
                     break
             else:
                 friction[i] = impulses[i] - sum(map(float.__mul__, matrix[i], end))
-                if abs(friction[i]) > bounds[i] * (1.0 + 1e-12):
+                if abs(friction[i]) > bound * (1.0 + 1e-12):
                     ways[i] = math.copysign(1.0, friction[i])
                     break
         else:
             return end, friction
 
 
-def _solved(matrix: list[list[float]], right: list[float]) -> list[float]:
-    """Solve a symmetric positive definite system, by elimination."""
-    count = len(right)
-    for i in range(count):
-        row, pivot = matrix[i], matrix[i][i]
-        for k in range(i + 1, count):
-            share = matrix[k][i] / pivot
-            if share:
-                below = matrix[k]
-                for j in range(i + 1, count):
-                    below[j] -= share * row[j]
-                right[k] -= share * right[i]
-    for i in range(count - 1, -1, -1):
-        row = matrix[i]
-        rest = right[i]
-        for j in range(i + 1, count):
-            rest -= row[j] * right[j]
-        right[i] = rest / row[i]
-    return right
+def _solved(matrix: list[list[float]], pushes: list[float], moving: Sequence[bool]) -> list[float]:
+    """Return the velocities of the joints by these impulses; a joint that does not move has 0."""
+    (first, both), (_, second) = matrix
+    if not moving[0]:
+        return [0.0, pushes[1] / second if moving[1] else 0.0]
+    if not moving[1]:
+        return [pushes[0] / first, 0.0]
+    share = both / first
+    end = (pushes[1] - share * pushes[0]) / (second - share * both)
+    return [(pushes[0] - both * end) / first, end]

@@ -144,7 +144,7 @@ class CurrentLoop:
         self.begin_ns = self._start_ns = start_ns
         self._goal = 0.0
         self._regulated = False
-        """Whether a current is controlled; otherwise a voltage is held, or the motor is limp"""
+        """Whether a current is controlled; otherwise the motor is limp"""
         self._u = self._target = self._braking = 0.0
         self._duration = 0.0
         self._speed = self._acceleration = 0.0
@@ -171,23 +171,18 @@ class CurrentLoop:
             return now_ns
         return now_ns + (self._start_ns - now_ns) % period_ns
 
-    def take(self, goal: float, braking: float | None, velocity: float, now_ns: int) -> None:
+    def take(self, goal: float | None, velocity: float, now_ns: int) -> None:
         """Begin a step with a new goal.
 
         Args:
-            goal: Torque [N·m].
-            braking: 0: ``goal`` is a current's; above 0: a voltage is held, with this loss of
-                torque with the velocity [N·m·s/rad]; None: the motor is limp.
+            goal: Torque of the current [N·m]; None: the motor is limp.
             velocity: Velocity of the body [rad/s].
             now_ns: The time [ns].
         """
         torque = self.torque(velocity)
-        self._regulated = braking == 0.0
-        if braking is None:
+        self._regulated = goal is not None
+        if goal is None:
             self._goal = self._u = self._target = self._braking = 0.0
-        elif braking > 0.0:
-            self._goal = self._u = self._target = goal
-            self._braking = braking
         else:
             self._goal = goal_for(self._drive, goal)
             # The current does not jump; where there is no lag it need not be known.

@@ -12,11 +12,11 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
-from haptic_wall.hw.hand import SharedHand
+from haptic_wall.hw.hand import Grasp, SharedHand
 from haptic_wall.hw.plant.current_loop import CurrentLoop, Winding, drive_of
 from haptic_wall.hw.plant.encoder import EncoderErrors
 from haptic_wall.hw.plant.mechanics import mechanics_of
-from haptic_wall.hw.plant.operator_model import FOREVER_NS, Grasped, OperatorModel, operator_of
+from haptic_wall.hw.plant.operator_model import FOREVER_NS, OperatorModel, held_by, operator_of
 from haptic_wall.hw.plant.step import NOBODY, Hand, Kept, kept_for, move
 from haptic_wall.hw.plant.two_masses import ROOM, swing
 from haptic_wall.hw.truth import TrueServo
@@ -74,14 +74,14 @@ class Mechanism:
         scripted = None if operator_waits else operator_of(true)
         self._operator: OperatorModel | None = scripted if operator is None else operator
         self._hand: SharedHand | None = None
-        self._grasped: Grasped | None = None
+        self._grasp: Grasp | None = None
         self._operator_ns: int | None = None
         self._start_ns = start_ns
         self._delay_ns = round(true.delay * 1e9)
         self._torque_limit = true.torque_limit
         self._torque_step = true.torque_step
         self._torque = 0.0
-        self._pending: deque[tuple[int, float, float | None]] = deque()
+        self._pending: deque[tuple[int, float | None]] = deque()
         self._counts_per_radian = true.counts_per_rev / (2.0 * math.pi)
         self._followed = true.position
         drive = drive_of(true, winding or Winding(true.torque_limit, true.no_load_speed))
@@ -118,12 +118,7 @@ class Mechanism:
         """Return the motor's acting torque [N·m], from the present time on."""
         if self._loop is not None:
             return self._loop.torque(self.motor_velocity)
-        return self._torque - self._braking * self.motor_velocity
-
-    @property
-    def has_current_loop(self) -> bool:
-        """Whether something lies between a commanded torque and the one that acts."""
-        return self._loop is not None
+        return self._torque
 
     def take_hand(self, hand: SharedHand) -> None:
         """Let a person hold the shaft from now on, whenever the hand holds on.
@@ -165,29 +160,25 @@ class Mechanism:
             self.arm(now_ns)
         pending = self._pending
         while pending and pending[0][0] <= now_ns:
-            acts_ns, torque, braking = pending.popleft()
+            acts_ns, torque = pending.popleft()
             if acts_ns > self.time_ns:
                 self._pass(acts_ns)
-            self._act(torque, braking)
+            self._act(torque)
         if now_ns > self.time_ns:
             if self._loop is None:
                 self._move(now_ns)
             else:
                 self._pass(now_ns)
         if self._hand is not None:
-            grasp = self._hand.look(now_ns)
-            self._grasped = None if grasp is None else Grasped(grasp)
+            self._grasp = self._hand.look(now_ns)
 
-    def command(self, torque: float, now_ns: int, braking: float = 0.0) -> float:
+    def command(self, torque: float, now_ns: int) -> float:
         """Command a torque that arrives at ``now_ns`` [ns] and acts the servo's delay later.
 
         Args:
             torque: Wanted [N·m]. Limited to the servo's limit, then rounded to its step (toward
                 zero where the nearest step would pass the limit).
             now_ns: Arrival of the command; time is advanced to it.
-            braking: Loss of torque with the velocity, as of a motor under a held voltage
-                [N·m·s/rad]; it acts along with the torque and is not limited. With a current loop
-                it is that voltage: the loop then has no part in it.
 
         Returns:
             The torque that will act, or that a current loop will lead to [N·m].
@@ -196,18 +187,18 @@ class Mechanism:
             ValueError: The torque is not a finite number, or ``now_ns`` lies in the past.
         """
         acting = self.limited(torque)
-        self.take(acting, now_ns, braking)
+        self.take(acting, now_ns)
         return acting
 
-    def take(self, acting: float, now_ns: int, braking: float | None = 0.0) -> None:
-        """Do the same with a torque that ``limited`` has returned [N·m]; braking None: limp."""
+    def take(self, acting: float | None, now_ns: int) -> None:
+        """Do the same with a torque that ``limited`` has returned [N·m]; None: limp."""
         self.advance(now_ns)
         taken_ns = now_ns if self._loop is None else self._loop.taken_over_ns(now_ns)
         acts_ns = taken_ns + self._delay_ns
         if acts_ns == now_ns:
-            self._act(acting, braking)
+            self._act(acting)
         else:
-            self._pending.append((acts_ns, acting, braking))
+            self._pending.append((acts_ns, acting))
 
     def release(self, now_ns: int) -> None:
         """Switch the motor off at ``now_ns`` [ns]: after the servo's delay no current flows.
@@ -215,7 +206,7 @@ class Mechanism:
         Raises:
             ValueError: ``now_ns`` lies in the past.
         """
-        self.take(0.0, now_ns, None)
+        self.take(None, now_ns)
 
     def feed(self, stall_torque: float) -> None:
         """Change the supply, by what the motor makes of it at a standstill [N·m]."""
@@ -257,8 +248,7 @@ class Mechanism:
         """
         now_ns, pending = self.time_ns, self._pending
         while pending and pending[0][0] <= now_ns:
-            _, torque, braking = pending.popleft()
-            self._act(torque, braking)
+            self._act(pending.popleft()[1])
         end_ns = pending[0][0] if pending else FOREVER_NS
         if self._operator_ns is not None:
             if now_ns >= self._operator_ns:
@@ -288,13 +278,13 @@ class Mechanism:
         if self._loop is not None and now_ns >= self._loop.end_ns:
             self._loop.moved(velocity, now_ns)
 
-    def _act(self, torque: float, braking: float | None) -> None:
-        """Let a commanded torque begin to act; braking None: the motor is limp."""
+    def _act(self, torque: float | None) -> None:
+        """Let a commanded torque begin to act; None: the motor is limp."""
         if self._loop is not None:
-            self._loop.take(torque, braking, self.motor_velocity, self.time_ns)
+            self._loop.take(torque, self.motor_velocity, self.time_ns)
             self._stepped = self._state()
             return
-        self._torque, self._braking = torque, braking or 0.0
+        self._torque = torque or 0.0
 
     def _pass(self, until_ns: int) -> None:
         """Move to ``until_ns`` [ns], with the torque that the current loop makes meanwhile."""
@@ -344,13 +334,12 @@ class Mechanism:
 
     def _grip(self, now_ns: int) -> tuple[Hand, int]:
         """Return the operator at ``now_ns``, and until when the reference keeps its slope [ns]."""
-        operator, start_ns = self._operator, self._start_ns
-        if self._grasped is not None:
-            operator, start_ns = self._grasped, 0
-        if operator is None:
+        if self._grasp is not None:
+            return held_by(self._grasp, now_ns)
+        if self._operator is None:
             return NOBODY, FOREVER_NS
-        hand, turn_ns = operator.pull(now_ns - start_ns)
-        return hand, start_ns + turn_ns
+        hand, turn_ns = self._operator.pull(now_ns - self._start_ns)
+        return hand, self._start_ns + turn_ns
 
     def _step(self, hand: Hand, length_ns: int) -> None:
         """Move for a time under the acting torque."""

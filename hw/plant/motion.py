@@ -1,4 +1,4 @@
-"""Computes the motion of a damped oscillator, and its time until rest, in closed form.
+"""Computes the motion of a damped oscillator, and its time until rest.
 
 Everything is per unit inertia: ``h'' + decay h' + spring h = 0`` with ``h(0) = 0, h'(0) = 1``.
 A body that starts with velocity v, pushed by ``push + ramp t``, then has ::
@@ -25,34 +25,24 @@ def response(decay: float, spring: float, time: float) -> Four:
         spring: Stiffness over inertia [1/s²], >= 0.
         time: [s], >= 0.
     """
-    if decay * time <= 1.0 and spring * time * time <= 1.0:
-        return _series(decay, spring, time)
-    half = 0.5 * decay
-    discriminant = half * half - spring
-    if discriminant > 0.25 * half * half:
-        return _two_rates(half, discriminant, spring, time)
-    # Near critical damping, or below it: the two rates would cancel, but the spring is large enough
-    # to divide by.
-    if discriminant < 0.0:
-        frequency = math.sqrt(-discriminant)
-        envelope = math.exp(-half * time)
-        h = envelope * math.sin(frequency * time) / frequency
-        cosine = envelope * math.cos(frequency * time)
-    elif discriminant > 0.0:
-        rate = math.sqrt(discriminant)
-        slow = math.exp(-(half - rate) * time)
-        h = slow * -math.expm1(-2.0 * rate * time) / (2.0 * rate)
-        cosine = 0.5 * (slow + math.exp(-(half + rate) * time))
-    else:
-        cosine = math.exp(-half * time)
-        h = time * cosine
-    h1 = cosine - half * h
-    s = (1.0 - h1 - decay * h) / spring
-    return h1, h, s, (time - h - decay * s) / spring
+    doublings = 0
+    while decay * time > 1.0 or spring * time * time > 1.0:
+        time *= 0.5
+        doublings += 1
+    h1, h, s, r = _series(decay, spring, time)
+    for _ in range(doublings):  # the same motion goes on from where each of the four has ended
+        h1, h, s, r = (
+            h1 * h1 - spring * h * h,
+            h + h1 * h - spring * h * s,
+            s + h * h + (1.0 - spring * s) * s,
+            r + s * h + (time - spring * r) * s + r,
+        )
+        time *= 2.0
+    return h1, h, s, r
 
 
 def _series(decay: float, spring: float, time: float) -> Four:
-    """Sum the Taylor series until its terms vanish; closed forms cancel for short times."""
+    """Sum the Taylor series until its terms vanish: exact for short times."""
     a = decay * time
     c = spring * time * time
     before, term = 0.0, 1.0
@@ -67,37 +57,6 @@ def _series(decay: float, spring: float, time: float) -> Four:
     s *= time * time
     h *= time
     return 1.0 - decay * h - spring * s, h, s, r * time * time * time
-
-
-def _two_rates(half: float, discriminant: float, spring: float, time: float) -> Four:
-    """Return the response if it is clearly overdamped: a sum of two exponentials."""
-    root = math.sqrt(discriminant)
-    fast, gap = half + root, 2.0 * root
-    slow = spring / fast
-    fast_end, slow_end = math.exp(-fast * time), math.exp(-slow * time)
-    fast_s, fast_r = _integrals(fast, time)
-    slow_s, slow_r = _integrals(slow, time)
-    return (
-        (fast * fast_end - slow * slow_end) / gap,
-        (slow_end - fast_end) / gap,
-        (slow_s - fast_s) / gap,
-        (slow_r - fast_r) / gap,
-    )
-
-
-def _integrals(rate: float, time: float) -> tuple[float, float]:
-    """Return the first and second integral of exp(-rate t) [s, s²]."""
-    y = rate * time
-    if y < 0.5:
-        once, twice, term, n = 0.0, 0.0, 1.0, 0
-        while abs(term) > 1e-19:
-            n += 1
-            once += term / n
-            twice += term / (n * (n + 1))
-            term *= -y / n
-        return once * time, twice * time * time
-    once = -math.expm1(-y) / rate
-    return once, (time - once) / rate
 
 
 def time_to_rest(

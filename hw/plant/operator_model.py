@@ -55,26 +55,15 @@ SCRIPTS: dict[HandName, Script] = {
 }
 
 
-class Grasped:
-    """A person's hand that holds the shaft, and lets go; its time is that of the clock.
-
-    Args:
-        grasp: As it is now.
-    """
-
-    def __init__(self, grasp: Grasp) -> None:
-        self._grasp = grasp
-
-    def pull(self, elapsed_ns: int) -> tuple[Hand, int]:
-        """Return the hand at a time of the clock, and when its slope or grip changes [ns]."""
-        grasp = self._grasp
-        if elapsed_ns >= grasp.until_ns:
-            return Hand(reference=grasp.target), FOREVER_NS
-        arrives_ns = grasp.begin_ns + EVERY_NS
-        moving = elapsed_ns < arrives_ns
-        slope = grasp.slope if moving else 0.0
-        hand = Hand(grasp.stiffness, grasp.damping, grasp.position(elapsed_ns), slope)
-        return hand, arrives_ns if moving else grasp.until_ns
+def held_by(grasp: Grasp, now_ns: int) -> tuple[Hand, int]:
+    """Return a person's hand at a time of the clock, and when its slope or grip changes [ns]."""
+    if now_ns >= grasp.until_ns:
+        return Hand(reference=grasp.target), FOREVER_NS
+    arrives_ns = grasp.begin_ns + EVERY_NS
+    moving = now_ns < arrives_ns
+    slope = grasp.slope if moving else 0.0
+    hand = Hand(grasp.stiffness, grasp.damping, grasp.position(now_ns), slope)
+    return hand, arrives_ns if moving else grasp.until_ns
 
 
 class ScriptedOperator:

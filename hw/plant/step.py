@@ -1,7 +1,7 @@
 """Moves one rigid servo over a step: the only step, for a servo alone and for maps.
 
 With friction that does not change the motion is exact to rounding: while the velocity keeps its
-sign the equation is linear and has a closed form (``motion``). The step is divided at the instants
+sign the equation is linear, and ``motion`` solves it. The step is divided at the instants
 where the velocity reaches zero and where a stuck body breaks away; it solves for each of them. At
 rest the body is exactly at rest.
 

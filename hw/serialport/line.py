@@ -10,7 +10,7 @@ from typing import Final, Protocol
 
 from haptic_wall.hw.clock import Clock, ready
 from haptic_wall.hw.elastic import ElasticClock
-from haptic_wall.hw.errors import PortLostError, wiring
+from haptic_wall.hw.errors import WIRING, PortLostError
 
 _SPIN_NS: Final = 60_000
 """Final part of a wait that is spun: a sleep this short returns late by its own length."""
@@ -53,7 +53,7 @@ class Line(Protocol):
 class FdLine:
     """A line on the descriptor of a configured serial port or pseudo-terminal."""
 
-    __slots__ = ("_arrived", "_descriptor", "_elastic", "_only", "_poll", "_wiring", "clock")
+    __slots__ = ("_arrived", "_descriptor", "_elastic", "_only", "_poll", "clock")
 
     def __init__(self, descriptor: int, clock: Clock) -> None:
         """Take over ``descriptor``; ``close`` closes it.
@@ -67,7 +67,6 @@ class FdLine:
         self._elastic = clock if isinstance(clock, ElasticClock) else None
         self._descriptor = descriptor
         self._only = (descriptor,)
-        self._wiring = wiring(os.ttyname(descriptor) if os.isatty(descriptor) else "/")
         self._arrived = False
         """``wait`` has just seen bytes"""
         poll = select.poll()
@@ -92,7 +91,7 @@ class FdLine:
         except BlockingIOError:
             sent = 0
         except OSError as error:
-            raise _lost(error, self._wiring) from error
+            raise _lost(error) from error
         if sent < len(data):
             self._write_rest(data[sent:])
 
@@ -115,9 +114,9 @@ class FdLine:
         except BlockingIOError:
             return b""
         except OSError as error:
-            raise _lost(error, self._wiring) from error
+            raise _lost(error) from error
         if not data and self._hung_up():
-            raise _lost(None, self._wiring)
+            raise _lost(None)
         if self._elastic is not None:
             self._elastic.got(len(data))
         return data
@@ -143,7 +142,7 @@ class FdLine:
                     return True
             except (OSError, ValueError) as error:
                 closed = OSError(errno.EBADF, os.strerror(errno.EBADF))
-                raise _lost(closed, self._wiring) from error
+                raise _lost(closed) from error
             if remaining <= 0:
                 return False
 
@@ -161,14 +160,14 @@ class FdLine:
                 raise PortLostError(
                     f"The serial port has sent nothing for {_WRITE_PATIENCE_S * 1e3:.0f} ms "
                     "with a frame waiting",
-                    advice=f"check {self._wiring}.",
+                    advice=f"check {WIRING}.",
                 )
             try:
                 data = data[os.write(self._descriptor, data) :]
             except BlockingIOError:
                 continue
             except OSError as error:
-                raise _lost(error, self._wiring) from error
+                raise _lost(error) from error
 
     def _hung_up(self) -> bool:
         """Whether an empty read means a hang-up (without VMIN it may mean an empty buffer)."""
@@ -176,9 +175,9 @@ class FdLine:
         return any(event & gone for _, event in self._poll(0))
 
 
-def _lost(error: OSError | None, wired: str) -> PortLostError:
+def _lost(error: OSError | None) -> PortLostError:
     reason = error.strerror if error is not None else "it has hung up"
     return PortLostError(
         f"The serial port is gone ({reason})",
-        advice=f"check {wired}, then start again.",
+        advice=f"check {WIRING}, then start again.",
     )

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import errno
 import fcntl
-import logging
 import os
 import stat
 import struct
 import termios
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -21,13 +21,8 @@ import serial
 
 from haptic_wall.hw.clock import ready
 from haptic_wall.hw.errors import BaudRefusedError, PortBusyError, PortError
-from haptic_wall.hw.serialport.timer import timer_file, timer_ms
 from haptic_wall.hw.serialport.users import holders, is_terminal
 
-_LOG = logging.getLogger(__name__)
-
-_BAUD_TOLERANCE: Final = 0.03
-"""Largest relative difference between the two ends that an asynchronous receiver tolerates."""
 _TCGETS2: Final = 0x802C542A
 _TERMIOS2: Final = struct.Struct("=4IB19s2I")
 
@@ -75,8 +70,8 @@ def open_port(path: str, baud: int) -> int:
     except OSError as error:
         raise open_error(path, error) from error
     try:
-        _check_baud(path, port.fileno(), baud)
-        _low_latency(path, port)
+        with suppress(ValueError, OSError):  # FTDI adapters otherwise hold a short reply for 16 ms
+            port.set_low_latency_mode(True)
         descriptor = os.dup(port.fileno())
     finally:
         port.close()
@@ -118,8 +113,11 @@ def open_error(path: str, error: OSError) -> PortError:
     """Return the explanation of a port that could not be opened."""
     code = error.errno
     if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.ENOTDIR):
-        there = f"Port {path} does not exist (there is {_candidates()})"
-        return PortError(there, advice=_other_name(path))
+        return PortError(
+            f"Port {path} does not exist (there is {_candidates()})",
+            advice="plug the adapter in, name another port with its whole path, or start an "
+            f"emulated bus there (`haptic-wall emulate --link {path}`).",
+        )
     if code in (errno.EACCES, errno.EPERM):
         return PortError(
             f"Port {path} may not be used by this user", advice=f"{access_remedy(path)}."
@@ -132,21 +130,6 @@ def open_error(path: str, error: OSError) -> PortError:
     if code is None:  # pyserial's own message, e.g. for a device file without a device
         return not_serial(path, f" ({error})")
     return PortError(f"Port {path} cannot be opened ({error})", advice="check the adapter.")
-
-
-def _other_name(path: str) -> str:
-    """Return the advice for a name behind which there is no device."""
-    if not Path(path).is_relative_to("/dev"):
-        return (
-            "name a serial device of this computer with its whole path, e.g. /dev/ttyUSB0, or start"
-            f" an emulated bus there (`haptic-wall emulate --link {path}`)."
-        )
-    if not Path(path).is_relative_to("/dev/pts"):
-        return "plug the adapter in, or name another port."
-    return (
-        "this pseudo-terminal is gone: start its emulated bus again, and name the path that it"
-        " prints; `haptic-wall emulate --link PATH` keeps one path."
-    )
 
 
 def not_serial(path: str, why: str = "") -> PortError:
@@ -192,29 +175,6 @@ def baud_of(descriptor: int) -> int | None:
     except OSError:
         return None
     return int(_TERMIOS2.unpack(found)[-1])
-
-
-def _check_baud(path: str, descriptor: int, baud: int) -> None:
-    """Read the baud rate back: some adapters accept any rate and silently use another."""
-    actual = baud_of(descriptor)
-    if actual is not None and abs(actual - baud) > _BAUD_TOLERANCE * baud:
-        raise _baud_error(f"Port {path} has {actual} baud, wanted {baud}")
-
-
-def _low_latency(path: str, port: serial.Serial) -> None:
-    """Have each byte forwarded at once; FTDI adapters otherwise hold a short reply for 16 ms."""
-    try:
-        port.set_low_latency_mode(True)
-    except (ValueError, OSError) as error:
-        _LOG.info("port %s has no low-latency mode (%s)", path, error)
-    latency_ms = timer_ms(path)
-    if latency_ms is not None and latency_ms > 1:
-        _LOG.warning(
-            "port %s forwards replies after up to %d ms, wanted 1: `echo 1 | sudo tee %s`",
-            path,
-            latency_ms,
-            timer_file(path),
-        )
 
 
 def _wait_with_a_read_for_bytes(descriptor: int) -> None:

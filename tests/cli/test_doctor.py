@@ -135,12 +135,11 @@ def test_dangers_are_listed_together_and_a_torque_that_is_on_is_left_alone(cli: 
         _, checks, wrong, found = report(cli, *at(port))
         assert wrong == {
             "torque",
-            "direction",
-            "torque on by goal update",
+            "drive mode",
             "start-up configuration",
         }
         assert "reply time" not in checks
-        assert cli("doctor", *at(port), *QUIET)[1].count("WRONG") >= 4
+        assert cli("doctor", *at(port), *QUIET)[1].count("WRONG") >= 3
         _, _, wrong, found = report(cli, *at(port), "--fix", "--yes")
         assert wrong == set()
         assert found["changes"][0]["name"] == "torque"
@@ -214,12 +213,12 @@ def test_the_servos_of_several_axes_are_examined_in_one_table() -> None:
         config = load_config("xm430-w350", sets).config
         found = examine(config, lambda _: None, None, change_baud=False)
     wrong = {check.name for check in found.wrong}
-    assert "shoulder.direction" in wrong
-    assert not any(name.startswith(("elbow.dir", "wrist.dir")) for name in wrong)
+    assert "shoulder.drive mode" in wrong
+    assert not any(name.startswith(("elbow.drive", "wrist.drive")) for name in wrong)
     assert "(3 servos, sync read)" in found.found["sustainable rate"].found
     shown = text("arm", found).splitlines()
     assert shown[2].split() == ["shoulder", "elbow", "wrist"]
-    (row,) = [line for line in shown if line.startswith("direction ")]
-    assert row.split() == ["direction", "WRONG", "ok", "ok"]
+    (row,) = [line for line in shown if line.startswith("drive mode ")]
+    assert row.split() == ["drive", "mode", "WRONG", "ok", "ok"]
     assert sum("servo answers" in line for line in shown) == 1
     assert sum("shoulder, elbow, wrist: 250 (wanted: 0)" in line for line in shown) == 1

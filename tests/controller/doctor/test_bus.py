@@ -145,8 +145,7 @@ class Fault:
 
 FAULTS = [
     Fault("return_delay_time", 250, "return delay", "250", "0"),
-    Fault("drive_mode", 1, "direction", "reverse", "normal"),
-    Fault("drive_mode", 8, "torque on by goal update", "on", "off"),
+    Fault("drive_mode", 9, "drive mode", "reverse and torque on by goal update", "normal"),
     Fault("startup_configuration", 1, "start-up configuration", "torque on at power-up", "0"),
     Fault("startup_configuration", 2, "start-up configuration", "old goals restored", "0"),
     Fault("secondary_id", 9, "secondary id", "9", "none"),

@@ -92,7 +92,7 @@ class Started:
     @property
     def names_the_line(self) -> bool:
         """Whether it is a refusal for the line."""
-        return "emulated bus runs" in self.text or "latency timer" in self.text
+        return "the cable and the power supply" in self.text or "latency timer" in self.text
 
 
 def event(random: Random) -> list[int]:

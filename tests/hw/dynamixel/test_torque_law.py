@@ -51,6 +51,16 @@ def test_a_limit_below_the_smallest_torque_is_refused() -> None:
         bench(TrueServo(inertia=INERTIA), torque_limit=0.01)
 
 
+def test_a_limit_below_the_smallest_torque_at_the_supply_found_is_refused() -> None:
+    rig = bench(TrueServo(inertia=INERTIA), torque_limit=1.02 * SMALLEST)
+    rig.servo.stop()
+    rig.truth.set_supply(5.5, rig.clock.now_ns())
+    with pytest.raises(UnfitServoError, match=r"smallest torque at 5\.5 V is 0\.014 N·m"):
+        rig.servo.start()
+    assert rig.truth.memory["torque_enable"] == 0
+    assert rig.state.torque == 0.0
+
+
 @given(
     torque=st.floats(-0.9, 0.9),
     volts=st.floats(3.7, 6.0),

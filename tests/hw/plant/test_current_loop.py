@@ -15,7 +15,6 @@ from tests.cases import sampled
 
 MS = 1_000_000
 STALL, NO_LOAD = 4.1, 4.82
-BRAKING = STALL / NO_LOAD
 
 
 def servo(**values: Any) -> TrueServo:
@@ -142,15 +141,6 @@ def test_a_limp_motor_does_not_brake() -> None:
         mechanism.advance(200 * MS)
         assert (mechanism.velocity == begin) is released
         assert mechanism.velocity > 0.0
-
-
-def test_a_held_voltage_does_not_pass_through_the_loop() -> None:
-    mechanism = Mechanism(servo(current_bandwidth=10.0, dead_band=0.2, back_emf=True), 0)
-    mechanism.command(1.0, 0, BRAKING)
-    assert mechanism.torque == 1.0
-    mechanism.advance(100 * MS)
-    expected = math.exp(-BRAKING / 0.012 * 0.1)
-    assert mechanism.torque == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("inertia", [1e-8, 1e-6, 1e-4, 1e-2])

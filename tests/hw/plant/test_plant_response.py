@@ -1,4 +1,4 @@
-"""The closed forms in every regime, against a Taylor series summed in 200 digits."""
+"""The motion in every regime, against a Taylor series summed in 200 digits."""
 
 from decimal import Decimal, localcontext
 
@@ -6,7 +6,7 @@ import pytest
 
 from haptic_wall.hw.plant.motion import response, time_to_rest
 
-# Damping ratios around every place where the closed form changes.
+# Damping ratios around every place where a closed form would change.
 RATIOS = [0.0, 1e-6, 0.3, 0.9, 1 - 1e-9, 1.0, 1 + 1e-9, 1.1, 1.1546, 1.1548, 2.0, 50.0]
 RADIANS = [1e-3, 0.1, 0.499, 0.501, 0.999, 1.001, 3.0, 20.0]
 

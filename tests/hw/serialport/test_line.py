@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import grp
 import os
 import pty
@@ -18,7 +17,6 @@ import pytest
 
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.errors import PortError, ServoLostError
-from haptic_wall.hw.serialport import port
 from haptic_wall.hw.serialport.line import FdLine
 from haptic_wall.hw.serialport.port import open_port
 
@@ -106,44 +104,14 @@ def test_a_port_that_stops_sending_is_a_lost_servo(line: FdLine) -> None:
         line.write(bytes(1_000_000))  # nobody reads at the far end
 
 
-def test_an_adapter_that_makes_another_rate_is_refused(
-    ends: Ends, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    made = port._TERMIOS2.pack(0, 0, 0, 0, 0, bytes(19), 921_600, 921_600)
-    real = fcntl.ioctl
-
-    def ioctl(descriptor: int, request: int, *rest: object) -> object:
-        if request == port._TCGETS2:
-            return made
-        return real(descriptor, request, *rest)  # type: ignore[call-overload]
-
-    monkeypatch.setattr(fcntl, "ioctl", ioctl)
-    with pytest.raises(PortError, match=r"has 921600 baud, wanted 4000000"):
-        open_port(ends.path, 4_000_000)
-
-
 def test_a_missing_port_says_what_there_is() -> None:
     with pytest.raises(PortError, match=r"/dev/ttyNOWHERE does not exist.*name another port"):
         open_port("/dev/ttyNOWHERE", 1_000_000)
 
 
-@pytest.mark.parametrize(
-    ("name", "advice"),
-    [
-        ("socket://box:4000", "a serial device of this computer"),
-        ("COM3", "a serial device of this computer"),
-        ("ttyUSB0", "its whole path, e.g. /dev/ttyUSB0"),
-        ("/dev/pts/987654", "start its emulated bus again"),
-    ],
-)
-def test_a_port_by_another_name_gets_advice_that_fits(
-    name: str, advice: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(PortError) as caught:
-        open_port(name, 1_000_000)
-    assert advice in str(caught.value)
-    assert "plug" not in str(caught.value)
+def test_a_port_by_another_name_gets_advice() -> None:
+    with pytest.raises(PortError, match=r"its whole path.*emulate --link ttyUSB0"):
+        open_port("ttyUSB0", 1_000_000)
 
 
 @pytest.mark.parametrize("kind", ["file", "directory", "null"])
