@@ -69,7 +69,7 @@ def on_grid(wait: Wait, ticks: int, now_ns: Callable[[], int] = time.monotonic_n
 
 def with_settings(orders: Orders) -> Woken:
     """Wait as the program does, with the granted real-time settings of its loop."""
-    return on_grid(waiter_for(MonotonicClock(), None, PERIOD_NS), orders.ticks)
+    return on_grid(waiter_for(MonotonicClock(), PERIOD_NS), orders.ticks)
 
 
 def to_the_deadline(orders: Orders) -> Woken:

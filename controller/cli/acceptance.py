@@ -11,13 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from haptic_wall.controller.cli.commission import (
-    announced,
-    folder_for,
-    step_plots,
-    write_all,
-    written,
-)
+from haptic_wall.controller.cli.commission import announced, step_plots, write_all, written
 from haptic_wall.controller.cli.experiment import REACH, Asked, experiment, folder_option, moving
 from haptic_wall.controller.cli.failure import EndedEarlyError
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
@@ -40,12 +34,14 @@ _EMULATED_S = 60.0
 
 
 @click.command()
-@click.option("--plan", "only_plan", is_flag=True, help="Only announce the steps.")
 @experiment(
-    folder_option("Folder for report.txt, acceptance.json, acceptance.zip and the measurements."),
+    folder_option(
+        "Folder for report.txt, acceptance.json, acceptance.zip and the measurements.",
+        needed=True,
+    ),
     of_walls=True,
 )
-def command(asked: Asked, only_plan: bool) -> None:
+def command(asked: Asked) -> None:
     """Commission CONFIG's servo and an emulated one beside it, and judge the belief by both.
 
     The command takes the steps of commission, and repeats them with an emulated servo that is what
@@ -58,11 +54,9 @@ def command(asked: Asked, only_plan: bool) -> None:
     from haptic_wall.controller.experiments.commission.sequence import FILES, run_steps
     from haptic_wall.controller.experiments.commission.steps import StepContext
 
-    config = asked.config
+    config, out = asked.config, asked.out
+    assert out is not None
     announcement = announce(config, REACH)
-    out = folder_for(asked, announcement, only_plan, "acceptance")
-    if out is None:
-        return
     measured = [f"{folder}/{name}" for folder in (_MEASURED, _EMULATED) for name in FILES]
     take_folder("--out", out, (_JSON, _REPORT, bundle.FILE, *measured))
     announced(asked, announcement)

@@ -10,7 +10,6 @@ import click
 from haptic_wall.controller.bench import words
 from haptic_wall.controller.cli import interrupt
 from haptic_wall.controller.cli.options import answer, json_option, say
-from haptic_wall.controller.cli.working import length
 from haptic_wall.controller.system.signals import on_signals
 
 SECTIONS = {
@@ -21,14 +20,6 @@ SECTIONS = {
     "lost_reply": "haptic_wall.controller.bench.lost_reply",
 }
 """Module of each section, which has ``measure() -> Section``."""
-ABOUT_S = {
-    "lateness": 90,
-    "boundary": 15,
-    "array_simulation": 30,
-    "torque_frames": 35,
-    "lost_reply": 8,
-}
-"""Duration of each section with its peers [s]; up to 1.5 times as long on a busy machine"""
 
 
 @click.command()
@@ -43,21 +34,16 @@ ABOUT_S = {
 def command(names: tuple[str, ...]) -> None:
     """Measure timing, limits, simulation and bus cycles of this program on this machine.
 
-    Compared programs take turns over several rounds; the figures are medians. Times hold for this
-    machine at this moment. Ctrl-C ends the command with a report of the finished sections.
+    Compared programs take turns over several rounds, three minutes in all; the figures are medians.
+    Times hold for this machine at this moment. Ctrl-C ends the command with a report of the
+    finished sections.
     """
     from haptic_wall.controller.bench.report import measured
 
     chosen = {name: SECTIONS[name] for name in names or SECTIONS}
 
     def tell(name: str) -> None:
-        place = list(chosen).index(name)
-        left = sum(ABOUT_S[each] for each in list(chosen)[place:])
-        more = f", with the rest {length(left)}" if place + 1 < len(chosen) else ""
-        say(
-            f"measuring {name} ({place + 1} of {len(chosen)}): about"
-            f" {length(ABOUT_S[name])}{more} ..."
-        )
+        say(f"measuring {name} ({list(chosen).index(name) + 1} of {len(chosen)}) ...")
 
     report = measured(chosen, tell)
     with on_signals(signal.SIG_IGN):  # a held Ctrl-C must not cost the report

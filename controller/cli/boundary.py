@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -46,17 +45,14 @@ _POSITIVE: Final = Number(0, above=True)
 @axis_option
 @click.option("--servo", type=click.Choice(list(SERVOS), case_sensitive=False),
               help="A servo with published parameters, for what is not given.")  # fmt: skip
-@click.option("--inertia", type=Number(0, above=True, form="range"), metavar="M",
-              help="Inertia [kg·m²], a number or LOW:HIGH.")  # fmt: skip
-@click.option("--damping", type=Number(0, form="range"), metavar="b",
+@click.option("--inertia", type=_POSITIVE, metavar="M", help="Inertia [kg·m²].")
+@click.option("--damping", type=Number(0), metavar="b",
               help="Viscous friction [N·m·s/rad].")  # fmt: skip
 @click.option("--period", type=Number(0, 0.5, above=True, unit="s"), metavar="T",
               help="Sampling period [s].")  # fmt: skip
-@click.option("--delay", type=Number(0, 1, unit="s", form="range"), metavar="td",
+@click.option("--delay", type=Number(0, 1, unit="s"), metavar="td",
               help="Total delay from a sample to its torque [s]. Default with CONFIG: the sum of "
               "inserted delay, guard.sample_age and model.delay.")  # fmt: skip
-@click.option("--torque-gain", type=Number(0, above=True, form="range"),
-              help="Acting torque over commanded torque; default: 1.")  # fmt: skip
 @click.option("--virtual-damping", "dampings", type=Number(form="list"), metavar="B[,B...]",
               help="Virtual damping of each point [N·m·s/rad]; default: fractions of the "
               "ceiling.")  # fmt: skip
@@ -71,9 +67,6 @@ _POSITIVE: Final = Number(0, above=True)
               help="Damping of the transmission [N·m·s/rad]; default: 0.")  # fmt: skip
 @click.option("--encoder", type=click.Choice(["output", "motor"]),
               help="Side of the transmission that the encoder is on; default: output.")  # fmt: skip
-@click.option("--counts-per-rev", type=_POSITIVE, metavar="N",
-              help="Encoder counts in one turn; with --torque-limit.")  # fmt: skip
-@click.option("--torque-limit", type=_POSITIVE, metavar="NM", help="Torque limit [N·m].")
 @plot_option("Draw the K-B plane as PNG to this path.")
 @json_option
 def command(
@@ -87,9 +80,8 @@ def command(
     """Compute the stiffness limits of a wall over its virtual damping, and remedies to raise them.
 
     The servo is an inertia with viscous friction. Its torque is held over each period and acts a
-    delay after its sample. Inertia, damping, delay and torque gain may be ranges LOW:HIGH; limits
-    then hold at the least safe corner. CONFIG gives the loop and the belief about the servo, with a
-    load on a flexible transmission, and a filter of the velocity.
+    delay after its sample. CONFIG gives the loop and the belief about the servo, with its bounds,
+    encoder, a load on a flexible transmission, and a filter of the velocity.
 
     \b
     haptic-wall boundary --servo MX-64 --period 0.001 --delay 0.002 --virtual-damping 0,0.1,0.5
@@ -129,7 +121,9 @@ def _of_config(
     config = load_axis(name, sets, axis).config
     belief, period = config.belief(), config.period_ns * 1e-9
     before, lag = config.delay.steps * period + config.guard.sample_age, belief.delay
-    usual = Bounded(before + lag.value, before + lag.low, before + lag.high)
+    delay = Bounded(before + lag.value, before + lag.low, before + lag.high)
+    if given["delay"] is not None:
+        delay = Bounded.exactly(given["delay"])
     filtered = config.velocity_filter()
     side: WallSide = given["side"] or ("both" if config.wall.side == "both" else "one")
     if filtered is not None and side == "one":
@@ -141,7 +135,7 @@ def _of_config(
     limit = config.servo.torque_limit
     counted = (limit, config.servo.position_step) if limit else (1.0, 0.0)
     return replace(
-        _question(belief, period, given["delay"] or usual, *counted),
+        _question(belief, period, delay, *counted),
         side=side,
         velocity_samples=config.wall.velocity_samples,
         velocity_filter=filtered,
@@ -158,23 +152,20 @@ def _of_options(given: dict[str, Any]) -> Question:
     known = {name: given[name] for name in ("inertia", "damping", "period", "delay")}
     for name, value in known.items():
         if value is None and facts is not None and hasattr(facts, name):
-            known[name] = Bounded.exactly(getattr(facts, name))
+            known[name] = getattr(facts, name)
         elif value is None:
             raise UserError("missing", field=f"--{name}", advice="give it, or a CONFIG")
     belief = Belief(
-        inertia=known["inertia"],
-        damping=known["damping"],
+        inertia=Bounded.exactly(known["inertia"]),
+        damping=Bounded.exactly(known["damping"]),
         coulomb=Bounded.exactly(facts.coulomb if facts else 0.0),
-        delay=known["delay"],
-        torque_gain=given["torque_gain"] or Bounded.exactly(1.0),
+        delay=Bounded.exactly(known["delay"]),
+        torque_gain=Bounded.exactly(1.0),
     )
-    counts = given["counts_per_rev"] or (facts.counts_per_rev if facts else None)
-    limit = given["torque_limit"]
-    counted = (limit, math.tau / counts) if limit and counts else (1.0, 0.0)
     return replace(
-        _question(belief, known["period"], known["delay"], *counted),
+        _question(belief, known["period"], belief.delay, 1.0, 0.0),
         side=given["side"] or "one",
-        load=_load(given, belief),
+        load=_load(given, known["damping"]),
     )
 
 
@@ -192,11 +183,11 @@ def _question(
     return Question(situation)
 
 
-def _load(given: dict[str, Any], belief: Belief) -> Load | None:
+def _load(given: dict[str, Any], servo_damping: float) -> Load | None:
     """Return the load that the options describe; None: there is none.
 
     Raises:
-        UserError: It is incomplete, or there is no damping, or a value is a range.
+        UserError: It is incomplete, or there is no damping.
     """
     names = ("load_inertia", "transmission_stiffness", "transmission_damping", "encoder")
     inertia, stiffness, damping, encoder = (given[name] for name in names)
@@ -208,13 +199,7 @@ def _load(given: dict[str, Any], belief: Belief) -> Load | None:
             field="--load-inertia" if inertia is None else "--transmission-stiffness",
             advice="a load needs both --load-inertia and --transmission-stiffness",
         )
-    if not belief.is_known:
-        raise UserError(
-            "found a range, but with a load none has a least safe corner",
-            field="--load-inertia",
-            advice="give one number each, and run the command once for each end of the range",
-        )
-    if not belief.damping.low and not damping:
+    if not servo_damping and not damping:
         raise UserError(
             "servo and load have no damping",
             field="--damping",

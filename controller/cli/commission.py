@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import signal
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +18,6 @@ from haptic_wall.controller.cli.options import answer, as_json, say, writing
 from haptic_wall.controller.cli.places import take_folder
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.settings.load import Loaded
 from haptic_wall.controller.system.files import whole
 from haptic_wall.controller.system.signals import on_signals
 from haptic_wall.controller.system.wrapping import wrapped
@@ -30,7 +29,6 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.option("--plan", "only_plan", is_flag=True, help="Only announce the motions and their size.")
 @click.option(
     "--reach",
     type=Number(),
@@ -40,10 +38,12 @@ if TYPE_CHECKING:
     help="Largest excursion of the shaft to either side of its position, for identify.",
 )
 @experiment(
-    folder_option("Folder for report.txt, config.yaml, commission.json, pictures and logs/."),
+    folder_option(
+        "Folder for report.txt, config.yaml, commission.json, pictures and logs/.", needed=True
+    ),
     of_walls=True,
 )
-def command(asked: Asked, only_plan: bool, reach: float) -> None:
+def command(asked: Asked, reach: float) -> None:
     """Examine, identify and measure CONFIG's servo; report its stiffest wall and the reasons.
 
     It runs doctor, identify and a short sweep, and writes DIR/config.yaml for haptic-wall
@@ -53,11 +53,9 @@ def command(asked: Asked, only_plan: bool, reach: float) -> None:
     """
     from haptic_wall.controller.experiments.commission.plan import announce
 
-    config = asked.config
+    config, out = asked.config, asked.out
+    assert out is not None
     announcement = announce(config, reach)
-    out = folder_for(asked, announcement, only_plan, "my-testbed")
-    if out is None:
-        return
     from haptic_wall.controller.experiments.commission.sequence import FILES, run_steps
     from haptic_wall.controller.experiments.commission.steps import CONFIG, StepContext
 
@@ -88,47 +86,18 @@ def step_plots() -> dict[Step, Plot]:
     return {"identify": plot_identification, "sweep": plot_sweep}
 
 
-def folder_for(
-    asked: Asked, announcement: Announcement, only_plan: bool, example: str
-) -> Path | None:
-    """Return the folder of --out; None if only the plan is asked for, which is then printed.
-
-    Raises:
-        UserError: There is no folder.
-    """
-    if only_plan:
-        plan = {"name": asked.name, "seconds": announcement.seconds, "steps": announcement.lines}
-        answer(plan, lambda: "\n".join(plan_lines(asked.loaded, announcement)))
-    elif asked.out is None:
-        raise UserError(
-            "found nothing",
-            field="--out",
-            wanted="the folder for report and measurements",
-            advice=f"give for example --out {example}",
-        )
-    return None if only_plan else asked.out
-
-
-def plan_lines(loaded: Loaded, announcement: Announcement) -> Iterator[str]:
-    """Yield the lines that announce a commissioning."""
-    minutes = announcement.seconds / 60.0
-    config = loaded.config
-    if config.loop.clock == "simulated":
-        time = f"about {minutes:.0f} min of simulated time, which pass in a fraction of that"
-    else:
-        time = f"about {minutes:.0f} min"
-        if config.servo.kind == "simulated":
-            time += "; --set loop.clock=simulated does the same in a fraction of that"
-    yield f"{loaded.name}: {time}"
-    for line in announcement.lines:
-        yield from _wrapped(line, "  ")
-
-
 def announced(asked: Asked, announcement: Announcement) -> None:
     """Announce the motions; before a real servo moves, wait for a yes."""
-    for line in plan_lines(asked.loaded, announcement):
-        say(line)
-    servo = asked.config.servo
+    minutes, config = announcement.seconds / 60.0, asked.config
+    time = f"about {minutes:.0f} min"
+    if config.loop.clock == "simulated":
+        time += " of simulated time, which pass in a fraction of that"
+    elif config.servo.kind == "simulated":
+        time += "; --set loop.clock=simulated does the same in a fraction of that"
+    say(f"{asked.name}: {time}")
+    for line in announcement.lines:
+        say("\n".join(_wrapped(line, "  ")))
+    servo = config.servo
     if servo.kind == "hardware" and not asked.yes and not sys.stdin.isatty():
         raise UserError(
             f"the servo at {servo.port} is real, and standard input is no terminal for a question",

@@ -1,4 +1,4 @@
-"""``haptic-wall config``: lists every setting with its value, unit, origin, range and meaning."""
+"""``haptic-wall config``: lists every setting with its value, unit, range and meaning."""
 
 from __future__ import annotations
 
@@ -19,16 +19,13 @@ from haptic_wall.controller.settings.fields import fields
 from haptic_wall.controller.settings.load import Loaded, load_config
 from haptic_wall.controller.system.wrapping import wrapped
 
-_VALUE_WIDTH = 40
-"""Width of a value with its unit; a belief with bounds is the longest."""
-
 
 @click.command()
 @config_argument(default="simulated")
 @set_option
 @json_option
 def command(config: str, sets: tuple[str, ...]) -> None:
-    """Show the effective values of CONFIG, each with its unit, origin, range and meaning.
+    """Show the effective values of CONFIG, each with its unit, range and meaning.
 
     Any line's name can be changed with --set NAME=VALUE, here and in every command that takes
     CONFIG. This kind of servo does not use the values marked -.
@@ -58,7 +55,7 @@ def _paths(loaded: Loaded) -> Iterator[str]:
         for path in fields():
             own = f"axes.{name}.{path}"
             if path.split(".")[0] in OWN and (
-                own in loaded.origins or _value(loaded, own) != _value(loaded, path)
+                own in loaded.given or _value(loaded, own) != _value(loaded, path)
             ):
                 yield own
 
@@ -66,7 +63,7 @@ def _paths(loaded: Loaded) -> Iterator[str]:
 def _value(loaded: Loaded, path: str) -> Any:  # noqa: ANN401 - values are what they are
     axis, bare = split_path(path)
     section, key = bare.split(".")
-    if path in loaded.origins and section == "bus" and key in RENAMED:
+    if path in loaded.given and section == "bus" and key in RENAMED:
         section = "servo"  # where it has gone
     holder = loaded.config.axes[axis[5:-1]] if axis else loaded.config
     value = getattr(getattr(holder, section), key)
@@ -81,7 +78,6 @@ def _entry(loaded: Loaded, path: str) -> dict[str, Any]:
     return {
         "value": _value(loaded, path),
         "unit": field.unit or None,
-        "from": loaded.origins.get(path, "default"),
         "wanted": field.wanted,
         "meaning": field.meaning,
         "used": loaded.config.servo.kind in field.used_by,
@@ -89,10 +85,9 @@ def _entry(loaded: Loaded, path: str) -> dict[str, Any]:
 
 
 def _row(path: str, entry: dict[str, Any]) -> Iterator[str]:
-    """Format a field: name, value, unit and origin; then, not of an axis, range and meaning."""
-    value = f"{_text(entry['value'])} {entry['unit'] or ''}"
-    start = f"{' ' if entry['used'] else '-'} {path:<24}  "
-    yield f"{start}{value:<{_VALUE_WIDTH + 28 - len(start)}}  {entry['from']}"
+    """Format a field: name, value and unit; then, not of an axis, range and meaning."""
+    mark = " " if entry["used"] else "-"
+    yield f"{mark} {path:<24}  {_text(entry['value'])} {entry['unit'] or ''}".rstrip()
     if path in fields():
         yield from wrapped(f"{entry['meaning']} ({entry['wanted']})", " " * 6, " " * 6)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,6 +16,7 @@ from haptic_wall.controller.cli.places import FileToWrite, force_option, is_forc
 from haptic_wall.controller.emulated_bus.program import NAMES, PRIORITY, Plan, run_bus, servo_of
 from haptic_wall.controller.errors import PlatformError, UserError
 from haptic_wall.controller.runtime import realtime
+from haptic_wall.hw.dynamixel.registers import BAUD_RATES
 from haptic_wall.hw.emulated.adapter import BLOCKS
 from haptic_wall.hw.emulated.faults import KINDS, suggestion
 from haptic_wall.hw.errors import Problem, SpecError
@@ -103,6 +105,9 @@ def command(
     The path of its pseudo-terminal is the first line on standard output; a serial
     client opens it that needs no modem lines, RS-485 or parity. The bus runs until Ctrl-C.
     """
+    if given["baud"] not in BAUD_RATES:
+        wanted = f"one of {', '.join(map(str, BAUD_RATES))}"
+        raise UserError(f"found {given['baud']}", field="--baud", wanted=wanted)
     if link is not None:
         _refuse_foreign(link)
     for name, path in (("link", link), ("record", record)):
@@ -124,7 +129,8 @@ def command(
         with interrupt.until_signal() as came:
             failure = run_bus(plan, lambda: bool(came), say)
     except SpecError as error:
-        raise UserError(error.problem) from error
+        found = error.problem
+        raise UserError(replace(found, field=found.field or "--servo")) from error
     except FileExistsError as error:
         raise UserError(error, field="--link", advice="name another place") from error
     except ValueError as error:

@@ -173,9 +173,10 @@ def asked_of(
     return Asked(loaded, file_of(config), out, yes)
 
 
-def folder_option(text: str) -> Callable[[Any], Any]:
+def folder_option(text: str, *, needed: bool = False) -> Callable[[Any], Any]:
     """``--out DIR``."""
-    return click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help=text)
+    kind = click.Path(path_type=Path)
+    return click.option("--out", type=kind, metavar="DIR", help=text, required=needed)
 
 
 def carry_out(

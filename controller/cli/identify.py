@@ -24,7 +24,7 @@ from haptic_wall.controller.cli.options import (
     say,
     writing,
 )
-from haptic_wall.controller.cli.places import FileToWrite, new_stem, take_folder
+from haptic_wall.controller.cli.places import FileToWrite, new_stem
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import SeveralError, UserError
 from haptic_wall.controller.settings.load import Loaded
@@ -40,8 +40,6 @@ _FIT_S = 10.0
 
 @click.command()
 @click.option("--plot", type=FileToWrite(picture=True), help="Draw the fit as PNG to this path.")
-@click.option("--logs", type=click.Path(path_type=Path), metavar="DIR",
-              help="Folder for the logs of the motions; default: one in ./runs/.")  # fmt: skip
 @click.option(
     "--reach",
     type=Number(),
@@ -84,7 +82,6 @@ def command(
     axis: str | None,
     yes: bool,
     plot: Path | None,
-    logs: Path | None,
     reach: float,
     record: Path | None,
     pendulum_mass: float | None,
@@ -107,7 +104,6 @@ def command(
             "--set": sets,
             "--axis": axis,
             "--out": out,
-            "--logs": logs,
             "--yes": yes,
         }
         needless["--reach"] = reach != REACH
@@ -134,7 +130,8 @@ def command(
 
     loaded = asked.loaded
     about = announcement(bounds_of(loaded.config, reach))
-    plot, logs = _places(asked.name, plot, logs)
+    logs = new_stem("--plot", f"identify-{Path(asked.name).stem}")
+    plot = plot or logs.with_name(f"{logs.name}.png")
     say(f"{loaded.name}: {about}")
     asked.may_move()
     found = _moved(loaded, logs, reach)
@@ -161,16 +158,6 @@ def _text(result: dict[str, Any], found: Identified, logs: Path) -> str:
     written = result.get("config"), result["plot"], logs
     paths = [f"  {path}" for path in written if path is not None]
     return "\n".join([text(found), "", "written", *paths])
-
-
-def _places(name: str, plot: Path | None, logs: Path | None) -> tuple[Path, Path]:
-    """Return the places of picture and logs; refuse an unwritable one before anything moves."""
-    if logs is not None:
-        take_folder("--logs", logs, ())
-    if plot is not None and logs is not None:
-        return plot, logs
-    stem = new_stem("--logs" if logs is None else "--plot", f"identify-{Path(name).stem}")
-    return plot or stem.with_name(f"{stem.name}.png"), logs or stem
 
 
 def _moved(loaded: Loaded, logs: Path, reach: float) -> Identified:

@@ -132,14 +132,8 @@ def commented(preset: str, axes: Axes | None = None) -> str:
     """
     loaded = load_config(preset)
     if axes:
-        changes = (
-            f"axes.{name}.{section}.{key}={json.dumps(value)}"
-            for name, axis in axes.items()
-            for section, own in axis.items()
-            for key, value in own.items()
-        )
         try:
-            load_config(preset, [*(["axes={}"] if loaded.config.axes else []), *changes])
+            load_config(preset, [f"axes={json.dumps(axes)}"])
         except ConfigError as error:
             raise UserError(
                 f"{preset} cannot have such axes: {error.problems[0]}",
@@ -155,13 +149,13 @@ def commented(preset: str, axes: Axes | None = None) -> str:
         if kind not in field.used_by:
             continue
         if section != inside:
-            is_empty = not any(path.startswith(f"{section}.") for path in loaded.origins)
+            is_empty = not any(path.startswith(f"{section}.") for path in loaded.given)
             lines += ["", f"{'# ' * is_empty}{section}:"]
             inside = section
         value = config[section].get(key, {})
         given = value if isinstance(value, str) else json.dumps(value)
         unit = f"[{field.unit}] " if field.unit else ""
-        mark = "" if field.path in loaded.origins else "# "
+        mark = "" if field.path in loaded.given else "# "
         lines.append(f"  {mark}{key}: {given}  # {unit}{field.meaning} ({field.wanted})")
     axes = axes or _given_axes(loaded)
     return "\n".join([*lines, *axes_lines(axes)]) + "\n"
@@ -170,7 +164,7 @@ def commented(preset: str, axes: Axes | None = None) -> str:
 def _given_axes(loaded: Loaded) -> Axes:
     """Return what the axes of a configuration give of their own."""
     axes: dict[str, dict[str, dict[str, Any]]] = {name: {} for name in loaded.config.axes}
-    for path in loaded.origins:
+    for path in loaded.given:
         if path.startswith("axes."):
             _, name, section, key = path.split(".")
             held = loaded.config.axes[name].model_dump(mode="json")

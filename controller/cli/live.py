@@ -42,9 +42,7 @@ def command(log: Path, place: str, start_s: float | None, end_s: float | None) -
         views = _views(log, stretch)
         put(live.address)
         from haptic_wall.controller.live.server import LiveServer
-        from haptic_wall.controller.live.web_server import silenced
 
-        silenced()
         with interrupt.until_signal() as came:
             asyncio.run(LiveServer(views, live.host).run(listener, lambda: bool(came)))
         return interrupt.status_after(came)

@@ -38,7 +38,7 @@ COMMANDS = {
     "scan": "List the servos on a bus: ids, baud rates, models.",
     "doctor": "Find the faults of a testbed, and the remedy of each.",
     "presets": "List the configurations that come with the program.",
-    "config": "List all settings: value, unit, origin, range, meaning.",
+    "config": "List all settings: value, unit, range, meaning.",
     "boundary": "Compute the stiffness limits of a servo and their causes.",
     "map": "Simulate many walls of a servo; map the critical stiffness.",
     "commission": "Run doctor, identify and sweep in one.",

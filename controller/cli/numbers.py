@@ -1,4 +1,4 @@
-"""Reads numbers from the command line: within bounds, lists, and ranges LOW:HIGH."""
+"""Reads numbers from the command line: within bounds, and lists."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ import math
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
-
-from haptic_wall.controller.guard.belief import Bounded
 
 if TYPE_CHECKING:
     AnyType = click.ParamType[Any]
@@ -24,8 +22,7 @@ class Number(AnyType):
         above: Whether ``low`` itself is refused.
         whole: Whether only whole numbers are taken; they become int.
         unit: Unit that a refusal names.
-        form: ``list``: numbers with commas between, also negative ones, as a list; ``range``: a
-            number or LOW:HIGH, as ``Bounded`` with the middle as its value.
+        form: ``list``: numbers with commas between, also negative ones, as a list.
     """
 
     name = "number"
@@ -38,7 +35,7 @@ class Number(AnyType):
         above: bool = False,
         whole: bool = False,
         unit: str = "",
-        form: Literal["one", "list", "range"] = "one",
+        form: Literal["one", "list"] = "one",
     ) -> None:
         self._low, self._high, self._above, self._is_whole = low, high, above, whole
         self._form = form
@@ -54,12 +51,7 @@ class Number(AnyType):
         text = str(value)
         if self._form == "one":
             return self._read(text, param, ctx)
-        if self._form == "list":
-            return [self._read(part, param, ctx) for part in text.split(",")]
-        ends = [self._read(end, param, ctx) for end in text.split(":", 1)]
-        if ends[0] > ends[-1]:
-            self.fail(f"found {text}, wanted the lower end first", param, ctx)
-        return Bounded(sum(ends) / len(ends), ends[0], ends[-1])
+        return [self._read(part, param, ctx) for part in text.split(",")]
 
     def _read(self, text: str, param: click.Parameter | None, ctx: click.Context | None) -> float:
         try:

@@ -51,7 +51,8 @@ SIMULATED_S = 5.0
 @click.command()
 @config_argument(default="simulated")
 @set_option
-@click.option("--duration", type=float, metavar="S", help="Time for which the wall is on [s].")
+@click.option("--duration", metavar="S",
+              help="Time for which the wall is on [s]; inf: until Ctrl-C.")  # fmt: skip
 @click.option("--log", "log_path", type=click.Path(path_type=Path),
               help="Write the log to this path; default: in ./runs/.")  # fmt: skip
 @click.option("--plot", "plot_path", type=click.Path(path_type=Path),
@@ -76,7 +77,7 @@ SIMULATED_S = 5.0
 def command(
     config: str,
     sets: tuple[str, ...],
-    duration: float | None,
+    duration: str | None,
     log_path: Path | None,
     plot_path: Path | None,
     no_plot: bool,
@@ -205,14 +206,17 @@ def _hold(sources: tuple[str, ...], *, page: bool) -> Hold | None:
     return Hold(PAGE)
 
 
-def _duration(config: Config, asked: float | None) -> float | None:
+def _duration(config: Config, asked: str | None) -> float | None:
     if asked is None:
         return None if config.servo.kind == "hardware" else SIMULATED_S
-    if asked == math.inf:
-        return None
-    if not asked > 0.0:
-        raise UserError(f"found {asked:g}", field="--duration", wanted="a time above 0 s")
-    return asked
+    try:
+        seconds = float(asked)
+    except ValueError:
+        seconds = math.nan
+    if not seconds > 0.0:
+        wanted = "seconds above 0, such as 2.5, or inf"
+        raise UserError(f"found {asked}", field="--duration", wanted=wanted)
+    return None if seconds == math.inf else seconds
 
 
 def _places(

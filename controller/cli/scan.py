@@ -7,15 +7,12 @@ from typing import Any
 import click
 
 from haptic_wall.controller.cli.init import axes_lines
-from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import answer, json_option, say
 from haptic_wall.controller.doctor.adapter import kind_of_port, may_be_serial, only_adapter
 from haptic_wall.controller.doctor.search import IDS, LIKELY_FIRST, BaudSearch, scan
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.signals import interrupting
 from haptic_wall.hw.clock import MonotonicClock
-from haptic_wall.hw.dynamixel.codec import MAX_ID
-from haptic_wall.hw.dynamixel.registers import BAUD_RATES
 from haptic_wall.hw.errors import wiring
 
 HARDWARE = 4
@@ -23,35 +20,13 @@ HARDWARE = 4
 
 @click.command()
 @click.option("--port", metavar="P", help="The adapter's device; default: the only one.")
-@click.option(
-    "--baud",
-    "bauds",
-    type=Number(form="list"),
-    metavar="RATE[,RATE...]",
-    help="Baud rates to try; default: all that servos have.",
-)
-@click.option(
-    "--ids",
-    default=f"{IDS[0]}-{IDS[-1]}",
-    show_default=True,
-    metavar="LIST",
-    help="Ids to ping one by one, e.g. 1-20,100; a ping to all may find others.",
-)
 @json_option
-def command(port: str | None, bauds: list[float] | None, ids: str) -> int:
+def command(port: str | None) -> int:
     """List the servos on a bus: id, baud rate, model, firmware.
 
     It pings, reads from what answers, and restores the port's settings when it ends. The exit
     status is 4 if no servo answers.
     """
-    rates = LIKELY_FIRST if bauds is None else list(dict.fromkeys(map(int, bauds)))
-    for rate in bauds or ():
-        if rate not in BAUD_RATES:
-            known = ", ".join(map(str, BAUD_RATES))
-            raise UserError(
-                f"found {rate:g}", field="--baud", wanted=f"rates a servo can have: {known}"
-            )
-    wanted = _ids(ids)
     if port == "":
         raise UserError(
             "found nothing", field="--port", wanted="a serial device such as /dev/ttyUSB0"
@@ -68,7 +43,7 @@ def command(port: str | None, bauds: list[float] | None, ids: str) -> int:
         say(f"  {baud} bit/s ...")
 
     with interrupting():  # the port is closed
-        searches = list(scan(path, rates, wanted, MonotonicClock(), tell))
+        searches = list(scan(path, LIKELY_FIRST, IDS, MonotonicClock(), tell))
     found = _report(path, searches)
     answer(found, lambda: _text(found))
     return 0 if found["servos"] else HARDWARE
@@ -118,8 +93,8 @@ def _text(found: dict[str, Any]) -> str:
         lines += axes_lines(axes)
     if not found["servos"]:
         lines.append(
-            f"Nothing answers: check {wiring(found['port'])}, or try more ids with --ids 0-252; "
-            "`haptic-wall doctor CONFIG` examines the bus of a configuration."
+            f"Nothing answers: check {wiring(found['port'])}; `haptic-wall doctor CONFIG` examines "
+            "the bus of a configuration."
         )
     for one in found["bauds"]:
         if one["refused"]:
@@ -130,16 +105,3 @@ def _text(found: dict[str, Any]) -> str:
                 "noise"
             )
     return "\n".join(lines)
-
-
-def _ids(text: str) -> set[int]:
-    ids: set[int] = set()
-    for part in text.split(","):
-        ends = part.strip().split("-", 1)
-        if not all(end.isdecimal() and len(end) < 4 for end in ends):
-            raise UserError(f"found {part.strip()!r}", field="--ids", wanted="ids such as 1-20,100")
-        low, high = int(ends[0]), int(ends[-1])
-        if not low <= high <= MAX_ID:
-            raise UserError(f"found {part}", field="--ids", wanted=f"ids from 0 to {MAX_ID}")
-        ids |= set(range(low, high + 1))
-    return ids

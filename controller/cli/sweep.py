@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -88,7 +87,7 @@ def command(
     from haptic_wall.controller.experiments.holding import without_hand
     from haptic_wall.controller.experiments.sweep.device import Device
     from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint
-    from haptic_wall.controller.experiments.sweep.result import sweep_text
+    from haptic_wall.controller.experiments.sweep.result import point_text, sweep_text
     from haptic_wall.controller.experiments.sweep.sweep import ROWS, Sweep, expected_s, sweep
     from haptic_wall.controller.experiments.testbed import ExperimentTrippedError
     from haptic_wall.controller.processes.run_report import exit_status
@@ -107,13 +106,18 @@ def command(
     if not left:
         asked = replace(asked, yes=True)
     ended: tuple[str, int] | None = None
+    count = len(before)
+
+    def progress(_setting: PlanePoint, result: PointResult) -> None:
+        nonlocal count
+        count += 1
+        say(f"{count}/{len(settings)}  {point_text(result)}")
 
     def measure(folder: Path) -> Swept:
         nonlocal ended
         question = Sweep(effective, settings, options, folder)
         kept = question.kept(is_forced())
         try:
-            progress = _Progress(len(settings), len(before)).point
             finished = sweep(question, kept, tell=say, progress=progress)
             said, status = "interrupted", INTERRUPTED
         except ExperimentTrippedError as error:
@@ -155,21 +159,3 @@ def _announce(config: Config, left: tuple[PlanePoint, ...], options: Options, do
         say(f"{points}, about {length(expected_s(config, left, options))} in real time{hint}")
     if config.servo.kind == "hardware":
         say_swing(config.servo, excursion(config, left, options))
-
-
-class _Progress:
-    """Prints a line for each point, with the remaining time."""
-
-    def __init__(self, total: int, before: int) -> None:
-        self._total = total
-        self._done = self._before = before
-        self._began = time.monotonic()
-
-    def point(self, _setting: PlanePoint, result: PointResult) -> None:
-        from haptic_wall.controller.experiments.sweep.result import point_text
-
-        self._done += 1
-        left = self._total - self._done
-        pace = (time.monotonic() - self._began) / (self._done - self._before)
-        rest = f", about {length(pace * left)} left" if left else ""
-        say(f"{self._done}/{self._total}  {point_text(result)}{rest}")

@@ -11,7 +11,7 @@ import contextlib
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any
 
 from haptic_wall.controller.doctor.adapter import examine_port
 from haptic_wall.controller.doctor.locate import Locator, name_of
@@ -47,22 +47,6 @@ from haptic_wall.hw.serialport.port import open_port
 from haptic_wall.hw.servo import Check
 from haptic_wall.hw.settings import DriverSettings, ServoSettings
 
-_OF_THE_SERVO: Final = ("model", "firmware", "registers")
-_ON_THE_BUS: Final = (
-    "port",
-    "rights",
-    "adapter",
-    "used by",
-    "latency timer",
-    "baud rate",
-    "servo answers",
-    "model",
-    "firmware",
-    "registers",
-    "reply time",
-    "schedule",
-)
-
 
 def examine(
     config: Config,
@@ -93,7 +77,7 @@ def examine(
         why = f"a servo of the backend {config.servo.backend} is not examined"
         if config.servo.kind == "simulated":
             why = "the servo is simulated in this process"
-        report.add(*(not_applicable(name, why) for name in _ON_THE_BUS))
+        report.add(not_applicable("bus", why))
         checkup.machine(measure(config, None))
     return report
 
@@ -131,15 +115,12 @@ class _Checkup:
         measured = None
         if self.report.wrong:
             self.report.reached = False
-            self.report.leave_out("latency timer", "baud rate", "servo answers", *_OF_THE_SERVO)
         else:
             measured = self._servos(axes)
         self.report.axis = ""
         if measured is None:
-            self.report.leave_out("reply time", "schedule")
             if "used by" in (check.name for check in self.report.wrong):
                 # A measurement would take the core from the program that drives the servo there.
-                self.report.leave_out("wake-up lateness", "real-time rights")
                 self._core()
                 return
             measured = measure(self._config, None)
@@ -153,7 +134,6 @@ class _Checkup:
                 report.axis = name
                 found = self._locator.find(settings) if report.reached else None
                 if found is None:
-                    report.leave_out(*_OF_THE_SERVO)
                     ready = False
                     continue
                 quiet = self._set_up(settings, found)
@@ -176,7 +156,6 @@ class _Checkup:
         except PortBusyError as error:  # by a process whose open files this user may not see
             self.report.reached = False
             self._add(of_error("used by", error, "nobody", "end that program"))
-            self.report.leave_out("latency timer", "baud rate", "servo answers", *_OF_THE_SERVO)
         except PortError as error:
             self.report.reached = False
             self._add(of_error("port", error, "a port that stays", "check the adapter"))
@@ -192,7 +171,6 @@ class _Checkup:
         self._add(judge_model(number, settings.model))
         model = model_by_number(number)
         if model is None:
-            report.leave_out("firmware", "registers")
             return False
         report.tell(f"registers of {name_of(found)}")
         self._add(judge_firmware(model, found.firmware))
@@ -204,13 +182,7 @@ class _Checkup:
             table.registers = model.registers_at(found.firmware)
             checks, repairs = self._judge(table, settings, model)
             if self._mend(table, checks, repairs):
-                before = checks
                 checks, _ = self._judge(table, settings, model)
-                for name, check in checks.items():
-                    first = before.get(name, check)
-                    if first.found != check.found:
-                        found_both = f"{first.found}, now {check.found}"
-                        checks[name] = replace(check, found=found_both)
         self._add(*checks.values())
         return checks["torque"].ok
 
@@ -250,7 +222,6 @@ class _Checkup:
         if measured["failed"] is not None:
             error = ServoError(measured["failed"])
             self._add(of_error("reply time", error, "answers always", f"check {self._wiring}"))
-            self.report.leave_out("schedule")
         elif measured["replies"] is not None:
             self._timing(Replies(**measured["replies"]), stalls=not lateness.ok)
         settings = [Check(**setting) for setting in measured["realtime"]]
@@ -275,5 +246,4 @@ class _Checkup:
             stalls,
             self._wiring,
         )
-        self.report.suits = timing.best
         self._add(*timing.checks())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import shlex
 from typing import Final
 
 from haptic_wall.controller.doctor.adapter import examine_latency_timer
@@ -82,12 +81,7 @@ class Locator:
         self._report.reached = bool(servos)
         listed = ", ".join(map(name_of, servos))
         garbled = [str(one.baud) for one in searches if one.garbled]
-        found = f"nothing at any rate: neither id {settings.id} nor 0 to {IDS[-1]}"
-        at = shlex.quote(settings.port)
-        fix = (
-            f"check {wiring(settings.port)}; `haptic-wall scan --port {at} --ids 0-252` pings every"
-            " id"
-        )
+        found, fix = "nothing at any rate", f"check {wiring(settings.port)}"
         if servos:
             found, fix = f"no, but {listed}", "set servo.id and servo.baud to those found"
         elif garbled:

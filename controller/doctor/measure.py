@@ -59,7 +59,6 @@ def measure(
         "period_ns": config.period_ns,
         "profile": wishes.profile,
         "priority": wishes.priority,
-        "spin_us": wishes.spin_us,
         "core": realtime.pick_cores(wishes.core)[0],
         "parent": os.getpid(),
     }
@@ -86,7 +85,7 @@ def main() -> None:
     clock = MonotonicClock()
     answer: dict[str, Any] = {
         "realtime": [asdict(setting) for setting in settings],
-        "lateness_ns": _wakes(waiter_for(clock, orders["spin_us"], period_ns), period_ns),
+        "lateness_ns": _wakes(waiter_for(clock, period_ns), period_ns),
         "replies": None,
         "failed": None,
     }

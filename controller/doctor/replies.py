@@ -1,8 +1,4 @@
-"""Measures how long a bus takes to reply, independent of the loop's time limit.
-
-An adapter's timer spreads them evenly between zero and its period; a stall of the machine delays a
-few only. So widely spread measurements are repeated.
-"""
+"""Measures how long a bus takes to reply, independent of the loop's time limit."""
 
 from __future__ import annotations
 
@@ -17,16 +13,13 @@ from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import Outcome
 
 _PATIENCE_NS: Final = 60_000_000
-_RUNS: Final = 3
-_SPREAD: Final = 2.0
-_SPREAD_NS: Final = 250_000
-"""Reads whose 99th percentile exceeds this, and a multiple of the median, are repeated: an
-adapter's timer spreads them evenly up to twice the median"""
+_RUNS: Final = 2
+"""Of which the better one counts: a stall of the machine delays a few reads of one"""
 
 
 @dataclass(frozen=True, slots=True)
 class Replies:
-    """Times until all servos have replied; the best run counts where some were disturbed."""
+    """Times until all servos have replied."""
 
     took_ns: list[int]
     """Sent at all phases [ns], in order of size"""
@@ -38,17 +31,10 @@ class Replies:
     """Of all runs"""
     corrupt: int
     """Of all runs"""
-    spread: int
-    """Largest distance of two positions of a servo [counts]"""
     count: int = 1
     """Number of servos"""
     read: Read = "plain"
     """How they were read"""
-
-    @property
-    def disturbed(self) -> bool:
-        """Whether a few took much longer than the others, in every run; there must be some."""
-        return _disturbed(self.took_ns)
 
     @property
     def share_failed(self) -> float:
@@ -69,7 +55,7 @@ def percentile(ordered: list[int], share: float) -> int:
 def time_replies(
     line: Line, ids: Sequence[int], count: int, period_ns: int, read: Read = "plain"
 ) -> Replies:
-    """Read the servos, wait for all replies, and repeat disturbed runs.
+    """Read the servos, and wait for all replies.
 
     Args:
         line: The bus.
@@ -92,29 +78,21 @@ def time_replies(
         in_row = timer.run([0] * max(1, count // 4)) or in_row
         if not best or percentile(spread, 0.99) < percentile(best, 0.99):
             best = spread
-        if not _disturbed(best):
-            break
     return Replies(
         best,
         percentile(in_row, 0.5) if in_row else 0,
         timer.asked,
         timer.failures[Outcome.LOST],
         timer.failures[Outcome.CORRUPT],
-        max((max(seen) - min(seen) for seen in zip(*timer.positions, strict=True)), default=0),
         len(ids),
         read,
     )
-
-
-def _disturbed(took_ns: list[int]) -> bool:
-    return percentile(took_ns, 0.99) > _SPREAD * percentile(took_ns, 0.5) + _SPREAD_NS
 
 
 class _Stopwatch:
     def __init__(self, line: Line, ids: Sequence[int], read: Read) -> None:
         self.asked = 0
         self.failures = {Outcome.LOST: 0, Outcome.CORRUPT: 0}
-        self.positions: list[list[int]] = []
         self._exchange = Exchange(line, ids)
         self._exchange.select(self._exchange.stations, read)
         self._clock = line.clock
@@ -132,7 +110,6 @@ class _Stopwatch:
             worst = max(sample.outcome for sample in samples)
             if worst is Outcome.OK:
                 took.append(clock.now_ns() - sent_ns)
-                self.positions.append([sample.counts for sample in samples])
             else:
                 self.failures[worst] += 1
         return sorted(took)

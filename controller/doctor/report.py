@@ -53,7 +53,7 @@ class Change(NamedTuple):
 
 @dataclass(slots=True)
 class Report:
-    """Checks, repairs made, and items that could not be examined."""
+    """Checks, and repairs made."""
 
     tell: Tell
     """Called with the current step, and with each change at once: after an interrupt the user
@@ -63,13 +63,10 @@ class Report:
     found: dict[str, Check] = field(default_factory=dict)
     """The checks by name, in order; a later one of the same name replaces the first"""
     changes: list[Change] = field(default_factory=list)
-    not_examined: list[str] = field(default_factory=list)
     reached: bool = True
     """The port could be used, and a servo replied on it"""
     axis: str = ""
     """The axis that is examined; its own checks have its name before theirs. Empty: the only one"""
-    suits: str | None = None
-    """The suitable schedule; None: none, or not measured"""
 
     @property
     def wrong(self) -> list[Check]:
@@ -80,10 +77,6 @@ class Report:
         """Record checks, in the place of earlier ones of the same name."""
         named = (replace(check, name=self._named(check.name)) for check in checks)
         self.found.update({check.name: check for check in named})
-
-    def leave_out(self, *names: str) -> None:
-        """Record items that could not be examined."""
-        self.not_examined += map(self._named, names)
 
     def may(self, question: str) -> bool:
         """Whether a change may be made; it is asked."""

@@ -1,10 +1,9 @@
 """Finds the servos on a bus by pings, at one baud rate or at all that the family supports.
 
 Each servo answers a broadcast ping in a time slot of its own, in the order of ids; waiting for all
-253 slots takes most of a second. The search waits for the slots of the requested ids, and for the
-remaining ones only if a servo has replied. It then pings missing ids one by one, because colliding
-replies or noise may have garbled theirs. A scan also reads from each servo, as two with one id and
-model reply to a ping like one. It writes no register.
+253 slots takes most of a second. A scan waits for all of them, and then pings the lowest ids one by
+one, because colliding replies or noise may have garbled theirs. It also reads from each servo, as
+two with one id and model reply to a ping like one. It writes no register.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from haptic_wall.hw.serialport import port
 from haptic_wall.hw.serialport.line import FdLine, Line
 
 IDS: Final = range(21)
-"""Default ids of the single pings: few buses have higher ones"""
+"""Ids of the single pings: few buses have higher ones"""
 LIKELY_FIRST: Final = (57600, 4_000_000, 1_000_000, 2_000_000, 3_000_000, 115200, 4_500_000, 9600)
 """All rates of the family; the factory's rate and those for fast loops come first"""
 assert set(LIKELY_FIRST) == set(BAUD_RATES)
@@ -83,7 +82,7 @@ def search(
         line: The bus.
         baud: Its rate [bit/s].
         ids: Ids to ping one by one if the broadcast ping has not found them.
-        to_the_end: Wait for the slots of all ids if any servo replied to the broadcast ping.
+        to_the_end: Wait for the slots of all ids, not only of those in ``ids``.
 
     Raises:
         ServoLostError: The port is gone.
@@ -94,10 +93,8 @@ def search(
     wanted = set(ids)
 
     line.write(encode(BROADCAST, Instruction.PING))
-    last = max(wanted, default=0)
+    last = MAX_ID if to_the_end else max(wanted)
     heard.listen(_REQUEST * byte_ns + (last + 1) * (_SLOT_NS + _REPLY * byte_ns) + _HOLD_NS)
-    if to_the_end and (heard.servos or heard.garbled):
-        heard.listen((MAX_ID - last) * _SLOT_NS + _HOLD_NS)
 
     for servo_id in sorted(wanted - heard.servos.keys()):
         line.write(encode(servo_id, Instruction.PING))

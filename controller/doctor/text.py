@@ -17,9 +17,7 @@ def as_data(name: str, report: Report) -> dict[str, Any]:
         "name": name,
         "checks": [asdict(finding) for finding in report.found.values()],
         "changes": [change._asdict() for change in report.changes],
-        "not_examined": report.not_examined,
         "reached": report.reached,
-        "suits": report.suits,
     }
 
 
@@ -35,8 +33,6 @@ def text(name: str, report: Report) -> str:
     if report.changes:
         lines += ["", "Changed:"]
         lines += [f"  {change}" for change in report.changes]
-    if report.not_examined:
-        lines += ["", f"Not examined: {', '.join(report.not_examined)}"]
     lines += ["", _verdict(report)]
     return "\n".join(lines)
 

@@ -19,8 +19,6 @@ _MOST_MISSED: Final = 0.05
 """Largest fraction of missed replies; more would trip a run with default settings"""
 _TIMER_NS: Final = 1_200_000
 """Replies delayed for longer are not delayed by a latency timer of 1 ms, the shortest"""
-_HELD_NS: Final = 300_000
-"""Replies delayed for longer are delayed by the adapter: a host takes half of it"""
 _LATE_SHARE: Final = 4
 """A wake-up later than a period over this leaves too little time for the bus"""
 _PERIODS: Final[dict[Schedule, float]] = {
@@ -88,87 +86,57 @@ class Timing:
         return min(in_time, on_wire, 1e9 / in_row if in_row else on_wire)
 
     def checks(self) -> list[Check]:
-        """Judge the replies: the resulting rate and schedule, and the noise of the encoder."""
-        advice = self._advice()
-        found = [self._reply_time(advice)]
-        if self.replies.took_ns:
-            found += [self._rate(advice), self._encoder()]
-        return [*found, self._schedule(advice)]
+        """Judge the replies, and the rate that they allow."""
+        found = [self._reply_time()]
+        return [*found, self._rate()] if self.replies.took_ns else found
 
     def _advice(self) -> str:
         """Return advice against late replies, about the first cause found."""
         replies = self.replies
-        if not replies.took_ns:
-            return (
-                f"check {self.wiring}: it answers single registers but not the block of its sample"
-            )
-        if replies.share_failed > self.most_missed:
-            return f"check {self.wiring}, and that no other servo has this id"
+        if self.stalls:
+            return "see wake-up lateness, then examine again"
         needed_ns = 1e9 * cycle_s(self.baud, replies.count, replies.read) + self.return_delay_ns
-        held_ns = percentile(replies.took_ns, 0.5) - needed_ns
-        if held_ns > _TIMER_NS:
+        if percentile(replies.took_ns, 0.5) - needed_ns > _TIMER_NS:
             return (
                 f"replies are held back for {_ms(replies.in_row_ns)}, as by an adapter's latency "
                 "timer (factory setting 16 ms): set it to 1 ms"
             )
         if self.return_delay_ns:
             return "set the return delay to 0, as --fix and a run do, then examine again"
-        disturbed = self.stalls or replies.disturbed
-        ways = []
-        if self.best not in (None, self.schedule) and not (disturbed and held_ns < _HELD_NS):
-            ways.append(f"set servo.schedule={self.best}")
-        elif disturbed:
-            return (
-                "a few replies are slow, as on a busy machine: end other programs on this machine "
-                "(see wake-up lateness), then examine again"
-            )
+        ways = [] if self.best in (None, self.schedule) else [f"set servo.schedule={self.best}"]
         most = self.sustainable_hz(self.schedule)
         lower = next((rate for rate in _RATES if rate <= most and rate < self.rate_hz), None)
         if lower is not None:
             ways.append(f"set loop.rate_hz={lower}")
         return ", or ".join(ways) or "examine again: with such replies no rate is sustainable"
 
-    def _reply_time(self, advice: str) -> Check:
+    def _reply_time(self) -> Check:
         replies = self.replies
-        limit_ns = _PERIODS[self.schedule] * 1e9 / self.rate_hz
         found = f"{replies.lost} lost, {replies.corrupt} broken of {replies.asked}"
-        limit = (
-            f"99 % within {_ms(limit_ns)} ({self.schedule}), at most {self.most_missed:.0%} lost"
-        )
+        wanted = f"at most {self.most_missed:.0%} lost"
+        if not replies.took_ns:
+            fix = f"check {self.wiring}: it answers registers, but not the block of its sample"
+            return Check("reply time", False, found, wanted, fix)
+        p50, p99 = percentile(replies.took_ns, 0.5), percentile(replies.took_ns, 0.99)
+        longest = _ms(replies.took_ns[-1])
+        found = f"median {_ms(p50)}, 99 % {_ms(p99)}, longest {longest}; {found}"
         ok = replies.share_failed <= self.most_missed
-        if replies.took_ns:
-            p50, p99 = percentile(replies.took_ns, 0.5), percentile(replies.took_ns, 0.99)
-            ok &= p99 <= limit_ns
-            longest = _ms(replies.took_ns[-1])
-            found = f"median {_ms(p50)}, 99 % {_ms(p99)}, longest {longest}; {found}"
-        return Check("reply time", ok, found, limit, "" if ok else advice)
+        fix = "" if ok else f"check {self.wiring}, and that no other servo has this id"
+        return Check("reply time", ok, found, wanted, fix)
 
-    def _rate(self, advice: str) -> Check:
-        replies = self.replies
+    def _rate(self) -> Check:
+        """Judge whether the rate holds with the configured schedule."""
+        replies, best = self.replies, self.best
         rates = {schedule: self.sustainable_hz(schedule) for schedule in _PERIODS}
         ok = rates[self.schedule] >= self.rate_hz
         found = ", ".join(f"{schedule} {hz:.0f} Hz" for schedule, hz in rates.items())
         if replies.count > 1:
             found += f" ({replies.count} servos, {replies.read} read)"
         wanted = f"{self.rate_hz:g} Hz ({self.schedule})"
-        return Check("sustainable rate", ok, found, wanted, "" if ok else advice)
-
-    def _encoder(self) -> Check:
-        replies, spread = self.replies, self.replies.spread
-        fix = "" if spread <= 1 else "noise, or the shaft is moving: take your hands off and repeat"
-        readings = replies.asked - replies.lost - replies.corrupt
-        found = f"{spread} counts apart in {readings} readings"
-        return Check("encoder at rest", True, found, "at most 1 count apart", fix)
-
-    def _schedule(self, advice: str) -> Check:
-        """Judge whether the configured schedule is suitable."""
-        best = self.best
-        ok = best in (self.schedule, "immediate")  # pipelined holds wherever immediate does
-        fix = "" if ok else advice
-        if ok and best != self.schedule:
+        fix = "" if ok else self._advice()
+        if ok and best not in (None, self.schedule):
             fix = f"set servo.schedule={best}, which has younger samples"
-        suitable = best or f"replies in time at {self.rate_hz:g} Hz, which no schedule has"
-        return Check("schedule", ok, self.schedule, suitable, fix)
+        return Check("sustainable rate", ok, found, wanted, fix)
 
 
 def judge_lateness(lateness_ns: list[int], period_ns: int) -> Check:

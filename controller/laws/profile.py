@@ -106,7 +106,5 @@ def make(numbers: Numbers, grid: Grid) -> Shape:  # noqa: ARG001 - as every law
         LawError: There is no table, or it makes no law.
     """
     if numbers.profile is None:
-        raise LawError(
-            "profile", "found nothing", "a CSV file, or a list of [position, torque] [rad, N·m]"
-        )
+        raise LawError("profile", "found nothing", "a list of [position, torque] [rad, N·m]")
     return Profile(*zip(*numbers.profile, strict=True)) if numbers.profile else Profile([], [])

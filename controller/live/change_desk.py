@@ -5,13 +5,13 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Final
 
 from haptic_wall.controller.errors import ConfigError, HapticWallError, UserError
 from haptic_wall.controller.guard.decision_report import decision_report
 from haptic_wall.controller.live.log_events import send_event
-from haptic_wall.controller.live.run_socket import NOT_MADE, OVER, Peer
+from haptic_wall.controller.live.run_socket import NOT_MADE, OVER
 from haptic_wall.controller.runtime.assembly import decision_in_force
 from haptic_wall.controller.runtime.changeover import MOST_J, Obstacle
 from haptic_wall.controller.runtime.changes import Changes
@@ -38,7 +38,6 @@ _SHOWN: Final = 300
 class _Asked:
     """The change at hand."""
 
-    peer: Peer
     sets: list[str]
     axis: int
     new: Config
@@ -88,13 +87,12 @@ class ChangeDesk:
 
         return cls(config, telemetry, Offers(telemetry), told)
 
-    def begin(self, sets: list[str], wait_s: float, peer: Peer) -> dict[str, Any] | None:
+    def begin(self, sets: list[str], wait_s: float) -> dict[str, Any] | None:
         """Check and compute a change, and send it to the loop.
 
         Args:
             sets: Changes as ``PATH=VALUE``.
             wait_s: Longest wait for its moment [s].
-            peer: The process that asks.
 
         Returns:
             The answer, if there already is one.
@@ -103,12 +101,12 @@ class ChangeDesk:
         try:
             axis, own = self._addressed(sets)
             new = changed(self._configs[axis], own)
-            asked = self._asked = _Asked(peer, sets, axis, new, 0.0, began_s)
+            asked = self._asked = _Asked(sets, axis, new, 0.0, began_s)
             if not difference(self._configs[axis], new):
                 self._asked = None
                 return {"applied": True, "changed": {}, "waited_s": 0.0}
         except ExplainedError as error:
-            return self._refused(peer, sets, error)
+            return self._refused(sets, error)
         asked.until_s = began_s + max(wait_s, START_S)
         return self._sent(asked, wait_s)
 
@@ -156,7 +154,7 @@ class ChangeDesk:
             asked.number = change.number
             self._offers.send(change)
         except ExplainedError as error:
-            return self._refused(asked.peer, asked.sets, error)
+            return self._refused(asked.sets, error)
         asked.began_s = time.monotonic()
         asked.until_s = asked.began_s + max(wait_s, LEAST_S)
         return None
@@ -250,7 +248,7 @@ class ChangeDesk:
                 name: guard[name] for name in ("requested", "commanded", "binding", "reasons")
             },
         }
-        self._event(asked.peer, asked.sets, "applied", "", answer, made_ns)
+        self._event(asked.sets, "applied", "", answer, made_ns)
         return answer
 
     def _made_ns(self, row: int) -> int:
@@ -266,17 +264,17 @@ class ChangeDesk:
         asked, self._asked = self._asked, None
         assert asked is not None
         text = f"not applied: {why}"
-        self._event(asked.peer, asked.sets, "not applied", why, {})
+        self._event(asked.sets, "not applied", why, {})
         return {"error": text, "field": None, "advice": None, "exit_status": NOT_MADE}
 
-    def _refused(self, peer: Peer, sets: list[str], error: ExplainedError) -> dict[str, Any]:
+    def _refused(self, sets: list[str], error: ExplainedError) -> dict[str, Any]:
         self._asked = None
         field = error.problem.field or ""
         # what was checked as for the axis alone is told by the path that was given
         axis = split_path(sets[0])[0] if field.startswith("wall.") else ""
         problems = error.problems if isinstance(error, ConfigError) else (str(error),)
         text = "; ".join(f"{axis}{problem}" for problem in problems)
-        self._event(peer, sets, "refused", text, {})
+        self._event(sets, "refused", text, {})
         return {
             "error": f"refused: {text}",
             "field": f"{axis}{field}" or None,
@@ -286,7 +284,6 @@ class ChangeDesk:
 
     def _event(
         self,
-        peer: Peer,
         sets: list[str],
         outcome: str,
         why: str,
@@ -305,7 +302,6 @@ class ChangeDesk:
                 "changed": answer.get("changed"),
                 "waited_s": answer.get("waited_s"),
                 "commanded": answer.get("guard", {}).get("commanded"),
-                "by": asdict(peer) | {"user": peer.user},
             }
         )
 

@@ -9,21 +9,17 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import re
 import socket
 import time
 from collections.abc import Callable
-from typing import Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final
 
-from haptic_wall.controller.live.run_socket import (
-    MOST_BYTES,
-    NOT_MADE,
-    OVER,
-    Peer,
-    peer_of,
-)
+from haptic_wall.controller.live.run_socket import MOST_BYTES, NOT_MADE, OVER
 from haptic_wall.hw.clock import ready
+
+if TYPE_CHECKING:
+    from haptic_wall.controller.live.change_desk import ChangeDesk
 
 READ_S: Final = 2.0
 """Time for a client to send its request [s]"""
@@ -38,52 +34,18 @@ _LOOK_S: Final = 0.01
 _NUMBERS: Final = re.compile(r"\d[-+.\de]*")
 
 
-class Desk(Protocol):
-    """Makes one change at a time."""
-
-    def begin(self, sets: list[str], wait_s: float, peer: Peer) -> dict[str, Any] | None:
-        """Begin with a change; return its answer if there already is one."""
-        ...
-
-    def look(self) -> dict[str, Any] | None:
-        """Return the answer to the change that was begun; None: it waits."""
-        ...
-
-    def obstacle(self) -> str:
-        """Return why it waits, as words; empty: it does not, or the loop has not looked yet."""
-        ...
-
-    def withdraw(self) -> None:
-        """Give it up: ``look`` then returns its answer soon."""
-        ...
-
-    def give_up(self, why: str) -> dict[str, Any]:
-        """Give it up without waiting for its answer; return one."""
-        ...
-
-
 class Dial:
     """Serves clients.
 
     Args:
         listener: Listens, and does not block.
         desk: Returns the desk that makes the changes; called at the first request.
-        credentials: Credentials of a connection.
-        owner: The user who may change the wall.
     """
 
-    def __init__(
-        self,
-        listener: socket.socket,
-        desk: Callable[[], Desk],
-        credentials: Callable[[socket.socket], Peer] = peer_of,
-        owner: int | None = None,
-    ) -> None:
+    def __init__(self, listener: socket.socket, desk: Callable[[], ChangeDesk]) -> None:
         self._listener = listener
         self._open_desk = desk
-        self._desk: Desk | None = None
-        self._credentials = credentials
-        self._owner = os.getuid() if owner is None else owner
+        self._desk: ChangeDesk | None = None
         self._client: socket.socket | None = None
         self._began_s = 0.0
         """When the client came, or its change was begun"""
@@ -112,7 +74,7 @@ class Dial:
         elif self._client is not None and time.monotonic() > self._began_s + READ_S:
             self._refuse(f"no whole request came within {READ_S:g} s")
 
-    def prepare(self) -> Desk:
+    def prepare(self) -> ChangeDesk:
         """Load the desk that makes the changes, before the first request; return it."""
         if self._desk is None:
             self._desk = self._open_desk()
@@ -133,8 +95,6 @@ class Dial:
             return  # it has gone again
         self._client.setblocking(False)
         self._began_s, self._sent, self._told = time.monotonic(), b"", ""
-        if self._credentials(self._client).uid != self._owner:
-            self._refuse("only the owner of this wall may change it")
 
     def _read(self, client: socket.socket) -> None:
         try:
@@ -157,9 +117,9 @@ class Dial:
         if len(line) >= MOST_BYTES:
             self._refuse(f"found a request of more than {MOST_BYTES} bytes")
         elif end:
-            self._take(line, client)
+            self._take(line)
 
-    def _take(self, line: bytes, client: socket.socket) -> None:
+    def _take(self, line: bytes) -> None:
         try:
             request = json.loads(line)
             sets, wait_s = request["set"], float(request.get("wait_s", 0.0))
@@ -172,12 +132,12 @@ class Dial:
                 f"{MOST_WAIT_S:g}",
             )
             return
-        told = self.prepare().begin(sets, wait_s, self._credentials(client))
+        told = self.prepare().begin(sets, wait_s)
         self._began_s, self._asks = time.monotonic(), True
         if told is not None:
             self._end(told)
 
-    def _go_on(self, desk: Desk) -> None:
+    def _go_on(self, desk: ChangeDesk) -> None:
         told = desk.look()
         if told is not None:
             self._end(told)

@@ -12,15 +12,18 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-from haptic_wall.controller.live.dial import IDLE_S, Desk, Dial
+from haptic_wall.controller.live.dial import IDLE_S, Dial
 from haptic_wall.controller.live.run_socket import listening
 from haptic_wall.controller.runtime.realtime import die_with_parent
 from haptic_wall.controller.system.orders import read_orders, say
 from haptic_wall.controller.system.signals import ended_by
+
+if TYPE_CHECKING:
+    from haptic_wall.controller.live.change_desk import ChangeDesk
 
 LOAD_S: Final = 3.0
 """Time after the start until the desk is loaded [s]: the loop's start has precedence"""
@@ -36,9 +39,7 @@ def main() -> None:
     die_with_parent(orders["parent"], signal.SIGTERM)
     page = None
     if orders["live"] is not None:
-        from haptic_wall.controller.live.page_thread import serve_page
-
-        page = threading.Thread(target=serve_page, args=(orders, ends), daemon=True)
+        page = threading.Thread(target=_page, args=(orders, ends), daemon=True)
         page.start()
     os.nice(_NICE)
     place = Path(sys.argv[1])
@@ -61,6 +62,13 @@ def main() -> None:
             page.join(_PAGE_S)
 
 
+def _page(orders: Mapping[str, Any], ends: Callable[[], bool]) -> None:
+    # what reads the rows takes most of a second to import
+    from haptic_wall.controller.live.running_view import serve_page
+
+    serve_page(orders, ends)
+
+
 def _dial(place: Path, orders: Mapping[str, Any]) -> Dial | None:
     """Return what takes changes at a socket; None: it cannot be made."""
     try:
@@ -70,7 +78,7 @@ def _dial(place: Path, orders: Mapping[str, Any]) -> Dial | None:
         say({"trouble": f"the running wall cannot be changed: {why}"})
         return None
 
-    def desk() -> Desk:
+    def desk() -> ChangeDesk:
         from haptic_wall.controller.live.change_desk import ChangeDesk
 
         return ChangeDesk.of(orders, say)

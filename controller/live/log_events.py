@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 MOST_BYTES: Final = 1 << 20
@@ -34,6 +34,18 @@ def send_event(peer: socket.socket, change: dict[str, Any]) -> bool:
             continue
         return True
     return False
+
+
+def change_text(change: Mapping[str, Any]) -> str:
+    """Return a change in one line, for people; ``change`` is as in a report."""
+    asked = " ".join(change["set"])
+    if change["outcome"] != "applied":
+        return f"{asked}: {change['outcome']}: {change['why']}"
+    commanded = change.get("commanded") or {}
+    units = {"stiffness": "N·m/rad", "damping": "N·m·s/rad"}
+    known = {name: value for name, value in commanded.items() if value is not None}
+    values = ", ".join(f"{value:.4g} {units[name]}" for name, value in known.items())
+    return f"{asked}: applied; commanded: {values}"
 
 
 def take_events(peer: socket.socket, write: Callable[[dict[str, Any]], None]) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.state import State
+from haptic_wall.controller.live.log_events import change_text
 from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP
 from haptic_wall.hw.servo import Outcome
 
@@ -41,10 +42,7 @@ class Mark:
 
 def change_mark(change: Mapping[str, Any]) -> Mark:
     """Return the mark of a change of the wall; ``change`` is as in a report."""
-    words = " ".join(change["set"])
-    if change["outcome"] != "applied":
-        words = f"{words} {change['outcome']}: {change['why']}"
-    return Mark(change["at_s"], "change", words)
+    return Mark(change["at_s"], "change", change_text(change))
 
 
 @dataclass(slots=True)

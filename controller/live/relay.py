@@ -15,7 +15,7 @@ from haptic_wall.controller.live.run_socket import MOST_BYTES, connected
 WAIT_S: Final = 10.0
 """Longest wait for a moment that suits [s], as that of ``haptic-wall set``"""
 OFFERED: Final = {name: kind for name, kind in LAWS.items() if name != "profile"}
-"""Laws that a page may choose: a profile may name a file"""
+"""Laws that a page may choose: it has no knob for a profile"""
 NUMBERS: Final = {"wall.stiffness", "wall.damping", "wall.position", "delay.steps"} | {
     f"wall.{name}" for kind in OFFERED.values() for name in kind.numbers if name != "side"
 }

@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import pwd
 import socket
 import struct
 from collections.abc import Iterator, Sequence
@@ -30,22 +29,6 @@ OVER: Final = "the run is over"
 NOT_MADE: Final = 3
 """Exit status of a change that was not made"""
 _CREDENTIALS: Final = struct.Struct("3i")
-
-
-@dataclass(frozen=True, slots=True)
-class Peer:
-    """The process at the other end, by the kernel's word."""
-
-    pid: int
-    uid: int
-
-    @property
-    def user(self) -> str:
-        """Return the name of its user, or its number."""
-        try:
-            return pwd.getpwuid(self.uid).pw_name
-        except KeyError:
-            return str(self.uid)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,13 +54,6 @@ def socket_of(log: Path) -> Path:
     """Return the path of the socket of a run with this log."""
     place = Path(os.path.abspath(log))  # noqa: PTH100 - a link stays the name that the user knows
     return place.with_name(place.name + SUFFIX)
-
-
-def peer_of(connection: socket.socket) -> Peer:
-    """Return the process at the other end of a connection."""
-    found = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-    pid, uid, _ = _CREDENTIALS.unpack(found)
-    return Peer(pid, uid)
 
 
 @contextlib.contextmanager
@@ -129,13 +105,15 @@ def _is_heard(path: Path) -> bool:
     return _listener(path) is not None
 
 
-def _listener(path: Path) -> Peer | None:
-    """Return the process that listens at a path; None: none does."""
+def _listener(path: Path) -> tuple[int, int] | None:
+    """Return process and user that listen at a path, by the kernel's word; None: none do."""
     try:
         with connected(path) as connection:
-            return peer_of(connection)
+            found = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
     except ConnectionRefusedError:
         return None
+    pid, uid, _ = _CREDENTIALS.unpack(found)
+    return pid, uid
 
 
 def connected(path: Path) -> socket.socket:
@@ -163,7 +141,7 @@ def alive() -> list[AliveRun]:
         with contextlib.suppress(OSError, ValueError, IndexError):
             words = (each / "cmdline").read_bytes().split(b"\0")
             path = Path(os.fsdecode(words[words.index(MODULE.encode()) + 1]))
-            if _listener(path) == Peer(int(each.name), os.getuid()):
+            if _listener(path) == (int(each.name), os.getuid()):
                 found.append(AliveRun(path, int(each.name)))
     return sorted(found, key=lambda run: run.pid)
 

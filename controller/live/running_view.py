@@ -1,24 +1,31 @@
-"""Makes the views of a running wall, one for each axis, from what its supervisor sends."""
+"""Serves the page of a running wall, with a view of each axis, in a thread of the door."""
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import json
 import socket
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 from haptic_wall.controller.errors import HapticWallError
 from haptic_wall.controller.live.dead_man import DeadMan
 from haptic_wall.controller.live.marks import Mark, change_mark
+from haptic_wall.controller.live.place import Live
+from haptic_wall.controller.live.server import LiveServer
 from haptic_wall.controller.live.source import RunningSource
 from haptic_wall.controller.live.view import View
+from haptic_wall.controller.runtime.idle_window import until_idle_window
+from haptic_wall.controller.runtime.realtime import stand_back
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.axis_names import of_axis
 from haptic_wall.controller.settings.changes import with_changes
 from haptic_wall.controller.settings.config import RUNS, Config
 from haptic_wall.controller.settings.load import loaded
+from haptic_wall.controller.system.orders import say
 from haptic_wall.hw.hand import SharedHand
 
 _MOST_NEWS = 65_536
@@ -81,12 +88,22 @@ class News:
                     view.add([change_mark(change)])
 
 
-def views_of(orders: Mapping[str, Any]) -> tuple[dict[str, View], News, Telemetry]:
-    """Return the views of a running wall, its news, and its rows.
+def serve_page(orders: Mapping[str, Any], ends: Callable[[], bool]) -> None:
+    """Serve the page until ``ends``; tell the supervisor if it is gone sooner.
 
     Args:
-        orders: Of the run's supervisor; the views take the descriptors in them.
+        orders: Of the run's supervisor; the page takes the descriptors in them.
+        ends: Whether a signal asked for the end.
     """
+    stand_back()
+    try:
+        _serve(orders, Live(**orders["live"]), ends)
+    except Exception as error:  # noqa: BLE001 - whatever it is, changes go on
+        why = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
+        say({"page": f"the page is gone ({why})"})
+
+
+def _serve(orders: Mapping[str, Any], live: Live, ends: Callable[[], bool]) -> None:
     config = Config.model_validate_json(orders["config"], context=RUNS)
     telemetry = Telemetry(orders["telemetry"], axes=len(config.each))
     hand = None if orders["hand"] is None else SharedHand(orders["hand"])
@@ -103,4 +120,16 @@ def views_of(orders: Mapping[str, Any]) -> tuple[dict[str, View], News, Telemetr
         )
         for index, (name, each) in enumerate(config.each.items())
     }
-    return views, News(socket.socket(fileno=orders["news"]), telemetry, views), telemetry
+    news = News(socket.socket(fileno=orders["news"]), telemetry, views)
+    period_ns: int = orders["period_ns"]
+
+    def until() -> bool:
+        over = ends()
+        news.take()
+        return over
+
+    def pause(wanted_s: float) -> float:
+        return until_idle_window(telemetry.words, period_ns, wanted_s)
+
+    server = LiveServer(views, live.host, live.token, Path(orders["run"]), pause)
+    asyncio.run(server.run(socket.socket(fileno=live.descriptor), until))

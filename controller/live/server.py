@@ -3,27 +3,33 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
+import logging
 import socket
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from websockets.asyncio.server import ServerConnection
+from websockets.asyncio.server import ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
 
 from haptic_wall.controller.live.client import MOST_ROWS, Client, Messages
 from haptic_wall.controller.live.gate import is_token, judged, token_of
 from haptic_wall.controller.live.relay import ask, is_number, sets_of
 from haptic_wall.controller.live.view import View
-from haptic_wall.controller.live.web_server import closed, opened
 
 FRAME_S: Final = 0.02
 """Time between two messages [s]"""
 LEAST_PAUSE_S: Final = 0.25 * FRAME_S
 """Shortest time for the clients' requests between two messages [s]"""
 MOST_CLIENTS: Final = 64
+END_S: Final = 1.0
+"""Longest wait for the clients at the end [s]"""
+MOST_REQUEST: Final = 4096
+"""Largest message of a client [bytes]"""
 _LAW_EVERY: Final = 25
 """Messages between two looks at the law's range, and the guard's delay"""
 _STRIP_EVERY: Final = 5
@@ -57,22 +63,35 @@ class LiveServer:
         self._pause = pause
 
     async def run(self, listener: socket.socket, until: Callable[[], bool]) -> None:
-        """Serve until ``until`` says so.
+        """Serve until ``until`` says so; print nothing of what clients cause.
 
         Args:
             listener: Bound and listening.
             until: Called with every message; true: end.
         """
-        server = await opened(listener, self.attend, lambda request: judged(request, self._host))
+        for name in ("asyncio", "websockets"):
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+        server = await serve(
+            self._attend,
+            sock=listener,
+            process_request=self._judged,
+            compression=None,
+            max_size=MOST_REQUEST,
+            max_queue=4,
+            open_timeout=5.0,
+            close_timeout=1.0,
+            server_header=None,
+        )
         await self.pump(until)
-        await closed(server)
-        self.abort()
-
-    def abort(self) -> None:
-        """Close all connections at once."""
+        server.close(code=1001)
+        with contextlib.suppress(TimeoutError):  # a client that has been stopped never answers
+            await asyncio.wait_for(asyncio.shield(server.wait_closed()), END_S)
         for view in self.views.values():
             for client in tuple(view.clients):
                 client.abort()
+
+    def _judged(self, _connection: ServerConnection, request: Request) -> Response | None:
+        return judged(request, self._host)
 
     async def pump(self, until: Callable[[], bool]) -> None:
         """Send rows and texts to the clients, until ``until`` says so."""
@@ -111,7 +130,7 @@ class LiveServer:
             if view.clients:
                 await view.draw_map()
 
-    async def attend(self, connection: ServerConnection) -> None:
+    async def _attend(self, connection: ServerConnection) -> None:
         """Serve a client until it is gone."""
         request = connection.request
         given = token_of(request) if request is not None else ""

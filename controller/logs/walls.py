@@ -83,7 +83,7 @@ def _config(data: object) -> Config:
                 for name, section in sections().items()
                 if isinstance(data.get(name), dict)
             }  # a setting that went does not count
-            return loaded(known, "of the log", files=False)
+            return loaded(known, "of the log")
     except ConfigError as error:
         problems = error.problems
     law = next((each for each in problems if each.startswith(_OF_LAWS)), None)

@@ -12,6 +12,7 @@ from contextlib import ExitStack
 from dataclasses import asdict
 from typing import Any, Final
 
+from haptic_wall.controller.live.log_events import change_text
 from haptic_wall.controller.live.run_socket import MODULE, remove_if_dead, socket_of
 from haptic_wall.controller.processes.children import Child
 from haptic_wall.controller.processes.hold import gone_texts
@@ -153,21 +154,3 @@ class Door:
         if self._news is not None and len(message) < _MOST_BYTES:
             with contextlib.suppress(OSError):  # it is gone, or does not read: nothing waits for it
                 self._news.send(message, socket.MSG_DONTWAIT)
-
-
-def change_text(change: dict[str, Any]) -> str:
-    """Return a change in one line, for people."""
-    by = change["by"]
-    who = f"{' '.join(change['set'])}, requested by {by['user']} (process {by['pid']})"
-    if change["outcome"] != "applied":
-        return f"{change['outcome']}: {who}: {change['why']}"
-    commanded = change["commanded"] or {}
-    values = ", ".join(
-        f"{value:.4g} {unit}"
-        for value, unit in (
-            (commanded.get("stiffness"), "N·m/rad"),
-            (commanded.get("damping"), "N·m·s/rad"),
-        )
-        if value is not None
-    )
-    return f"changed: {who}; commanded: {values}"

@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+from haptic_wall.controller.live.log_events import change_text
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.system.wrapping import wrapped
 
@@ -235,17 +236,8 @@ def _realtime(settings: list[Mapping[str, Any]] | None) -> Lines:
 
 def _change(change: Mapping[str, Any]) -> str:
     """Describe a change of the running wall."""
-    by, at_s = change["by"], change.get("at_s")
-    when = "" if at_s is None else f"at {at_s:.3f} s, "
-    text = f"{when}{' '.join(change['set'])}, by {by['user']} (process {by['pid']})"
-    if change["outcome"] != "applied":
-        return f"{text}: {change['outcome']}, {change['why']}"
-    commanded = change.get("commanded") or {}
-    return (
-        f"{text}: applied after {number(change.get('waited_s'), 2)} s, "
-        f"{number(commanded.get('stiffness'))} N·m/rad, "
-        f"{number(commanded.get('damping'))} N·m·s/rad"
-    )
+    at_s = change.get("at_s")
+    return ("" if at_s is None else f"at {at_s:.3f} s, ") + change_text(change)
 
 
 def filter_text(filtered: Mapping[str, Any]) -> str:

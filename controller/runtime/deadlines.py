@@ -5,12 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from haptic_wall.controller.settings.shares import SPIN_SHARE
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.elastic import ElasticClock
 
 SPIN_MIN_NS = 50_000
 SPIN_MAX_NS = 300_000
+SPIN_SHARE = 0.6
+"""Largest fraction of a period for spinning: Linux halts a real-time process that holds its core
+for more than 0.95 of a second, and the tick's own work adds to it."""
 _NAP_NS = 300_000
 PLACE_SHARE = 0.6
 """Phase of the deadlines in a millisecond of the monotonic clock, or in a shorter period"""
@@ -109,20 +111,13 @@ def measured_spin_margin_ns(naps: int = 200) -> int:
     return min(max(overshoots[int(0.95 * naps)] + 10_000, SPIN_MIN_NS), SPIN_MAX_NS)
 
 
-def spin_margin_ns(spin_us: float | None, period_ns: int) -> int:
-    """Return the spin margin [ns].
+def waiter_for(clock: Clock, period_ns: int) -> Wait:
+    """Return what waits on a clock, simulated or monotonic.
 
     Args:
-        spin_us: As configured [µs]; None: measured now.
-        period_ns: Between deadlines [ns]; a measured margin leaves a part of it for sleeping.
+        clock: The clock.
+        period_ns: Between deadlines [ns]; the measured spin leaves a part of it for sleeping.
     """
-    if spin_us is not None:
-        return round(spin_us * 1000.0)
-    return min(measured_spin_margin_ns(), int(SPIN_SHARE * period_ns))
-
-
-def waiter_for(clock: Clock, spin_us: float | None, period_ns: int) -> Wait:
-    """Return what waits on a clock, simulated or monotonic; see ``spin_margin_ns``."""
     if isinstance(clock, SimulatedClock):
         return sleeping(clock)
-    return spinning(spin_margin_ns(spin_us, period_ns), clock)
+    return spinning(min(measured_spin_margin_ns(), int(SPIN_SHARE * period_ns)), clock)

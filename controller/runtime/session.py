@@ -37,7 +37,6 @@ from haptic_wall.controller.runtime.session_report import (
 )
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.runtime.wall_wait import WallWait
-from haptic_wall.controller.settings.axes import own_paths
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.elastic import ElasticClock
@@ -183,7 +182,7 @@ class _Session:
         self._decide()
         freeze_garbage()
         self._around.take_real_time()
-        self._wait = waiter_for(self._clock, self._config.realtime.spin_us, self._config.period_ns)
+        self._wait = waiter_for(self._clock, self._config.period_ns)
 
     def _decide(self) -> None:
         """Compute the guard's decisions from the servos' known values."""
@@ -280,11 +279,10 @@ class _Session:
         return ids.index(servo_id) + 1 if servo_id in ids and len(ids) > 1 else 0
 
     def _name_axis(self, error: ServoError) -> None:
-        """Let an error about the servo of one of several axes name it, also in its advice."""
+        """Let an error about the servo of one of several axes name it."""
         if number := self._number(error.id):
             axis, told = list(self._configs)[number - 1], error.problem
-            advice = own_paths(told.advice, axis)
-            error.problem = replace(told, what=f"{axis}: {told.what}", advice=advice)
+            error.problem = replace(told, what=f"{axis}: {told.what}")
             error.args = (str(error.problem),)
 
     def _between_ticks(self) -> None:

@@ -6,14 +6,13 @@ configuration holds each axis whole, so that written out and read again it is th
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from pydantic import Field
 
 from haptic_wall.controller.settings.axis_names import NAME
-from haptic_wall.controller.settings.model import NUMBERS, Model, Section, Wall, setting
+from haptic_wall.controller.settings.model import Model, Section, Wall, setting
 from haptic_wall.controller.settings.servo import Baud, Port, Servo, truth_section
 from haptic_wall.hw.settings import Way
 from haptic_wall.hw.truth import TrueArm
@@ -65,16 +64,10 @@ class Axis(Section):
 
 OWN: Final = tuple(Axis.model_fields)
 """Names of these sections"""
-_OWN_PATH: Final = re.compile(
-    rf"\bservo\.(?!(?:{'|'.join(SHARED)})\b)(?={'|'.join(Servo.model_fields)})"
-)
 
 
 def completed(data: dict[str, Any]) -> dict[str, Any]:
-    """Return unchecked settings with port and baud of ``bus`` in ``servo``, and each axis whole.
-
-    An axis with another law than the top level does not inherit the numbers of that law.
-    """
+    """Return unchecked settings with port and baud of ``bus`` in ``servo``, and each axis whole."""
     bus, servo, axes = data.get("bus"), data.get("servo", {}), data.get("axes")
     if isinstance(bus, dict) and isinstance(servo, dict):
         moved = {name: bus[name] for name in RENAMED if bus.get(name) is not None}
@@ -92,8 +85,6 @@ def _completed(axis: Any, data: Mapping[str, Any]) -> Any:  # noqa: ANN401 - wha
     for section in OWN:
         default, own = data.get(section, {}), axis.get(section, {})
         if isinstance(default, dict) and isinstance(own, dict):
-            if section == "wall" and "law" in own and own["law"] != default.get("law", "wall"):
-                default = {name: default[name] for name in default if name not in NUMBERS}
             whole[section] = default | own
     return whole
 
@@ -107,21 +98,13 @@ def compact(data: Mapping[str, Any]) -> dict[str, Any]:
     }
     if data["axes"]:
         short["axes"] = {
-            name: {section: _own(section, axis[section], data[section]) for section in OWN}
+            name: {section: _own(axis[section], data[section]) for section in OWN}
             for name, axis in data["axes"].items()
         }
     return short
 
 
-def _own(section: str, axis: Mapping[str, Any], default: Mapping[str, Any]) -> dict[str, Any]:
-    kept = NUMBERS if section == "wall" and axis["law"] != default["law"] else ()
+def _own(axis: Mapping[str, Any], default: Mapping[str, Any]) -> dict[str, Any]:
     return {
-        name: value
-        for name, value in axis.items()
-        if name in kept or name not in default or value != default[name]
+        name: value for name, value in axis.items() if name not in default or value != default[name]
     }
-
-
-def own_paths(text: str, axis: str) -> str:
-    """Return a text in which the settings of ``servo`` that an axis has of its own are its own."""
-    return _OWN_PATH.sub(f"axes.{axis}.servo.", text)

@@ -11,7 +11,6 @@ from haptic_wall.controller.settings.fields import fields
 from haptic_wall.controller.settings.load import apply_set, loaded
 from haptic_wall.controller.settings.model import NUMBERS
 from haptic_wall.controller.system.printable import in_line
-from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.names import did_you_mean
 
 CHANGEABLE: Final = (
@@ -27,8 +26,6 @@ CHANGEABLE: Final = (
 def changed(config: Config, sets: Sequence[str]) -> Config:
     """Return the configuration with changes applied, checked like a configuration file.
 
-    If the law changes, all of its numbers that are not in ``sets`` get their defaults.
-
     Args:
         config: Present configuration.
         sets: Changes as ``PATH=VALUE``.
@@ -43,11 +40,7 @@ def changed(config: Config, sets: Sequence[str]) -> Config:
     given: dict[str, Any] = {}
     for change in sets:
         _refuse_fixed(apply_set(given, change))
-    wall = given.get("wall") or {}
     data = config.model_dump()
-    if "law" in wall and wall["law"] != config.wall.law:
-        for name in NUMBERS:
-            del data["wall"][name]
     for section in ("wall", "delay"):
         data[section] |= given.get(section) or {}
     new = loaded(data, "of the running wall")
@@ -92,10 +85,8 @@ def _refuse_fixed(path: str) -> None:
     if path in CHANGEABLE:
         return
     wanted = "wall.stiffness, wall.damping, wall.position, delay.steps, wall.law or its numbers"
-    if path in fields():
-        what = "found a setting that a running wall cannot change"
-        hint = "end the run, and start it with --set"
-    else:
-        what = "unknown"
-        hint = did_you_mean(path, CHANGEABLE) or did_you_mean(path, fields())
-    raise UserError(Problem(what, wanted=wanted, advice=hint, field=in_line(path)))
+    hint = "end the run, and start it with --set"
+    if path not in fields():
+        hint = did_you_mean(path, CHANGEABLE)
+    what = "found a setting that a running wall cannot change"
+    raise UserError(what, wanted=wanted, advice=hint, field=in_line(path))

@@ -86,7 +86,7 @@ def _wanted(annotation: Any, info: FieldInfo) -> str:  # noqa: ANN401
     if get_origin(annotation) is Literal:
         return "one of " + ", ".join(map(str, get_args(annotation)))
     if annotation == tuple[Row, ...]:
-        return "a CSV file, or a list of [position, torque]"
+        return "a list of [position, torque]"
     if annotation == tuple[Part, ...]:
         return "a list of sections"
     if get_origin(annotation) is tuple:

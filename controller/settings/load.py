@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib import resources
@@ -13,14 +13,12 @@ from typing import Any
 from pydantic import ValidationError
 
 from haptic_wall.controller.errors import ConfigError, UserError
-from haptic_wall.controller.laws.wall import NONE
 from haptic_wall.controller.settings import yaml_text as config_yaml
 from haptic_wall.controller.settings.axes import RENAMED
 from haptic_wall.controller.settings.axis_names import split_path
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.settings.fields import fields
-from haptic_wall.controller.settings.model import NUMBERS
-from haptic_wall.controller.settings.problems import problems_of, shown, value_at
+from haptic_wall.controller.settings.fields import fields, sections
+from haptic_wall.controller.settings.problems import problems_of, shown
 from haptic_wall.controller.system import files
 from haptic_wall.controller.system.printable import in_line
 from haptic_wall.hw.errors import Problem
@@ -38,9 +36,8 @@ class Loaded:
     config: Config
     name: str
     """The preset's name or the file's path."""
-    origins: Mapping[str, str]
-    """Origin of each given field by path: the preset, the file or ``--set``. Other fields have
-    their defaults."""
+    given: Collection[str]
+    """Paths of the fields that preset, file or ``--set`` give; the others have their defaults"""
     axis: str = ""
     """The axis that the configuration is of; empty: it is whole"""
     whole: Config | None = None
@@ -90,62 +87,17 @@ def load_config(source: str, sets: Sequence[str] = (), *, runs: bool = False) ->
             title,
             [Problem(f"found {shown(data)}", wanted="sections such as wall: and servo:")],
         )
-    origins = dict.fromkeys(_leaves(data), title)
-    axes = data.get("axes")
-    known = list(axes) if isinstance(axes, dict) else []
     problems: list[Problem] = []
     for change in sets:
-        law = _law(data, change.partition("=")[0].strip())
         try:
-            path = apply_set(data, change)
+            apply_set(data, change)
         except UserError as error:
             problems.append(error.problem)
-        else:
-            known = [] if path == "axes" else known
-            prefix, rest = split_path(path)
-            origins[prefix + ".".join(rest.split(".")[:2])] = "--set"
-            name = prefix[5:-1]
-            if known and name and name not in known:
-                near = did_you_mean(name, known) or f"axes are {', '.join(known)}"
-                problems.append(Problem("no such axis", advice=near, field=prefix[:-1]))
-            for void in _void(path, data, law):
-                if origins.get(void) != "--set" or void.startswith("bus."):
-                    section, _, key = void.rpartition(".")
-                    value_at(data, section).pop(key, None)
-                    origins.pop(void, None)
-    for name in RENAMED:
-        if value_at(data, f"bus.{name}") is not None:
-            origins[f"servo.{name}"] = origins[f"bus.{name}"]
     config, found = _validated(data, {"runs": runs})
-    problems += [_of_origin(problem, origins) for problem in found]
+    problems += found
     if problems or config is None:
         raise ConfigError(title, problems)
-    return Loaded(config, source, origins)
-
-
-def _law(data: dict[str, Any], path: str) -> Any:  # noqa: ANN401 - whatever the file holds
-    """Return the law at a path ``wall.law``, of an axis by default that of all."""
-    laws = (value_at(data, each) for each in (path, split_path(path)[1]))
-    return next(filter(None, laws), "wall")
-
-
-def _void(path: str, data: dict[str, Any], law: Any) -> list[str]:  # noqa: ANN401
-    """Return the paths whose values a change of another one makes void.
-
-    They are the other name of port or baud, and the numbers of a law that gives way to another one.
-
-    Args:
-        path: What was changed.
-        data: The settings after the change.
-        law: ``_law`` before it.
-    """
-    prefix, bare = split_path(path)
-    section, _, key = bare.partition(".")
-    if section == "servo" and key in RENAMED and isinstance(data.get("bus"), dict):
-        return [f"bus.{key}"]
-    if bare != "wall.law" or value_at(data, path) in (NONE, law):
-        return []
-    return [f"{prefix}wall.{name}" for name in NUMBERS if name != "law"]
+    return Loaded(config, source, _leaves(data))
 
 
 def load_axis(
@@ -187,7 +139,8 @@ def apply_set(data: dict[str, Any], change: str) -> str:
         The path.
 
     Raises:
-        UserError: It is not of that form, or leads through something that is no section.
+        UserError: It is not of that form, is of a whole section or of an axis that is not there, or
+            leads through something that is no section.
     """
     path, equals, text = change.partition("=")
     path = path.strip()
@@ -197,6 +150,14 @@ def apply_set(data: dict[str, Any], change: str) -> str:
         raise UserError(
             "wanted PATH=VALUE, e.g. --set wall.stiffness=20", field="--set", given=given
         )
+    axis, own = split_path(path)
+    if own in sections():
+        advice = "give one setting, such as wall.stiffness=20"
+        raise UserError("found a whole section", field="--set", given=given, advice=advice)
+    axes = data.get("axes") or {}
+    if axis and isinstance(axes, dict) and axis[5:-1] not in axes:
+        near = did_you_mean(axis[5:-1], axes) or f"axes are {', '.join(axes) or 'none'}"
+        raise UserError("no such axis", field=in_line(axis[:-1]), advice=near)
     value = config_yaml.parse(text, given, field="--set")
     place = data
     for depth, step in enumerate(steps[:-1], start=1):
@@ -213,6 +174,9 @@ def apply_set(data: dict[str, Any], change: str) -> str:
             )
         place = inner
     place[steps[-1]] = value
+    other = data.get("bus")
+    if steps[0] == "servo" and steps[-1] in RENAMED and isinstance(other, dict):
+        other.pop(steps[-1], None)  # the other name of the same setting
     return path
 
 
@@ -249,41 +213,34 @@ def _read(source: str) -> tuple[Any, str]:
     return config_yaml.parse(text, str(path)), str(path)
 
 
-def loaded(data: dict[str, Any], title: str, *, files: bool = True) -> Config:
+def loaded(data: dict[str, Any], title: str) -> Config:
     """Return the checked configuration of settings that were not read from a file.
 
     Args:
         data: Settings by section and name.
         title: Their source, for messages.
-        files: They may name other files.
 
     Raises:
         ConfigError: With every problem found.
     """
-    config, problems = _validated(data, {"files": files})
+    config, problems = _validated(data)
     if config is None:
         raise ConfigError(title, problems)
     return config
 
 
 def _validated(
-    data: dict[str, Any], context: dict[str, Any]
+    data: dict[str, Any], context: dict[str, Any] | None = None
 ) -> tuple[Config | None, list[Problem]]:
     """Return the configuration, or all of its problems."""
     try:
         return Config.model_validate(data, context=context), []
     except ValidationError as error:
-        problems = problems_of(error, data)
+        found = problems_of(error, data)
+    problems = [replace(each, field=in_line(each.field or "")) for each in found]
     order = {path: place for place, path in enumerate(fields())}
     problems.sort(key=lambda p: order.get(split_path(p.field or "")[1], -1))
     return None, problems
-
-
-def _of_origin(problem: Problem, origins: Mapping[str, str]) -> Problem:
-    """Return the problem with the source of its field."""
-    path = problem.field or ""
-    origin = "(from --set)" if origins.get(path) == "--set" else ""
-    return replace(problem, field=in_line(path), given=origin)
 
 
 def _leaves(data: dict[str, Any]) -> list[str]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from pathlib import Path
 from typing import Annotated, Any, Final, Generic, Literal, TypeVar
 
 from pydantic import (
@@ -11,15 +9,12 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
-    ValidationInfo,
     model_validator,
 )
 from pydantic_core import PydanticCustomError
 
-from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.laws.table import LAWS, SUM
 from haptic_wall.controller.laws.wall import NONE, Side
-from haptic_wall.controller.system.csv_table import read_columns
 from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.truth import Kind
 
@@ -39,7 +34,6 @@ def whole(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
 
 Whole = Annotated[int, BeforeValidator(whole)]
 Positive = Annotated[float, Field(gt=0, le=1e6)]
-Lag = Annotated[float, Field(ge=0, le=1)]
 MOST_LAG: Final = 0.1
 """Longest believed lag [s]"""
 BelievedLag = Annotated[float, Field(ge=0, le=MOST_LAG)]
@@ -125,14 +119,6 @@ class Realtime(Section):
     core: Whole | None = setting(
         None, "Processor core of the loop; null: chosen at the start", ge=0, le=1023
     )
-    spin_us: float | None = setting(
-        None,
-        "Time before each deadline in which the loop spins instead of sleeping; null: measured at "
-        "the start",
-        "µs",
-        ge=0,
-        le=1000,
-    )
 
 
 class _Rendered(Section):
@@ -199,24 +185,9 @@ MOST_ROWS: Final = 4096
 """Most rows of a profile"""
 
 
-def rows(found: Any, info: ValidationInfo) -> Any:  # noqa: ANN401 - whatever the file holds
-    """Read a profile from a CSV file, or convert a list of pairs to tuples; a log names no file."""
-    if not isinstance(found, str) or not (info.context or {}).get("files", True):
-        return tuple(map(pair, found)) if isinstance(found, list) else found
-    names = ("position_rad", "torque_nm")
-    try:
-        columns = read_columns(Path(found), names, field="", most_rows=MOST_ROWS, most_bytes=2**18)
-    except UserError as error:
-        raise refusal(replace(error.problem, field=None)) from None
-    except OSError as error:
-        why = f"found {found}, which cannot be read: {error.strerror}"
-        raise refusal(Problem(why, wanted="a CSV file, or a list of pairs")) from None
-    for name, numbers in columns.items():
-        for row, number in enumerate(numbers, 1):
-            if not abs(number) <= 1e6:  # an empty cell too
-                what = f"row {row} has the {name} {number:g}"
-                raise refusal(Problem(what, wanted="numbers up to 1e6", given=found))
-    return tuple(zip(*columns.values(), strict=True))
+def rows(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
+    """Convert a list of pairs to tuples."""
+    return tuple(map(pair, found)) if isinstance(found, list) else found
 
 
 Row = tuple[Place, Place]
@@ -261,8 +232,8 @@ class LawNumbers(Section):
     period: Positive | None = setting(None, _of("period") + "the distance of its ridges", "rad")
     profile: Annotated[tuple[Row, ...] | None, BeforeValidator(rows)] = setting(
         None,
-        _of("profile") + "a CSV file with the columns position_rad and torque_nm, or a list of "
-        "[position, torque]; linear in between, constant beyond its ends",
+        _of("profile") + "a list of [position, torque]; linear in between, constant beyond its "
+        "ends",
         max_length=MOST_ROWS,
     )
     options: dict[str, Any] = setting(
@@ -330,7 +301,7 @@ class Guard(Section):
         90.0, "Percentile of the measured sample age that counts as delay", "%", ge=50, le=100
     )
     window_s: float = setting(1.0, "Window of that percentile", "s", ge=0.05, le=60)
-    sample_age: Lag = setting(
+    sample_age: BelievedLag = setting(
         0.0,
         "Least sample age that the guard counts, even if a smaller one is measured",
         "s",

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from haptic_wall.controller.settings.axes import OWN, RENAMED
 from haptic_wall.controller.settings.axis_names import MOST_AXES, split_path
 from haptic_wall.controller.settings.fields import fields, sections
-from haptic_wall.controller.settings.model import IN_WORDS, Part
+from haptic_wall.controller.settings.model import IN_WORDS
 from haptic_wall.controller.settings.rules import BrokenRulesError
 from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.names import did_you_mean
@@ -37,7 +37,7 @@ def problems_of(error: ValidationError, data: dict[str, Any]) -> list[Problem]:
             prefix, where = f"axes.{where[1]}.", where[2:]
         if detail["type"] in ("extra_forbidden", "invalid_key"):
             path = _given(prefix + ".".join(where), data)
-            hint = _known_instead(where, prefix) if len(found) < _MOST_HINTS else ""
+            hint = _known_instead(".".join(where), prefix) if len(found) < _MOST_HINTS else ""
             found.setdefault(path, Problem("unknown", advice=hint, field=path))
             continue
         bare = ".".join(where[:2])
@@ -88,25 +88,16 @@ def _wrong(path: str, value: Any, kind: str) -> Problem:  # noqa: ANN401
     return Problem(found, wanted=f"{field.wanted}{unit}", advice=hint)
 
 
-def _known_instead(where: list[str], prefix: str) -> str:
-    """Return advice on an unknown key: the nearest known one, or what there is."""
-    name, section = where[-1], sections().get(where[0])
-    if section and prefix and where[0] not in OWN:
-        return f"{name} is the same for all axes: set it at the top level"
-    if where[:2] == ["wall", "parts"]:
-        near = did_you_mean(name, Part.model_fields)
-        return near or f"a part has {', '.join(Part.model_fields)}"
-    if len(where) > 2:
-        return "wanted value, low and high"
-    known = OWN if prefix else sections()
-    if homes := [
-        path for path in fields() if path.endswith(f".{name}") and path.split(".")[0] in known
-    ]:
-        return f"did you mean {prefix}{homes[0]}?"
-    if section is None:
-        return did_you_mean(name, known) or f"sections are {', '.join(known)}"
-    near = did_you_mean(name, section.model_fields, f"{prefix}{where[0]}.")
-    return near or f"{where[0]} has {', '.join(section.model_fields)}"
+def _known_instead(path: str, prefix: str) -> str:
+    """Return advice on an unknown path: the nearest known one, or where all are listed."""
+    known = [each for each in fields() if not prefix or each.split(".")[0] in OWN]
+    homes = [each for each in known if each.endswith(f".{path.rsplit('.', maxsplit=1)[-1]}")]
+    near = (
+        f"did you mean {prefix}{homes[0]}?"
+        if homes
+        else did_you_mean(path, [*sections(), *known], prefix)
+    )
+    return near or "`haptic-wall config` lists all settings"
 
 
 def shown(value: Any) -> str:  # noqa: ANN401

@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 from haptic_wall.controller.laws import own
 from haptic_wall.controller.laws.engagement import MOST_TORQUE
 from haptic_wall.controller.laws.shape import Grid, LawError
-from haptic_wall.controller.laws.table import LAWS, SUM, shape_of
+from haptic_wall.controller.laws.table import SUM, shape_of
 from haptic_wall.controller.laws.wall import NONE
 from haptic_wall.controller.settings.axes import OWN
 from haptic_wall.controller.settings.axes_rules import apart, broken_bus_rules
-from haptic_wall.controller.settings.model import MOST_LAG, NUMBERS, LawNumbers, Wall
+from haptic_wall.controller.settings.model import MOST_LAG, Wall
 from haptic_wall.controller.settings.sections import Sections
 from haptic_wall.controller.settings.servo import TRUTH_FIELDS
-from haptic_wall.controller.settings.shares import SPIN_SHARE
 from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.names import did_you_mean
 from haptic_wall.hw.open import torque_models
-from haptic_wall.hw.truth import disagreements, vibration
+from haptic_wall.hw.truth import disagreements
 
 
 class BrokenRulesError(ValueError):
@@ -38,10 +37,6 @@ MOST_LOWPASS_Q = 0.7072
 WIDEST_NOTCHED_HZ = 60.0
 """Widest range of a vibration's believed frequency with a notch [Hz]; the start already takes
 seconds"""
-_MOST_PERIODS = 5000
-"""Longest delay [periods]; the theory counts contacts up to 10,000 late"""
-_MOST_STEPS = {"monotonic": 2e4, "simulated": 1e5}
-"""Most steps of a motion with masses in a second: one takes 20 to 200 µs"""
 SILENCE_SHARE = 0.5
 """Fraction of the Bus Watchdog's time after which a run without good readings ends"""
 WARM_UP_AGES = 20
@@ -143,27 +138,6 @@ def _simulated(config: Sections) -> Iterator[Problem]:
             f"{servo.torque_constant:g} the emulated servo differs from its model's data sheet, "
             "which the driver uses",
         )
-    fastest = vibration(servo).rate
-    if not servo.inertia or not fastest:
-        return
-    rates = {
-        "transmission_stiffness": fastest,
-        "transmission_damping": 2.0
-        * servo.transmission_damping
-        / min(servo.inertia, servo.load_inertia),
-        "damping": max(servo.damping, servo.damping_back or 0.0) / servo.inertia,
-    }
-    most, steps = _MOST_STEPS[config.loop.clock], sum(rates.values()) / 2.0
-    if steps > most:
-        field = max(rates, key=rates.__getitem__)
-        yield Problem(
-            f"found {getattr(servo, field):g}, with which the simulated motion takes {steps:.2g}"
-            " steps a second",
-            wanted=f"at most {most:g} on the {config.loop.clock} clock",
-            advice="a transmission this stiff or damped is rigid: leave it out, and add the load's"
-            " inertia to servo.inertia",
-            field=f"servo.{field}",
-        )
 
 
 def _on_a_bus(config: Sections) -> Iterator[Problem]:
@@ -217,18 +191,10 @@ def _times(config: Sections) -> Iterator[Problem]:
     if safety.heartbeat_s < 2 * period:
         wanted = f"{two} every tick looks like a hang"
         yield Problem(f"found {safety.heartbeat_s:g} s", field="safety.heartbeat_s", wanted=wanted)
-    spin_us, most_us = config.realtime.spin_us, SPIN_SHARE * period * 1e6
-    if spin_us is not None and spin_us > most_us * _ROUNDED:
-        yield Problem(
-            f"found {spin_us:g} µs",
-            field="realtime.spin_us",
-            wanted=f"at most {SPIN_SHARE:g} of a period ({most_us:g} µs {at}): Linux halts a"
-            " real-time process that never sleeps for 50 ms of every second",
-        )
 
 
 def _delay(config: Sections) -> Iterator[Problem]:
-    believed, servo, rate = config.model.delay, config.servo, config.loop.rate_hz
+    believed, servo = config.model.delay, config.servo
     lag = servo.delay + servo.current_lag if believed is None else believed.high
     if lag > MOST_LAG:
         yield Problem(
@@ -236,9 +202,6 @@ def _delay(config: Sections) -> Iterator[Problem]:
             wanted=f"at most {MOST_LAG:g} s where model.delay is not given",
             field="servo.delay",
         )
-    elif (periods := config.delay.steps + (config.guard.sample_age + lag) * rate) > _MOST_PERIODS:
-        what, wanted = f"found {periods:.0f} periods of delay in all", f"at most {_MOST_PERIODS}"
-        yield Problem(what, wanted=wanted, field="guard.sample_age")
 
 
 def _law(config: Sections) -> Iterator[Problem]:
@@ -246,7 +209,6 @@ def _law(config: Sections) -> Iterator[Problem]:
     if wall.law == NONE:  # a joint that rests for a while keeps its numbers
         return
     if wall.law == "wall" or any(map(own.is_closed, law_names(wall))):
-        yield from _numbers_of_another_law(config)
         return
     # The encoder of a real servo is known only once it is open.
     step = math.tau / counts if counts and config.servo.kind != "hardware" else 0.0
@@ -258,7 +220,6 @@ def _law(config: Sections) -> Iterator[Problem]:
     except LawError as error:
         yield Problem(error.found, wanted=error.wanted, field=f"wall.{error.field}")
     else:
-        yield from _numbers_of_another_law(config)
         if lossy and wall.passivity_control:
             yield Problem(
                 "found true",
@@ -271,35 +232,6 @@ def _law(config: Sections) -> Iterator[Problem]:
 def law_names(wall: Wall) -> list[str]:
     """Return the name of the law, or those of a sum's parts."""
     return [part.law for part in wall.parts] if wall.law == SUM else [wall.law]
-
-
-def _numbers_of_another_law(config: Sections) -> Iterator[Problem]:
-    """Report numbers that the law does not use, and the laws that use them."""
-    wall = config.wall
-    for name, others in _unused(wall, NUMBERS):
-        yield Problem(
-            f"found a value, which the law {wall.law} does not use",
-            field=f"wall.{name}",
-            advice=f"it is for wall.law {others}",
-        )
-    for place, part in enumerate(wall.parts if wall.law == SUM else ()):
-        for name, others in _unused(part, tuple(LawNumbers.model_fields)):
-            yield Problem(
-                f"in part {place}, found {name}, which the law {part.law} does not use",
-                field="wall.parts",
-                advice=f"it is for the law {others}",
-            )
-
-
-def _unused(law: LawNumbers, names: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Yield each number that is set but not used by the law, with the laws that use it."""
-    uses = {name: kind.numbers for name, kind in LAWS.items()} | {SUM: ("parts",)}
-    used = uses.get(law.law, ("options",))
-    for name in names:
-        if name in ("law", "side", *used) or getattr(law, name) == Wall.model_fields[name].default:
-            continue
-        others = [each for each, numbers in uses.items() if name in numbers] or ["module:Class"]
-        yield name, " or ".join(others)
 
 
 def _travel(config: Sections) -> Iterator[Problem]:

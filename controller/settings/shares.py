@@ -9,8 +9,5 @@ COLLECT_SHARE: Final = 0.8
 that on the wire. A pipelined tick that waits sends its next request later, until a phase of the
 adapter's timer comes in which the replies are in time. A loop that does not wait misses every reply
 at some phases."""
-SPIN_SHARE: Final = 0.6
-"""Largest fraction of a period for spinning: Linux halts a real-time process that holds its core
-for more than 0.95 of a second, and the tick's own work adds to it."""
 DRIVEN_SHARE: Final = 0.8
 """Fraction of the no-load speed: a motion that the torque drives must stay below it"""

@@ -7,14 +7,12 @@ ninety. This reader uses the core schema of YAML 1.2 for plain words.
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from typing import Any
 
 import yaml
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.printable import in_line
-from haptic_wall.hw.errors import Problem
 
 _WORDS = (
     ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
@@ -80,18 +78,10 @@ def parse(text: str, source: str, field: str | None = None) -> Any:  # noqa: ANN
     try:
         return _data(text)
     except RecursionError:
-        raise _unreadable(source, field, Problem("found sections nested too deeply")) from None
-    except (yaml.YAMLError, ValueError) as error:
-        raise _unreadable(source, field, Problem(_reason(error))) from None
-    except (LookupError, AttributeError):  # errors of the library, over !!bool abc and the like
-        tag = Problem(
-            "found a tag (!!...) with a value that is none of its kind", advice="leave the tag out"
-        )
-        raise _unreadable(source, field, tag) from None
-
-
-def _unreadable(source: str, field: str | None, problem: Problem) -> UserError:
-    return UserError(replace(problem, field=field, given=source))
+        raise UserError("found sections nested too deeply", field=field, given=source) from None
+    # the last two are errors of the library, over !!bool abc and the like
+    except (yaml.YAMLError, ValueError, LookupError, AttributeError) as error:
+        raise UserError(_reason(error), field=field, given=source) from None
 
 
 def _data(text: str) -> Any:  # noqa: ANN401 - whatever the text holds

@@ -110,8 +110,11 @@ def test_an_earlier_acceptance_is_not_replaced(
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("simulated",), "--out: found nothing, wanted the folder"),
-        (("simulated", "--set=wall.law=spring"), "wall.law: found spring, wanted wall"),
+        (("simulated",), "--out: missing"),
+        (
+            ("simulated", "--set=wall.law=spring", "--out", "{out}"),
+            "wall.law: found spring, wanted wall",
+        ),
         (("xm430-w350", "--out", "{out}"), "give --yes when the shaft's way is free"),
     ],
 )

@@ -16,7 +16,8 @@ from tests.cli.caller import Cli
     [
         (["--servo", "XM430-W35"], ["XM430-W35", "did you mean XM430-W350"]),
         (["--servo", "XM430-W350:" + 5000 * "9"], ["MODEL[:ID[:FIRMWARE]]"]),
-        (["--servo", "XM430-W350:253"], ["id 253", "252"]),
+        (["--servo", "XM430-W350:253"], ["--servo: id 253", "252"]),
+        (["--baud", "12345"], ["--baud: found 12345", "57600"]),
         (["--servo", "XM430-W350:1:300"], ["firmware_version 300", "255"]),
         (["--servo", "XD540-T270"], ["XD540-T270", "servo.torque_constant"]),
         (["--baud", "fast"], ["--baud", "fast"]),

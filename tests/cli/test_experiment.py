@@ -81,8 +81,9 @@ def test_what_measures_walls_refuses_another_law(
 
 
 def test_the_law_of_an_axis_is_changed_for_that_axis(capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["commission", "emulated-arm", "--axis", "elbow", "--plan"]
+    words = ["sweep", "emulated-arm", "--axis", "elbow", "--virtual-damping=0", "--delay-steps=0"]
     assert main(words) == 2
     advice = "--set axes.elbow.wall.law=wall"
     assert f"give {advice};" in capsys.readouterr().err
-    assert main([*words, *advice.split()]) == 0
+    config = load_config("emulated-arm", [advice.split()[1]]).config
+    assert config.each["elbow"].wall.law == "wall"

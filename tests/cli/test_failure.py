@@ -26,7 +26,7 @@ def failed(cli: Cli, *arguments: str) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("arguments", "field", "advice", "status"),
     [
-        (["run", "--duration=-1"], "--duration", "wanted a time above 0 s", 2),
+        (["run", "--duration=5s"], "--duration", "such as 2.5, or inf", 2),
         (["run", "--set=wall.stifness=3"], "wall.stifness", "did you mean wall.stiffness?", 2),
         (["config", "simulatd"], "CONFIG", "xl330-m288, xm430-w350", 2),
         (["run", "--plot=a.svg"], "--plot", "wanted one ending in .png: pictures are PNG", 2),

@@ -137,7 +137,7 @@ def hostile_logs(name: str) -> Iterator[Path]:
     for wall in (SHELL, part, {"law": "sum", "parts": [part]}):
         paths = {f"wall.{key}": value for key, value in wall.items()}
         applied = {"row": 100, "at_s": 0.1, "outcome": "applied", "set": [], "changed": paths}
-        applied |= {"by": {"user": "me", "pid": 7}, "waited_s": 0.01}
+        applied |= {"waited_s": 0.01}
         for config, events in (({**good, "wall": {**good["wall"], **wall}}, []), (good, [applied])):
             path = Path("hostile.hwlog")
             with LogWriter(path, {"name": "hostile", "config": config}, force=True) as log:
@@ -154,16 +154,6 @@ def test_a_log_imports_nothing(canary: str) -> None:
             statuses.add(call(command, log))
         assert left() == set()
     assert statuses == {0}, "its rows, and all of its configuration but the law, are known"
-
-
-def test_a_log_names_no_file(canary: str) -> None:
-    Path("profile.csv").write_text("position_rad,torque_nm\n-1,1\n1,-1\n")
-    config = load_config("simulated").config.model_dump(mode="json")
-    config["wall"] |= {"law": "profile", "profile": "profile.csv"}
-    with LogWriter(Path("a.hwlog"), {"config": config}) as log:
-        log.append(rows(200)[:, None])
-    assert call("detect", "a.hwlog") == 2
-    assert left() == set() and canary
 
 
 def test_a_change_names_no_module_but_those_of_the_run(canary: str) -> None:

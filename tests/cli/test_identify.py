@@ -47,7 +47,7 @@ def done(tmp_path_factory: pytest.TempPathFactory, wholly: bool) -> Done:
     """The command with all of its files, taken once."""
     folder = tmp_path_factory.mktemp("identified")
     words = ["identify", "simulated", *QUICK, "--set=servo.delay=0.0012"]
-    words += ["--out", "mine.yaml", "--plot", "fit.png", "--logs", "logs", "--json"]
+    words += ["--out", "mine.yaml", "--plot", "fit.png", "--json"]
     words += [] if wholly else ["--set=loop.rate_hz=500"]  # half of the rows
     out, err, found = io.StringIO(), io.StringIO(), list[Identified]()
 
@@ -108,7 +108,6 @@ def test_figures_are_printed_though_a_file_cannot_be_written(
         (["--out=."], "--out: . is a folder"),
         (["--out=/proc/mine.yaml"], "--out /proc/mine.yaml: cannot be written"),
         (["--plot=/proc/mine.png"], "--plot /proc/mine.png: cannot be written"),
-        (["--logs=/dev/null"], "--logs /dev/null: found a file"),
     ],
 )
 def test_wrong_input_is_told_before_anything_moves(

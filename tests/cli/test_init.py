@@ -28,7 +28,7 @@ def test_what_is_commented_out_can_be_set(tmp_path: Path, preset: str) -> None:
     mine, plain = load_config(str(file)), load_config(preset)
     assert mine.config == plain.config
     kind = plain.config.servo.kind
-    given = {path for path in mine.origins if not path.startswith("axes.")}
+    given = {path for path in mine.given if not path.startswith("axes.")}
     assert given == {f.path for f in fields().values() if kind in f.used_by}
 
 

@@ -78,7 +78,6 @@ def test_a_wall_is_changed_from_outside_and_its_clients_harm_nothing(tmp_path: P
     assert report["stop_reason"] == "interrupted" and report["torque_off"]
     outcomes = [each["outcome"] for each in report["changes"]]
     assert outcomes == ["applied", "applied", "refused", "not applied"]
-    assert all(each["by"]["uid"] == os.getuid() for each in report["changes"])
     read = LogReader.open(log)
     assert list(read.changes) == report["changes"], "the log tells them while the run goes on"
     rows = read.rows()

@@ -213,7 +213,7 @@ def test_commands_of_the_program(
         look(words, folder, capsys)
         return
     if words[0] in ("acceptance", "commission"):
-        words = [*words, "--plan"]  # what it does has tests of its own, and takes a minute
+        words = [*words, "--help"]  # what it does has tests of its own, and takes a minute
     if words[0] == "init":
         (folder / words[1]).unlink(missing_ok=True)
     if words[0] == "live":  # it serves until Ctrl-C

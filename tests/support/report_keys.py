@@ -69,8 +69,7 @@ REPORT_KEYS: Final[Mapping[str, str]] = {
     "realtime": "real-time settings: the same keys",
     "warnings": "notes",
     "changes": "the last 1000 requested changes: `at_s` (since the first row), `row`, `outcome`"
-    " (`applied`, `refused`, `not applied`), `why`, `set`, `changed`, `waited_s`, `commanded`,"
-    " `by` (`pid`, `uid`, `user`)",
+    " (`applied`, `refused`, `not applied`), `why`, `set`, `changed`, `waited_s`, `commanded`",
     "log": "path of the log",
     "log_state": "`whole`; `incomplete`: rows, or how the run ended, are missing; `missing`: not"
     " written, removed or moved; `none`: the run ended before its first row",

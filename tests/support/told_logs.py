@@ -12,15 +12,14 @@ from haptic_wall.controller.live.server import LiveServer
 from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, ROW
 from haptic_wall.controller.settings.load import load_config
 
-BY = {"pid": 7, "uid": 0, "user": "me"}
 EVENTS: tuple[dict[str, Any], ...] = (
     {"at_s": 0.05, "row": 50, "outcome": "applied", "why": None, "set": ["wall.stiffness=9"],
      "changed": {"wall.stiffness": 9.0}, "waited_s": 0.01,
-     "commanded": {"stiffness": 9.0, "damping": 0.02}, "by": BY},
+     "commanded": {"stiffness": 9.0, "damping": 0.02}},
     {"at_s": 0.1, "row": None, "outcome": "refused", "why": "unknown", "set": ["wall.x=1"],
-     "changed": None, "waited_s": None, "commanded": None, "by": BY},
+     "changed": None, "waited_s": None, "commanded": None},
     {"at_s": 0.15, "row": 150, "outcome": "applied", "why": None, "set": [], "waited_s": 0.0,
-     "changed": {"wall.law": "detents", "wall.count": 24, "delay.steps": 2}, "by": BY},
+     "changed": {"wall.law": "detents", "wall.count": 24, "delay.steps": 2}},
 )  # fmt: skip
 """Changes of the running wall, as a run writes them"""
 

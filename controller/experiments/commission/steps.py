@@ -30,8 +30,7 @@ Tell = Callable[[str], None]
 Plot = Callable[..., None]
 """Draws a step's data, with the configuration's name as the title, as PNG to a path"""
 
-_HARMLESS = {"return delay", "latency timer", "reply time", "sustainable rate", "encoder at rest"}
-_HARMLESS |= {"schedule", "schedule immediate", "schedule pipelined", "wake-up lateness"}
+_HARMLESS = {"return delay", "latency timer", "reply time", "sustainable rate", "wake-up lateness"}
 _HARMLESS |= {"secondary id", "shutdown"}
 """Findings that do not prevent a commissioning: they only cost stiffness, or the start-up repairs
 them. With any other one a run would be refused, or could not be trusted."""
@@ -109,9 +108,7 @@ def run_doctor(bench: StepContext) -> StepResult:
     return StepResult(
         {
             "checks": [asdict(check) for check in report.found.values()],
-            "not_examined": report.not_examined,
             "reached": report.reached,
-            "suits": report.suits,
             "fatal": [f.name for f in report.wrong if f.name not in _HARMLESS],
         }
     )

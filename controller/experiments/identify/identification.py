@@ -187,7 +187,7 @@ def begun(
     """
     # No wall is rendered; the springs are planned for one sample.
     alone = changed(without_hand(config), wall={"velocity_samples": 1})
-    bed = Testbed(alone, folder, tell, option="--logs")
+    bed = Testbed(alone, folder, tell)
     bench = Bench(bed, bounds, tell, _priors(config, bounds))
     guess = bench.find_moving_torque(_believed(config))
     return bench, bench.fitted("gentle", guess, GENTLE * bounds.reach, rough=True)[1]

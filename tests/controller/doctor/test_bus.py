@@ -118,13 +118,10 @@ def test_everybody_on_the_bus_is_found_with_model_and_firmware() -> None:
     assert found.garbled == 0
 
 
-def test_a_high_id_is_found_when_it_is_asked_for_or_another_one_answers() -> None:
-    assert search(Bus(("XM430-W350", 200)), BAUD).servos == []
-    assert [s.id for s in search(Bus(("XM430-W350", 200)), BAUD, {200}).servos] == [200]
-    assert [s.id for s in search(Bus(("XM430-W350", 2), ("XM430-W350", 200)), BAUD).servos] == [
-        2,
-        200,
-    ]
+def test_a_high_id_is_found() -> None:
+    assert [s.id for s in search(Bus(("XM430-W350", 200)), BAUD).servos] == [200]
+    both = Bus(("XM430-W350", 2), ("XM430-W350", 200))
+    assert [s.id for s in search(both, BAUD).servos] == [2, 200]
 
 
 def test_a_servo_at_another_rate_is_silence_and_costs_little_time() -> None:
@@ -133,8 +130,8 @@ def test_a_servo_at_another_rate_is_silence_and_costs_little_time() -> None:
     found = search(bus, BAUD)
     assert found.servos == []
     assert found.garbled == 0
-    # 21 slots of 3 ms, 21 pings of 2.5 ms, and twice what an adapter may hold
-    assert bus.clock.now_ns() - begun < 200 * MS
+    # 253 slots of 3 ms, 21 pings of 2.5 ms, and twice what an adapter may hold
+    assert bus.clock.now_ns() - begun < 900 * MS
 
 
 @dataclass

@@ -311,7 +311,7 @@ def test_of_several_axes_only_the_identified_one_changes(
     usual: tuple[Config, Identified], tmp_path: Path
 ) -> None:
     _, found = usual
-    sets = ["axes.a.wall.law=spring", "axes.b.wall.law=none", "axes.b.servo.inertia=0.03"]
+    sets = ["axes={a: {wall: {law: spring}}, b: {wall: {law: none}, servo: {inertia: 0.03}}}"]
     whole = load_config("simulated", sets).config
     path = tmp_path / "mine.yaml"
     path.write_text(identified_config(whole.each["a"], found, "simulated:a", "a", whole))

@@ -11,7 +11,6 @@ from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.laws.shape import Grid, Shape
 from haptic_wall.controller.laws.shaped import ShapedLaw
 from haptic_wall.controller.laws.table import EXAMPLES, SUM, facts_of, shape_of
-from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.settings.model import Wall
 from tests.cases import sampled
@@ -169,12 +168,10 @@ def test_the_guard_learns_what_a_law_is() -> None:
         (["law=detents", "count=8", "width=1"], "count", "found wall.width too"),
         (["law=detents", "count=512"], "count", "at least 16 encoder counts"),
         (["law=detents", "count=8", "snap=0.5"], "snap", "from 0.05 to 0.45"),
-        (["low=0"], "low", "it is for wall.law stops"),
         (["law=texture", "period=0.01"], "period", "at least 8 encoder counts"),
         (["law=friction"], "friction", "the torque at which it slips"),
         (["law=profile", "profile=[[0, 1], [0, 0]]"], "profile", "rising positions"),
         (["law=profile", "profile=[[0, -1], [1, 0]]"], "profile", "drive the shaft away"),
-        (["law=profile", "profile=nowhere.csv"], "profile", "cannot be read"),
         (["law=profile", "profile=[[0, 1], [1e-320, -1]]"], "profile", "between two positions"),
         (["law=sum"], "parts", "found none"),
         (["law=sum", "parts=[{law: stops, low: 0}]"], "parts", "in part 0, stops.high"),
@@ -198,37 +195,6 @@ def test_numbers_that_make_no_law_are_refused(sets: list[str], field: str, said:
     (problem,) = refused.value.problems
     assert problem.startswith(f"wall.{field} ") or problem.startswith(f"wall.{field}:")
     assert said in problem
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("0,1\n\n# nothing\n1,nan\n", "row 2 has the torque_nm nan"),
-        ("0,1\n1,2e6\n", "row 2 has the torque_nm 2e+06"),
-        ("0,1\n1\n", "row 2 has the torque_nm nan"),
-        ("0,1\n" * 5000, "more than 4096 rows"),
-        ("0," + "1" * 140_000 + "\n", "line 2 has more than"),
-    ],
-)
-def test_a_file_that_makes_no_profile_is_refused_where_it_is_wrong(
-    tmp_path: Any, text: str, said: str
-) -> None:
-    file = tmp_path / "profile.csv"
-    file.write_text(f" position_rad , torque_nm\n{text}")
-    with pytest.raises(ConfigError) as refused:
-        load_config("simulated", ["wall.law=profile", f"wall.profile={file}"])
-    (problem,) = refused.value.problems
-    assert said in problem
-
-
-def test_a_profile_comes_from_a_file(tmp_path: Any) -> None:
-    file = tmp_path / "profile.csv"
-    file.write_text("# of a valve\nposition_rad,torque_nm\n-1,0.5\n0,0\n1,-0.25\n")
-    config = load_config("simulated", ["wall.law=profile", f"wall.profile={file}"]).config
-    assert config.wall.profile == ((-1.0, 0.5), (0.0, 0.0), (1.0, -0.25))
-    assert config.request().stiffness == pytest.approx(0.5)
-    again = Config.model_validate_json(config.model_dump_json())
-    assert again == config
 
 
 def test_the_encoder_of_the_servo_that_is_there_decides() -> None:

@@ -1,6 +1,5 @@
 """A change that is asked for before the servo has been started."""
 
-import os
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,7 +9,6 @@ import pytest
 
 from haptic_wall.controller.live import change_desk as module
 from haptic_wall.controller.live.change_desk import ChangeDesk
-from haptic_wall.controller.live.run_socket import Peer
 from haptic_wall.controller.runtime.handover import Inbox, KnownServo, Offers
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
@@ -29,7 +27,7 @@ class Side:
     told: list[dict[str, Any]]
 
     def begin(self, wait_s: float) -> dict[str, Any] | None:
-        return self.desk.begin(["wall.stiffness=1"], wait_s, Peer(os.getpid(), os.getuid()))
+        return self.desk.begin(["wall.stiffness=1"], wait_s)
 
     def start(self) -> None:
         """Start the servo."""
@@ -48,14 +46,13 @@ def side() -> Iterator[Side]:
 
 
 def test_a_change_is_of_the_wall_of_one_axis() -> None:
-    sets = "servo.hand=none", "axes.arm.servo.id=1", "axes.elbow.wall.stiffness=4"
+    sets = "servo.hand=none", "axes={arm: {}, elbow: {wall: {stiffness: 4}}}"
     told: list[dict[str, Any]] = []
     telemetry = Telemetry.create(2)
     inbox = Inbox(telemetry)
     config = load_config("simulated", sets).config
     desk = ChangeDesk(config, telemetry, Offers(telemetry), told.append)
     inbox.tell([KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, True)] * 2)
-    peer = Peer(os.getpid(), os.getuid())
     for wrong, words in (
         (["wall.stiffness=3"], "found no change of the wall of one axis"),
         (["axes.arm.delay.steps=2"], "found no change of the wall of one axis"),
@@ -65,13 +62,13 @@ def test_a_change_is_of_the_wall_of_one_axis() -> None:
         ),
         (["axes.elbwo.wall.damping=0"], "did you mean elbow?"),
     ):
-        answer = desk.begin(wrong, 1.0, peer)
+        answer = desk.begin(wrong, 1.0)
         assert answer is not None and words in answer["error"]
         assert "NAME is one of arm, elbow" in answer["error"]
-    answer = desk.begin(["axes.elbow.wall.stiffness=-1"], 1.0, peer)
+    answer = desk.begin(["axes.elbow.wall.stiffness=-1"], 1.0)
     assert answer is not None and answer["field"] == "axes.elbow.wall.stiffness"
     assert answer["error"].startswith("refused: axes.elbow.wall.stiffness: found -1")
-    assert desk.begin(["axes.elbow.wall.stiffness=3"], 1.0, peer) is None
+    assert desk.begin(["axes.elbow.wall.stiffness=3"], 1.0) is None
     change = inbox.take()
     assert change is not None and change.axis == 1
     assert change.table.at(0).stiffness == 3.0

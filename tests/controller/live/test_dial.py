@@ -10,24 +10,23 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.live import dial as module
 from haptic_wall.controller.live.ask import NotAppliedError, ask
+from haptic_wall.controller.live.change_desk import ChangeDesk
 from haptic_wall.controller.live.dial import Dial
 from haptic_wall.controller.live.run_socket import (
     MODULE,
     MOST_BYTES,
     AliveRun,
-    Peer,
     alive,
     chosen,
     connected,
     listening,
-    peer_of,
     socket_of,
 )
 
@@ -43,8 +42,8 @@ class ScriptedDesk:
         """Looks that are left when the loop does not say why it waits"""
         self._left = 0
 
-    def begin(self, sets: list[str], wait_s: float, peer: Peer) -> dict[str, Any] | None:
-        assert peer.pid == os.getpid() and wait_s >= 0.0
+    def begin(self, sets: list[str], wait_s: float) -> dict[str, Any] | None:
+        assert wait_s >= 0.0
         self.asked.append(sets)
         self._left = self.looks
         refused = {"error": "refused: x: y", "field": "x", "advice": "wanted y", "exit_status": 2}
@@ -69,10 +68,10 @@ class ScriptedDesk:
 
 
 class Served:
-    def __init__(self, folder: Path, desk: ScriptedDesk, owner: int | None = None) -> None:
+    def __init__(self, folder: Path, desk: ScriptedDesk) -> None:
         self.run = AliveRun(socket_of(folder / "run.hwlog"), os.getpid())
         self.desk = desk
-        self.dial = Dial(listening(self.run.socket), lambda: desk, peer_of, owner)
+        self.dial = Dial(listening(self.run.socket), lambda: cast("ChangeDesk", desk))
 
     def until(self, done: Any, seconds: float = 20.0) -> None:
         end = time.monotonic() + seconds

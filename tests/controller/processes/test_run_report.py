@@ -66,7 +66,7 @@ def test_missed_periods_have_their_reason_where_it_is_plain(
 
 
 def test_each_axis_has_its_own_torque_in_the_report_of_a_loop_that_died() -> None:
-    config = load_config("simulated", ["axes.one.servo.id=1", "axes.two.servo.id=2"]).config
+    config = load_config("simulated", ["axes={one: {}, two: {}}"]).config
     statistics = RunStatistics(2)
     statistics.max_torque[:] = 0.5, 0.2
     report = run_report(config, Ended(Trip.LOOP_DIED, statistics, 10, 0), None, None)

@@ -39,12 +39,13 @@ from tests.support.memory_session import run_in_memory
 
 SETS = (
     *("loop.clock=simulated", "loop.rate_hz=500", "servo.hand=none", "wall.side=both"),
+    "axes={shoulder: {}, elbow: {}, trigger: {}}",
     *("axes.shoulder.servo.kick=0.1", "axes.shoulder.wall.stiffness=3"),
     *("axes.elbow.servo.kick=-0.05", "axes.elbow.servo.inertia=0.002", "axes.elbow.servo.sign=-1"),
     *("axes.trigger.wall.law=none", "axes.trigger.servo.kick=0.3"),
 )
 NAMES = ("shoulder", "elbow", "trigger")
-TWO = ("axes.one.servo.id=1", "axes.two.servo.id=2", "servo.hand=none")
+TWO = ("axes={one: {servo: {id: 1}}, two: {servo: {id: 2}}}", "servo.hand=none")
 
 
 def logged(config: Config, log: Path) -> dict[str, Any]:
@@ -139,7 +140,13 @@ def test_an_axis_is_decided_for_its_own_delay_too_if_that_of_another_is_longer(
         **{"transmission_stiffness": 3799.0, "transmission_damping": 0.0918},
     }
     one = [f"axes.one.servo.{name}={value}" for name, value in link.items()]
-    pair = (*sets, *one, "axes.other.servo.delay=0.001441", "axes.other.wall.law=none")
+    pair = (
+        *sets,
+        "axes={one: {}, other: {}}",
+        *one,
+        "axes.other.servo.delay=0.001441",
+        "axes.other.wall.law=none",
+    )
     report = logged(load_config("simulated", pair).config, tmp_path / "a.hwlog")
     both = "model.delay={value: 0.001441, low: 0.000295, high: 0.001441}"
     alone = (*sets, *(f"servo.{name}={value}" for name, value in link.items()), both)
@@ -216,7 +223,7 @@ def test_a_servo_that_is_refused_is_named_with_its_axis() -> None:
     with pytest.raises(UnfitServoError) as refused:
         run_session(config, SimulatedClock(), Telemetry.create(2), 0.1, surroundings=around)
     assert str(refused.value).startswith("two: The servo with id 2")
-    assert "set axes.two.servo.model=XM540-W270" in str(refused.value)
+    assert "set servo.model=XM540-W270" in str(refused.value)
 
 
 def test_no_further_servo_is_started_once_the_run_is_to_stop() -> None:

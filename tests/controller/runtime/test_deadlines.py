@@ -12,7 +12,6 @@ from haptic_wall.controller.runtime.deadlines import (
     first_deadline,
     measured_spin_margin_ns,
     next_deadline,
-    spin_margin_ns,
     spinning,
     waiter_for,
 )
@@ -40,7 +39,7 @@ def test_grid_properties(deadline: int, late: int, period: int) -> None:
 
 
 def test_a_simulated_clock_arrives_exactly() -> None:
-    wait = waiter_for(SimulatedClock(7), None, 1_000_000)
+    wait = waiter_for(SimulatedClock(7), 1_000_000)
     assert wait(10**9) == 10**9
     assert wait(5) == 10**9, "time does not go back"
 
@@ -56,5 +55,3 @@ def test_a_wait_is_never_early() -> None:
 
 def test_the_margin_is_as_set_or_measured_and_leaves_most_of_a_short_period_to_sleep() -> None:
     assert SPIN_MIN_NS <= measured_spin_margin_ns(naps=20) <= SPIN_MAX_NS
-    assert spin_margin_ns(70.0, 1_000_000) == 70_000
-    assert spin_margin_ns(None, 50_000) == 30_000

@@ -15,7 +15,7 @@ from haptic_wall.controller.settings.axes_rules import BARE_INERTIA
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config, loaded, preset_names
 
-TWO = ("axes.shoulder.servo.id=1", "axes.elbow.servo.id=2")
+TWO = ("axes={shoulder: {servo: {id: 1}}, elbow: {servo: {id: 2}}}",)
 OWN: dict[str, list[Any]] = {
     "servo.inertia": [0.01, 0.02],
     "servo.sign": [1, -1],
@@ -76,25 +76,6 @@ def test_without_axes_the_configuration_is_its_own_only_axis() -> None:
     assert config.each == {"": config}
 
 
-def test_an_axis_with_another_law_does_not_inherit_the_numbers_of_the_first() -> None:
-    sets = ["wall.law=detents", "wall.count=12", "axes.b.wall.law=wall", "axes.b.wall.side=both"]
-    config = load_config("simulated", ["axes.a.wall.count=24", *sets]).config
-    assert config.each["a"].wall.count == 24
-    assert config.each["b"].wall.count is None
-    assert loaded(compact(config.model_dump(mode="json")), "of two axes, short") == config
-
-
-def test_a_law_that_is_set_begins_with_its_own_numbers() -> None:
-    walls = load_config("emulated-arm", ["axes.base.wall.law=wall"]).config.each
-    assert (walls["base"].wall.low, walls["elbow"].wall.low) == (None, -1.2)
-    same = load_config("emulated-arm", ["axes.base.wall.law=stops"]).config
-    assert same.each["base"].wall.low == -1.5
-    rests = load_config("emulated-arm", ["axes.base.wall.law=none"]).config
-    assert rests.each["base"].wall.low == -1.5
-    with pytest.raises(ConfigError, match=r"axes\.base\.wall\.low .*it is for wall.law stops"):
-        load_config("emulated-arm", ["axes.base.wall.low=-0.3", "axes.base.wall.law=wall"])
-
-
 def test_the_names_of_the_bus_are_those_of_its_servo(tmp_path: Path) -> None:
     file = tmp_path / "arm.yaml"
     file.write_text(yaml.safe_dump(SHARED | {"bus": {"port": "/dev/ttyUSB7", "baud": 1000000}}))
@@ -112,20 +93,21 @@ def test_the_names_of_the_bus_are_those_of_its_servo(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ("axes.elbow.wall.stiffness=-3", "axes.elbow.wall.stiffness (from --set): found -3, want"),
-        ("wall.stiffness=-3", "wall.stiffness (from --set): found -3, wanted a number from 0"),
+        ("axes.elbow.wall.stiffness=-3", "axes.elbow.wall.stiffness: found -3, want"),
+        ("wall.stiffness=-3", "wall.stiffness: found -3, wanted a number from 0"),
         ("axes.elbow.wall.stifness=3", "unknown; did you mean axes.elbow.wall.stiffness?"),
-        ("axes.elbow.loop.rate_hz=3", "loop is the same for all axes: set it at the top level"),
+        ("axes.elbow.loop.rate_hz=3", "axes.elbow.loop: unknown"),
         ("axes.elbow.wall.law=detents", "axes.elbow.wall.count: found nothing, wanted the number"),
-        ("axes.elbow=3", "axes.elbow (from --set): found 3, wanted a section with servo, model"),
-        ("axes.Elbow.servo.id=3", "axes.Elbow: found 'Elbow', wanted small letters"),
+        ("axes.elbow=3", "axes.elbow: found 3, wanted a section with servo, model"),
+        ("axes={Elbow: {}}", "axes.Elbow: found 'Elbow', wanted small letters"),
+        ("axes.elbow.wall={}", "axes.elbow.wall={}: found a whole section; give one setting"),
         ("axes.elbow.servo.id=1", "found 1, which is also that of axes.shoulder, wanted an id"),
         ("axes.elbow.servo.port=/dev/x", "as servo.port: all axes share one bus; set servo.port"),
-        ("axes.elbow.servo.sign=0", "axes.elbow.servo.sign (from --set): found 0, wanted 1 or -1"),
+        ("axes.elbow.servo.sign=0", "axes.elbow.servo.sign: found 0, wanted 1 or -1"),
         ("axes.elbow.model.inertia=0.1", "wanted at most 0.017927, that of a bare XM430-W350"),
         ("axes.elbow.servo.model=XL330-M288", "no supply suits both"),
         ("servo.baud=57600", "at which a cycle with 2 servos takes 14.6 ms on the wire"),
-        ("bus.baud=5", "bus.baud (from --set): found 5, wanted one of 9600"),
+        ("bus.baud=5", "bus.baud: found 5, wanted one of 9600"),
         ("servo.faults=unplug:id=7", "no servo on this bus has the id 7; the ids here are 1, 2"),
     ],
 )
@@ -142,7 +124,7 @@ def test_another_model_does_not_pass_with_the_inertia_of_the_first(silent: str) 
     """Whichever axis has no law: it may get one while it runs."""
     other = ["model.inertia=0.01", "axes.elbow.servo.model=XM430-W210"]
     other += [] if silent == "neither" else [f"axes.{silent}.wall.law=none"]
-    with pytest.raises(ConfigError, match=r"model\.inertia .*: found that of servo\.model, a bare"):
+    with pytest.raises(ConfigError, match=r"model\.inertia: found that of servo\.model, a bare"):
         load_config("emulated-ideal", [*TWO, *other])
     load_config("emulated-ideal", [*TWO, *other, "axes.elbow.model.inertia=0.004"])
 
@@ -168,7 +150,7 @@ def test_axes_without_a_common_model_do_not_share_an_inertia() -> None:
 def test_an_arm_is_no_bare_servo_behind_another_gear(
     preset: str, model: str, bare: float, links: float
 ) -> None:
-    sets = ["axes.one.servo.id=1", "axes.two.servo.id=2", f"servo.model={model}"]
+    sets = ["axes={one: {servo: {id: 1}}, two: {servo: {id: 2}}}", f"servo.model={model}"]
     load_config(preset, [*sets, f"model.inertia={bare}"])
     with pytest.raises(ConfigError, match=f"that of a bare {model}"):
         load_config(preset, [*sets, f"model.inertia={links}"])
@@ -179,16 +161,18 @@ def test_a_fault_may_name_any_servo_of_the_bus() -> None:
     assert [each.faults for each in config.servos()] == [("unplug:id=2",)] * 2
 
 
-def test_set_adds_no_axis_to_a_file_that_has_some(tmp_path: Path) -> None:
-    file = tmp_path / "arm.yaml"
-    file.write_text("axes: {shoulder: {servo: {inertia: 0.01}}}")
-    with pytest.raises(ConfigError, match=r"axes\.sholder: no such axis; did you mean shoulder\?"):
-        load_config(str(file), ["axes.sholder.servo.inertia=0.02"])
+@pytest.mark.parametrize(
+    ("preset", "known"), [("emulated-arm", "mean base"), ("simulated", "none")]
+)
+def test_set_adds_no_axis(preset: str, known: str) -> None:
+    with pytest.raises(ConfigError, match=rf"axes\.bse: no such axis; .*{known}"):
+        load_config(preset, ["axes.bse.servo.inertia=0.02"])
 
 
 def test_at_most_sixteen_axes() -> None:
+    axes: dict[str, dict[str, Any]] = {f"a{place}": {} for place in range(17)}
     with pytest.raises(ConfigError, match="wanted at most 16 names"):
-        load_config("simulated", [f"axes.a{place}.servo.inertia=0.01" for place in range(17)])
+        load_config("simulated", [f"axes={axes}"])
 
 
 def test_the_bare_inertias_are_those_of_the_presets() -> None:

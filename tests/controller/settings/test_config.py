@@ -132,18 +132,3 @@ def test_a_velocity_filter_that_is_not_counted_is_refused(
         load_config("simulated", [*plain, *sets])
     assert field in str(caught.value)
     assert said in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [("transmission_damping", 100.0), ("transmission_stiffness", 1e9), ("damping", 1e3)],
-)
-def test_a_transmission_whose_motion_takes_too_many_steps_is_refused(
-    field: str, value: float
-) -> None:
-    """Not in a minute, by a servo that does not answer."""
-    sets = ["servo.load_inertia=0.001", "servo.transmission_stiffness=100", "servo.inertia=0.001"]
-    sets += ["servo.transmission_damping=0.01", f"servo.{field}={value}"]
-    with pytest.raises(ConfigError, match=rf"servo\.{field}.* steps a second, wanted at most"):
-        load_config("emulated-ideal", sets)
-    assert load_config("emulated-ideal", sets[:4]).config.servo.load_inertia == 0.001

@@ -121,20 +121,18 @@ def test_all_problems_are_told_at_once_in_the_order_of_the_fields() -> None:
     )
     starts = [
         "--set nonsense: wanted PATH=VALUE",
-        "wall.stifness (from --set): unknown; did you mean wall.stiffness?",
-        "loop.rate_hz (from --set): found 1000000.0, wanted a number from 50 to 10000 [Hz]",
-        "wall.side (from --set): found 'abov', wanted one of above, below, both; did you mean "
-        "above?",
-        "servo.baud (from --set): found 400000.0, wanted one of 9600, 57600",
-        "model.delay (from --set): found {'value': 3, 'low': 1, 'high': 2}, wanted a number from "
-        "0 to 0.1",
-        "safety.max_loss (from --set): found 2, wanted a number above 0 and at most 1",
+        "wall.stifness: unknown; did you mean wall.stiffness?",
+        "loop.rate_hz: found 1000000.0, wanted a number from 50 to 10000 [Hz]",
+        "wall.side: found 'abov', wanted one of above, below, both; did you mean above?",
+        "servo.baud: found 400000.0, wanted one of 9600, 57600",
+        "model.delay: found {'value': 3, 'low': 1, 'high': 2}, wanted a number from 0 to 0.1",
+        "safety.max_loss: found 2, wanted a number above 0 and at most 1",
     ]
     assert len(found) == len(starts)
     for line, start in zip(found, starts, strict=True):
         assert line.startswith(start)
     rules = problems(HARDWARE, "loop.clock=simulated", "servo.inertia=0.01", "model.inertia=null")
-    assert [line.partition(" ")[0] for line in rules] == [
+    assert [line.partition(":")[0] for line in rules] == [
         "loop.clock",
         "servo.inertia",
         "model.inertia",
@@ -149,12 +147,12 @@ def _outside(field: Field) -> str:
 def test_every_field_is_bounded() -> None:
     for field in fields().values():
         found = problems("simulated", f"{field.path}={_outside(field)}")
-        assert any(line.startswith(f"{field.path} (from --set): found") for line in found), field
+        assert any(line.startswith(f"{field.path}: found") for line in found), field
 
 
 def test_every_field_refuses_what_is_not_a_number_or_a_name() -> None:
     for field, value in itertools.product(fields().values(), ("true", "[1]", ".nan", "{a: 1}")):
-        if value != field.wanted.partition(" ")[0]:
+        if value != field.wanted.partition(" ")[0] and field.wanted != "a section":
             found = problems("simulated", f"{field.path}={value}")
             assert any(line.startswith(field.path) for line in found), (field, value)
 
@@ -174,11 +172,7 @@ def test_a_field_with_choices_names_its_default() -> None:
         ("wal.stiffness=1", "did you mean wall?"),
         ("stiffness=1", "did you mean wall.stiffness?"),
         ("servo.stiffness=1", "did you mean wall.stiffness?"),
-        ("guard.xyz=1", "guard has mode, margin"),
-        ("qqq=1", "sections are loop, realtime"),
-        ("model.delay={value: 0, low: 0, high: 0, mean: 0}", "wanted value, low and high"),
-        ("wall.parts=[{law: spring, widht: 1}]", "did you mean width?"),
-        ("wall.parts=[{law: spring, parts: []}]", "a part has law, "),
+        ("qqq=1", "`haptic-wall config` lists all"),
     ],
 )
 def test_an_unknown_name_comes_with_a_suggestion(change: str, suggestion: str) -> None:
@@ -204,7 +198,6 @@ def test_an_unknown_name_comes_with_a_suggestion(change: str, suggestion: str) -
         ("emulated-ideal", ["safety.max_silence_s=0.11"], "safety.max_silence_s"),
         ("xm430-w350", ["servo.watchdog_s=0.02"], "safety.max_silence_s"),
         ("simulated", ["loop.rate_hz=50", "safety.heartbeat_s=0.03"], "safety.heartbeat_s"),
-        ("simulated", ["realtime.spin_us=601"], "realtime.spin_us"),
         (HARDWARE, ["safety.engage=at-once"], "safety.engage"),
         (HARDWARE, ["safety.engage_torque=0.11"], "safety.engage_torque"),
         ("simulated", ["safety.travel=[1, -1]"], "safety.travel"),

@@ -38,7 +38,7 @@ def test_a_belief_outside_of_physics_is_refused_in_one_sentence(name: str) -> No
         with pytest.raises(ConfigError) as caught:
             load_config("simulated", [f"model.{name}={value!r}"])
         (problem,) = caught.value.problems
-        assert problem.startswith(f"model.{name} ") and "\n" not in problem
+        assert problem.startswith(f"model.{name}:") and "\n" not in problem
 
 
 def corner(seed: int) -> Config | None:

@@ -310,14 +310,6 @@ def test_a_port_that_is_not_there_is_found_by_the_real_doctor(desk: Desk) -> Non
     assert "port" in report["steps"][0]["reason"]
 
 
-def test_the_plan_moves_nothing(desk: Desk) -> None:
-    nothing_moves(desk.patch)
-    assert call("commission", *SIMULATED, "--plan", "--json") == 0
-    plan = json.loads(desk.capsys.readouterr().out)
-    assert len(plan["steps"]) == 3 and plan["seconds"] > 60
-    assert list(desk.folder.iterdir()) == []
-
-
 def test_the_page_shows_lines_of_the_output() -> None:
     page = (ROOT / "docs" / "how-to" / "commissioning.md").read_text()
     shown = not_none(re.search(r"^```text\n(.*?)^```", page, re.S | re.M))[1]
