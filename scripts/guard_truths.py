@@ -49,8 +49,8 @@ SPEEDS = (0.0, 0.5, 1.0)
 """Of the entry, between the ends that the guard states, on a logarithmic scale"""
 SLOWEST, FASTEST = 0.05, 6.0
 """Speeds of entry in any case [rad/s]"""
-LONGEST, STILL = 700, 40
-"""Samples of a contact, and of rest after which nothing more is awaited"""
+LONGEST = 700
+"""Samples of a contact"""
 TRUTHS = 20
 """Of each belief"""
 BELIEFS = 25

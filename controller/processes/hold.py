@@ -7,12 +7,9 @@ its button. A silent source therefore acts as a release.
 
 from __future__ import annotations
 
-import array
-import errno
 import fcntl
 import math
 import os
-import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -26,15 +23,9 @@ KEY_NS = 45_000_000
 PAGE = "page"
 """Name of the page as a source"""
 
-EVENT = struct.Struct("@llHHi")
-"""The kernel's input_event: seconds, microseconds, type, code, value.
-Source: linux/input.h."""
-_EV_SYN, _EV_KEY = 0, 1
-_SYN_DROPPED = 3
+_EV_KEY = 1
 _KEY_BYTES = 96
 """Bytes of the state of all keys: KEY_MAX is 0x2ff"""
-_AT_ONCE = 64
-"""Number of events read at a time"""
 _ADVICE = "name an input device such as /dev/input/event3, or page"
 
 
@@ -48,74 +39,22 @@ _EVIOCGKEY = _ioctl_read(0x18, _KEY_BYTES)
 _EVIOCGBIT_KEY = _ioctl_read(0x20 + _EV_KEY, _KEY_BYTES)
 
 
-class KeySource:
-    """Reads whether any key of an input device is down, from the kernel's events.
-
-    Args:
-        descriptor: Descriptor of the device, readable.
-    """
-
-    __slots__ = ("_descriptor", "_pressed")
-
-    def __init__(self, descriptor: int) -> None:
-        self._descriptor = descriptor
-        os.set_blocking(descriptor, False)  # for a pipe in tests; a device is already non-blocking
-        self._pressed = self._held_now()
-
-    def until(self, now_ns: int) -> int:
-        """Return until when a key counts as held [ns]; 0: none is down.
-
-        Args:
-            now_ns: The present time on the loop's clock [ns].
-
-        Raises:
-            OSError: The device is gone.
-        """
-        while True:
-            try:
-                found = os.read(self._descriptor, _AT_ONCE * EVENT.size)
-            except BlockingIOError:
-                break
-            if not found:
-                raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))
-            self._take(found)
-        return now_ns + KEY_NS if self._pressed else 0
-
-    def _take(self, found: bytes) -> None:
-        """Process events: the kernel gives whole ones."""
-        for _, _, kind, code, value in EVENT.iter_unpack(found):
-            if kind == _EV_SYN and code == _SYN_DROPPED:
-                self._pressed = self._held_now()  # events were lost: read the state itself
-            elif kind == _EV_KEY:
-                if value:  # 1: pressed; 2: repeat
-                    self._pressed.add(code)
-                else:
-                    self._pressed.discard(code)
-
-    def _held_now(self) -> set[int]:
-        """Return the held keys from the kernel; none if it does not answer."""
-        try:
-            return _codes(self._descriptor, _EVIOCGKEY)
-        except OSError:
-            return set()
-
-
 def key_reader(
-    source: KeySource, words: memoryview[int], gone: Callable[[OSError], None]
+    descriptor: int, words: memoryview[int], gone: Callable[[OSError], None]
 ) -> Callable[[int], float]:
-    """Return what the loop calls to read a key into ``Word.HELD_NS``.
+    """Return what the loop calls to read a key into ``Word.HELD_NS``: any key that is down.
 
     It takes the present time, and returns when to look again, both on the loop's clock [ns].
 
     Args:
-        source: The key.
+        descriptor: Descriptor of the device, readable.
         words: The control words.
         gone: Called when the device is gone; the dead man then stays released.
     """
 
     def look(now_ns: int) -> float:
         try:
-            words[Word.HELD_NS] = source.until(now_ns)
+            words[Word.HELD_NS] = now_ns + KEY_NS if _has_any(descriptor, _EVIOCGKEY) else 0
         except OSError as error:
             words[Word.HELD_NS] = 0
             gone(error)
@@ -180,25 +119,29 @@ def hold_by(path: str) -> Hold:
             )
         try:
             fcntl.ioctl(descriptor, _EVIOCGVERSION, bytes(4))
-            known = _codes(descriptor, _EVIOCGBIT_KEY)
+            has_keys = _has_any(descriptor, _EVIOCGBIT_KEY)
         except OSError:
             raise UserError(
                 f"{path} is not an input device", field="--hold", advice=_ADVICE
             ) from None
     finally:
         os.close(descriptor)
-    if not known:
+    if not has_keys:
         raise UserError(
             f"the device {path} has no key", field="--hold", advice="name another device"
         )
     return Hold(path)
 
 
-def _codes(descriptor: int, request: int) -> set[int]:
-    """Return the codes of the bits that a bit-field request sets."""
-    bits = array.array("B", bytes(_KEY_BYTES))
+def _has_any(descriptor: int, request: int) -> bool:
+    """Whether a bit-field request sets any bit.
+
+    Raises:
+        OSError: It is no input device, or gone.
+    """
+    bits = bytearray(_KEY_BYTES)
     fcntl.ioctl(descriptor, request, bits)
-    return {8 * n + k for n, byte in enumerate(bits) if byte for k in range(8) if byte >> k & 1}
+    return any(bits)
 
 
 def _unusable(path: str, error: Exception) -> UserError:
