@@ -42,7 +42,6 @@ from haptic_wall.controller.system.signals import STOPPING, interrupting, on_sig
 
 if TYPE_CHECKING:
     from haptic_wall.controller.live.place import Live
-    from haptic_wall.controller.processes.hold import Hold
 
 SIMULATED_S = 5.0
 """Default duration [s]; hardware runs until Ctrl-C."""
@@ -178,7 +177,7 @@ def _live(place: str | None, *, control: bool) -> Live | None:
     return live_at(place, control=control)
 
 
-def _hold(sources: tuple[str, ...], *, page: bool) -> Hold | None:
+def _hold(sources: tuple[str, ...], *, page: bool) -> str | None:
     """Return the dead man's source; None if there is none.
 
     Args:
@@ -193,17 +192,17 @@ def _hold(sources: tuple[str, ...], *, page: bool) -> Hold | None:
     source, *others = sources
     if others:
         raise UserError("found two sources", field="--hold", wanted="one: a run has one dead man")
-    from haptic_wall.controller.processes.hold import PAGE, Hold, hold_by
+    from haptic_wall.controller.processes.hold import PAGE, opened
 
     if source != PAGE:
-        return hold_by(source)
-    if not page:
+        os.close(opened(source))
+    elif not page:
         raise UserError(
             f"a {PAGE} can hold the dead man only if it may change the wall",
             field="--hold",
             advice="add --live --live-control",
         )
-    return Hold(PAGE)
+    return source
 
 
 def _duration(config: Config, asked: str | None) -> float | None:

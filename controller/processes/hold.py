@@ -1,8 +1,8 @@
 """The dead man, a switch that must be held: a key or pedal, or a button on the live page.
 
 ``Word.HELD_NS`` is the instant until which it counts as held, on the clock of the loop, which looks
-at it in every tick. The loop itself reads a key, the page's process writes for
-its button. A silent source therefore acts as a release.
+at it in every tick. The loop itself reads a key, the page's process writes for its button. A silent
+source therefore acts as a release.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import fcntl
 import math
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.runtime.telemetry import Word
@@ -34,7 +33,6 @@ def _ioctl_read(number: int, size: int) -> int:
     return (2 << 30) | (size << 16) | (ord("E") << 8) | number
 
 
-_EVIOCGVERSION = _ioctl_read(0x01, 4)
 _EVIOCGKEY = _ioctl_read(0x18, _KEY_BYTES)
 _EVIOCGBIT_KEY = _ioctl_read(0x20 + _EV_KEY, _KEY_BYTES)
 
@@ -64,32 +62,6 @@ def key_reader(
     return look
 
 
-@dataclass(frozen=True, slots=True)
-class Hold:
-    """The checked settings of the dead man."""
-
-    path: str
-    """Of an input device, or ``PAGE``"""
-
-    @property
-    def is_page(self) -> bool:
-        """Whether a page holds it."""
-        return self.path == PAGE
-
-    def open(self) -> int | None:
-        """Open the device; None: a page holds it.
-
-        Raises:
-            UserError: It cannot be opened any more.
-        """
-        if self.is_page:
-            return None
-        try:
-            return os.open(self.path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-        except OSError as error:
-            raise _unusable(self.path, error) from error
-
-
 def gone_texts(why: str) -> tuple[str, str]:
     """Return what is told at once of a source that is gone, and what the report notes."""
     return (
@@ -98,11 +70,11 @@ def gone_texts(why: str) -> tuple[str, str]:
     )
 
 
-def hold_by(path: str) -> Hold:
-    """Return the dead man with the path of an input device.
+def opened(path: str) -> int:
+    """Open an input device to read its keys; return its descriptor.
 
     Raises:
-        UserError: It does not exist, cannot be read, or cannot serve as a dead man.
+        UserError: It does not exist, cannot be read, or has no keys.
     """
     if not path.strip():
         raise UserError("found nothing", field="--hold", advice=_ADVICE)
@@ -111,26 +83,13 @@ def hold_by(path: str) -> Hold:
     except (OSError, ValueError) as error:
         raise _unusable(path, error) from error
     try:
-        if os.isatty(descriptor):
-            raise UserError(
-                f"{path} is a terminal, which does not report the release of a key",
-                field="--hold",
-                advice=_ADVICE,
-            )
-        try:
-            fcntl.ioctl(descriptor, _EVIOCGVERSION, bytes(4))
-            has_keys = _has_any(descriptor, _EVIOCGBIT_KEY)
-        except OSError:
-            raise UserError(
-                f"{path} is not an input device", field="--hold", advice=_ADVICE
-            ) from None
-    finally:
-        os.close(descriptor)
+        has_keys = _has_any(descriptor, _EVIOCGBIT_KEY)
+    except OSError:
+        has_keys = False
     if not has_keys:
-        raise UserError(
-            f"the device {path} has no key", field="--hold", advice="name another device"
-        )
-    return Hold(path)
+        os.close(descriptor)
+        raise UserError(f"{path} is not an input device with keys", field="--hold", advice=_ADVICE)
+    return descriptor
 
 
 def _has_any(descriptor: int, request: int) -> bool:

@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.processes.hold import KEY_NS, LOOK_NS, Hold, hold_by, key_reader
+from haptic_wall.controller.processes.hold import KEY_NS, LOOK_NS, key_reader, opened
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 
 MS = 1_000_000
 SPACE = 57
-VERSION, KEYS, STATE = 0x80044501, 0x80604521, 0x80604518
+KEYS, STATE = 0x80604521, 0x80604518
 
 
 @pytest.mark.parametrize(
@@ -36,7 +36,7 @@ def test_what_cannot_be_held_is_refused(
     Path("file").touch()
     os.mkfifo("fifo")
     with pytest.raises(UserError) as refused:
-        hold_by(text)
+        opened(text)
     assert str(refused.value).startswith("--hold: ")
     assert told in str(refused.value)
 
@@ -44,7 +44,7 @@ def test_what_cannot_be_held_is_refused(
 @pytest.fixture
 def kernel(monkeypatch: pytest.MonkeyPatch) -> dict[int, set[int] | None]:
     """Codes that an input device, which is /dev/null here, answers by request; None: it is gone."""
-    answers: dict[int, set[int] | None] = {VERSION: set(), KEYS: {SPACE}, STATE: set()}
+    answers: dict[int, set[int] | None] = {KEYS: {SPACE}, STATE: set()}
 
     def ioctl(_: int, request: int, buffer: bytearray) -> int:
         codes = answers[request]
@@ -59,10 +59,10 @@ def kernel(monkeypatch: pytest.MonkeyPatch) -> dict[int, set[int] | None]:
 
 
 def test_an_input_device_is_known_by_its_answers(kernel: dict[int, set[int] | None]) -> None:
-    assert hold_by("/dev/null") == Hold("/dev/null")
+    os.close(opened("/dev/null"))
     kernel[KEYS] = set()
-    with pytest.raises(UserError, match="has no key; name another device"):
-        hold_by("/dev/null")
+    with pytest.raises(UserError, match="/dev/null is not an input device with keys"):
+        opened("/dev/null")
 
 
 def test_the_loop_looks_every_10_ms_and_a_device_that_is_gone_releases_for_good(
