@@ -12,8 +12,8 @@ import pytest
 
 from haptic_wall.controller.live.place import Live
 from haptic_wall.controller.live.run_socket import listening, socket_of
-from haptic_wall.controller.processes.children import Child
 from haptic_wall.controller.processes import door_monitor
+from haptic_wall.controller.processes.children import Child
 from haptic_wall.controller.processes.door_monitor import Door
 from haptic_wall.controller.processes.plan import Plan
 from haptic_wall.controller.runtime.telemetry import Telemetry
