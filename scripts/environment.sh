@@ -60,19 +60,7 @@ install() {
     echo "installing into $root/.venv" >&2
     "$root/.venv/bin/python" -m pip install --disable-pip-version-check --quiet --editable "$what" >&2 ||
         fail "the installation failed; the reason is above (a network is needed the first time)"
-    name_no_folder
     wanted_stamp >"$root/.venv/.installed-$1"
-}
-
-# The installation names the folder of pyproject.toml's dev-mode-dirs in a file that Python before
-# 3.13 reads by the locale: under LC_ALL=C it would not start where a name has an umlaut. Seen from
-# that file, its name is not needed.
-name_no_folder() {
-    for file in "$root"/.venv/lib/python*/site-packages/_haptic_wall.pth; do
-        if [ -f "$file" ]; then
-            printf '%s\n' ../../../../src >"$file"
-        fi
-    done
 }
 
 # $1: as for install.
