@@ -66,9 +66,8 @@ SIMULATED_S = 5.0
 @click.option("--live-control", is_flag=True,
               help="With --live: whoever has the page's address may change the wall.")  # fmt: skip
 @click.option("--hold", metavar="SOURCE", multiple=True,
-              help="Dead man: the wall is on only while SOURCE is held: /dev/input/eventN[:KEY], a "
-              "key or pedal (default: any key); or page, a button on the page of "
-              "--live-control.")  # fmt: skip
+              help="Dead man: the wall is on only while SOURCE is held: /dev/input/eventN, "
+              "any key or pedal of it; or page, a button on the page of --live-control.")  # fmt: skip
 @click.option("-v", "--verbose", is_flag=True,
               help="Print the whole report instead of about eight lines.")  # fmt: skip
 @force_option
