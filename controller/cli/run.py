@@ -67,7 +67,8 @@ SIMULATED_S = 5.0
               help="With --live: whoever has the page's address may change the wall.")  # fmt: skip
 @click.option("--hold", metavar="SOURCE", multiple=True,
               help="Dead man: the wall is on only while SOURCE is held: /dev/input/eventN, "
-              "any key or pedal of it; or page, a button on the page of --live-control.")  # fmt: skip
+              "any key or pedal of it; or page, a button on the page of "
+              "--live-control.")  # fmt: skip
 @click.option("-v", "--verbose", is_flag=True,
               help="Print the whole report instead of about eight lines.")  # fmt: skip
 @force_option
