@@ -49,8 +49,8 @@ SPEEDS = (0.0, 0.5, 1.0)
 """Of the entry, between the ends that the guard states, on a logarithmic scale"""
 SLOWEST, FASTEST = 0.05, 6.0
 """Speeds of entry in any case [rad/s]"""
-LONGEST, STILL = 700, 40
-"""Samples of a contact, and of rest after which nothing more is awaited"""
+LONGEST = 700
+"""Samples of a contact"""
 TRUTHS = 20
 """Of each belief"""
 BELIEFS = 25
@@ -356,10 +356,9 @@ class Row(NamedTuple):
     """Truths"""
     refused: int
     """Truths of beliefs where nothing is commanded, or no speed is stated"""
-    grow: list[list[float]]
-    """Coordinates of walls that grow"""
-    swing: list[list[float]]
-    throw: list[list[float]]
+    grow: int
+    swing: int
+    throw: int
     shares: list[Share]
 
 
@@ -382,20 +381,16 @@ def drawn(case: tuple[int, int, Side]) -> Row:
     chosen = np.flatnonzero(np.isin(owner, some))
     each = [walls[owner[index]] for index in chosen]
 
-    def points(bad: NDArray[np.bool_]) -> list[list[float]]:
-        at = chosen[np.flatnonzero(bad)]
-        return [[*believed[owner[i]].tolist(), *shares[i].tolist()] for i in at]
-
-    grow, swing, throw = [], [], []
+    grow = swing = throw = 0
     refused = owner.size - chosen.size
     if side == "both":
         grows, swings = goes_on(kicked(truths(each, shares[chosen]), number))
-        grow, swing = points(grows), points(swings)
+        grow, swing = int(grows.sum()), int(swings.sum())
     else:
         ends = {id(wall): speeds_of(wall) for wall in walls if wall.decision.stiffness > 0.0}
         stated = np.array([ends[id(wall)] for wall in each])
         refused += int(np.sum(stated[:, 1] <= stated[:, 0]))
-        throw = points(thrown(truths(each, shares[chosen]), stated, number) > 0.0)
+        throw = int(np.sum(thrown(truths(each, shares[chosen]), stated, number) > 0.0))
     return Row(owner.size, refused, grow, swing, throw, corner_shares(walls, side, number))
 
 
@@ -521,7 +516,7 @@ def rates(found: Found[tuple[int, int, Side], Row]) -> list[str]:
         rows = [row for case, row in found if case[2] == side]
         tried = sum(row.tried - row.refused for row in rows)
         for what in ("grow", "swing") if side == "both" else ("throw",):
-            bad = sum(len(getattr(row, what)) for row in rows)
+            bad = sum(getattr(row, what) for row in rows)
             words = {"grow": "grow", "swing": "swing on", "throw": "throw back"}
             cells.append((name, words[what], tried, bad, f"{100 * upper_bound(bad, tried):.2g} %"))
     head = ("wall", "that", "truths", "number", "rate at most (95 %)")
@@ -549,7 +544,6 @@ class Worst(NamedTuple):
     goal: str
     evaluated: int
     worst: float
-    point: list[float]
 
 
 def growth(walls: list[Asked], shares: FloatArray, seed: int) -> FloatArray:
@@ -605,7 +599,7 @@ def searched(case: tuple[int, str, int, int]) -> Worst:
         init="random",
     )
     tried = size * (len(BELIEVED) + len(TRUE)) * (found.nit + 1)
-    return Worst(goal, tried, -float(found.fun), found.x.tolist())
+    return Worst(goal, tried, -float(found.fun))
 
 
 def searches(given: Given) -> list[tuple[int, str, int, int]]:

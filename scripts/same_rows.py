@@ -1,6 +1,6 @@
 """Runs some 90 short simulated walls, and lists those whose rows differ from before.
 
-    scripts/study same_rows [--write] [--keep FOLDER] [--against PLACE] [--only NAME ...]
+    scripts/study same_rows [--write] [--keep FOLDER] [--against FOLDER] [--only NAME ...]
 
 A restructuring changes no number: not one bit of any row. tests/same_rows.txt holds a line for each
 run: its rows, its stop reason, its exit status, and digests of its rows and of the report's
@@ -28,7 +28,6 @@ import os
 import platform
 import signal
 import sqlite3
-import subprocess
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
@@ -284,25 +283,6 @@ def change(before: Line | None, after: Line, was: Ran | None, now: Ran) -> str:
     return "; ".join(parts)
 
 
-def _rows_of(place: Path, names: Iterable[str], folder: Path) -> Path:
-    """A folder with the rows of a place: that folder, or that of runs in another checkout."""
-    python = place / ".venv" / "bin" / "python"
-    if not python.exists():
-        if not any(place.glob("*.json.gz")):
-            raise SystemExit(f"{place}: found neither kept rows nor a checkout with a .venv")
-        return place
-    # This script is used, with its cases: an older checkout may have none, or others.
-    source = next(each for each in (place / "src", place / ".src") if each.is_dir())
-    subprocess.run(
-        [python, __file__, "--keep", folder, "--only", *names],
-        check=True,
-        stdout=subprocess.DEVNULL,
-        env={**os.environ, "PYTHONPATH": f"{source}{os.pathsep}{ROOT}"},
-        cwd=place,
-    )
-    return folder
-
-
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="scripts/study same_rows",
@@ -315,9 +295,8 @@ def _options() -> argparse.Namespace:
     parser.add_argument(
         "--against",
         type=Path,
-        metavar="PLACE",
-        help="compare with the rows of a folder, or of another checkout with a .venv, instead of"
-        " the digests",
+        metavar="FOLDER",
+        help="compare with the rows stored in FOLDER, instead of the digests",
     )
     parser.add_argument(
         "--only", nargs="+", choices=CASES, metavar="NAME", default=[*CASES], help="names of runs"
@@ -332,22 +311,20 @@ def main() -> None:
     made_on, lines = lines_in(DIGESTS.read_text("utf-8")) if DIGESTS.exists() else ("", {})
     exactly = made_on == machine()
     changed = equal = 0
-    with tempfile.TemporaryDirectory() as name:
-        old = KEPT
-        if options.against is not None:
-            old = _rows_of(options.against.resolve(), options.only, Path(name))
-            lines, exactly = {}, True
-        after = {}
-        for case in options.only:
-            now, was = ran(CASES[case]), kept(old, case)
-            after[case] = line_of(case, now)
-            before = line_of(case, was) if options.against and was else lines.get(case)
-            equal += before == after[case]
-            if before is None or not same(before, after[case], exactly=exactly):
-                changed += 1
-                print(f"{case}: {change(before, after[case], was, now)}", flush=True)
-            if options.keep is not None or options.write:
-                keep(options.keep or KEPT, case, now)
+    old = KEPT
+    if options.against is not None:
+        old, lines, exactly = options.against, {}, True
+    after = {}
+    for case in options.only:
+        now, was = ran(CASES[case]), kept(old, case)
+        after[case] = line_of(case, now)
+        before = line_of(case, was) if options.against and was else lines.get(case)
+        equal += before == after[case]
+        if before is None or not same(before, after[case], exactly=exactly):
+            changed += 1
+            print(f"{case}: {change(before, after[case], was, now)}", flush=True)
+        if options.keep is not None or options.write:
+            keep(options.keep or KEPT, case, now)
     how = "to the last bit" if exactly else f"to {DIGITS} digits, {equal} of them to the last bit"
     print(f"{len(after) - changed} of {len(after)} runs are the same, {how}")
     if options.write:

@@ -1,6 +1,6 @@
-"""Lets a user run the wall on hardware: adapter, real-time limits, group; or undoes this.
+"""Lets a user run the wall on hardware: adapter, real-time limits, group.
 
-    scripts/setup-testbed [--user NAME] [--undo] [--dry-run] [--yes]
+    scripts/setup-testbed [--user NAME] [--dry-run] [--yes]
 
 Says what it will change, asks, and then does it; nothing else on the system is touched. Needs root
 for the changes (sudo), and nothing but Python's own library.
@@ -23,12 +23,7 @@ SERIAL_GROUPS = ("dialout", "uucp")
 """Group that may open serial ports: on Debian, Ubuntu and Fedora; on Arch"""
 RULES = Path("etc/udev/rules.d/99-haptic-wall.rules")
 LIMITS = Path("etc/security/limits.d/haptic-wall.conf")
-LATENCY = Path("dev/cpu_dma_latency")
-MARK = "# Written by haptic-wall's scripts/setup-testbed; --undo removes it."
-JOINED = "# joined: "
-"""Before the user and the group that this script has put the user into"""
-MADE = f"# made: {GROUP}"
-"""The group was not there before this script"""
+MARK = "# Written by haptic-wall's scripts/setup-testbed"
 RULES_TEXT = f"""\
 {MARK}
 # FTDI adapters (U2D2 and most others): replies are handed on after 1 ms, not after 16.
@@ -47,7 +42,7 @@ LIMITS_TEXT = f"""\
 
 
 class Refused(Exception):  # noqa: N818 - a refusal is what it is
-    """The set-up cannot be made or undone; the message says why, and what to do."""
+    """The set-up cannot be made; the message says why, and what to do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,54 +67,20 @@ def command(*words: str) -> None:
 
 
 def changes(user: str, root: Path) -> list[Change]:
-    """Find the missing changes; those of groups are written down before they are made."""
+    """Find the missing changes."""
     groups = _groups()
     serial = next((name for name in SERIAL_GROUPS if name in groups), None)
-    joins = [name for name in (GROUP, serial) if name and user not in groups.get(name, ())]
-    missing = GROUP not in groups
     found: list[Change] = []
-    done = [line for line in _ours(root / LIMITS) if line == MADE or line.startswith(JOINED)]
-    done += [MADE] * missing + [f"{JOINED}{user} {name}" for name in joins]
-    limits = "\n".join([*LIMITS_TEXT.splitlines(), *dict.fromkeys(done), ""])
-    if _ours(root / LIMITS) != limits.splitlines():
-        found.append(_writing(root / LIMITS, limits, f"rtprio 95, memlock unlimited for {GROUP}"))
-    if missing:
+    if _ours(root / LIMITS) != LIMITS_TEXT.splitlines():
+        why = f"rtprio 95, memlock unlimited for {GROUP}"
+        found.append(_writing(root / LIMITS, LIMITS_TEXT, why))
+    if GROUP not in groups:
         found.append(Change(f"make the group {GROUP}", lambda: command("groupadd", "-r", GROUP)))
     if _ours(root / RULES) != RULES_TEXT.splitlines():
         why = "FTDI adapters at 1 ms, without a modem manager; no deep sleep of cores on request"
         found += [_writing(root / RULES, RULES_TEXT, why), _REREAD]
+    joins = [name for name in (GROUP, serial) if name and user not in groups.get(name, ())]
     return found + [_joining(user, name) for name in joins]
-
-
-def undoing(root: Path) -> list[Change]:
-    """Find the changes that undo the set-up; an earlier group stays, with its members."""
-    groups, limits = _groups(), _ours(root / LIMITS)
-    found: list[Change] = []
-    for line in limits:
-        if line.startswith(JOINED):
-            names = line.removeprefix(JOINED).split()
-            if len(names) != 2:
-                raise Refused(
-                    f"{root / LIMITS}: found the line '{line}', wanted '{JOINED}USER GROUP':"
-                    " correct or remove the line"
-                )
-            user, group = names
-            if user in groups.get(group, ()):
-                found.append(_leaving(user, group))
-    rules = bool(_ours(root / RULES))
-    if rules:
-        found.append(_removing(root / RULES))
-    if _is_of_the_group(
-        root / LATENCY
-    ):  # while the group has a name: a rule gone takes nothing back
-        found.append(_giving_back(root / LATENCY))
-    if rules:
-        found.append(_REREAD)  # another's rule for the device counts again
-    if MADE in limits and GROUP in groups:
-        found.append(Change(f"remove the group {GROUP}", lambda: command("groupdel", GROUP)))
-    if limits:  # the last, since it knows what else is to be undone
-        found.append(_removing(root / LIMITS))
-    return found
 
 
 def _groups() -> dict[str, list[str]]:
@@ -132,38 +93,12 @@ def _joining(user: str, group: str) -> Change:
     )
 
 
-def _leaving(user: str, group: str) -> Change:
-    return Change(
-        f"take {user} out of the group {group}", lambda: command("gpasswd", "-d", user, group)
-    )
-
-
 def _writing(path: Path, text: str, why: str) -> Change:
     def write() -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
 
     return Change(f"write {path}: {why}", write)
-
-
-def _is_of_the_group(device: Path) -> bool:
-    group = next((entry.gr_gid for entry in grp.getgrall() if entry.gr_name == GROUP), None)
-    try:
-        return group is not None and device.stat().st_gid == group
-    except OSError:
-        return False
-
-
-def _giving_back(device: Path) -> Change:
-    def give_back() -> None:
-        os.chown(device, 0, 0)
-        device.chmod(0o600)  # as the kernel makes it
-
-    return Change(f"give {device} back to root, as before", give_back)
-
-
-def _removing(path: Path) -> Change:
-    return Change(f"remove {path}", path.unlink)
 
 
 def reread_rules() -> None:
@@ -190,7 +125,7 @@ def _ours(path: Path) -> list[str]:
         return []
     except (OSError, UnicodeDecodeError) as error:
         raise Refused(f"{path} cannot be read ({error}): make it readable first") from None
-    if MARK not in lines:
+    if not any(line.startswith(MARK) for line in lines):
         raise Refused(f"found a {path} that this script did not write: move it away first")
     return lines
 
@@ -220,9 +155,9 @@ def run(wanted: argparse.Namespace) -> None:
     Raises:
         Refused: Something is in the way.
     """
-    planned = undoing(wanted.root) if wanted.undo else changes(_user(wanted.user), wanted.root)
+    planned = changes(_user(wanted.user), wanted.root)
     if not planned:
-        print("nothing to undo" if wanted.undo else "nothing to do: the set-up is complete")
+        print("nothing to do: the set-up is complete")
         return
     print("changes:")
     for change in planned:
@@ -240,14 +175,10 @@ def run(wanted: argparse.Namespace) -> None:
         except OSError as error:
             raise Refused(f"could not {change.text}: {error.strerror}; call it again") from None
         print(f"done: {change.text}")
-    if wanted.undo:
-        print("an open session keeps its rights until its user logs out")
-        return
     print(
         "log out and in again, and plug the adapter in again; then\n"
         "  haptic-wall run simulated --set realtime.profile=strict   shows the granted settings\n"
-        "  haptic-wall doctor CONFIG                                  examines the adapter\n"
-        "  scripts/setup-testbed --undo                               undoes all changes"
+        "  haptic-wall doctor CONFIG                                  examines the adapter"
     )
 
 
@@ -260,7 +191,6 @@ def main() -> None:
         " lists its changes first, and asks.",
     )
     parser.add_argument("--user", help="name of the user (default: you, also under sudo)")
-    parser.add_argument("--undo", action="store_true", help="undo the changes")
     parser.add_argument("--dry-run", action="store_true", help="only list the changes")
     parser.add_argument("--yes", action="store_true", help="do not ask")
     parser.add_argument("--root", type=Path, default=Path("/"), help=argparse.SUPPRESS)

@@ -35,7 +35,6 @@ from pydantic import TypeAdapter
 
 from haptic_wall.controller.bench.machine import machine, versions
 from haptic_wall.controller.errors import HapticWallError
-from haptic_wall.controller.experiments.cluster import cluster
 from haptic_wall.controller.experiments.processes import cores, not_from_the_terminal, processes
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -90,8 +89,6 @@ class Part(Generic[Case, Row]):
     """One case after the other in this process: what is measured in real time"""
     wanted: Callable[[Found[Case, Row]], bool] = _every_row
     """Whether what is wanted holds; the exit status is 1 where it does not"""
-    examples: Callable[[Found[Case, Row]], Iterable[tuple[str, object]]] | None = None
-    """Descriptions of faults, each with a value whose text runs again, for ``--examples``"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,15 +138,10 @@ def _kind(part: Part[Any, Row]) -> TypeAdapter[Row]:
 def begun(
     part: Part[Case, Row], given: Given, kept: Kept, pool: Executor | None
 ) -> Callable[[], list[tuple[Case, Row]]]:
-    """Give a part's cases to a pool; return a function that waits for every row.
-
-    With ``--known`` no case is run: those without a row are left out.
-    """
+    """Give a part's cases to a pool; return a function that waits for every row."""
     cases = list(part.cases(given))
     rows = kept.rows(part, cases)
     missing = [number for number in range(len(cases)) if number not in rows]
-    if getattr(given, "known", False):
-        missing = []
     side_by_side = None if part.in_turn else pool
     workers = 1 if side_by_side is None else cores()
     _say(f"{part.name}: this takes about {length(len(missing) * part.case_s / workers)}")
@@ -171,7 +163,7 @@ def begun(
             if time.monotonic() - told >= 1.0 or len(rows) == len(cases):
                 told = time.monotonic()
                 _say(f"{part.name} {len(rows)}/{len(cases)}: {cases[number]}: {row}")
-        return [(case, rows[number]) for number, case in enumerate(cases) if number in rows]
+        return [(case, rows[number]) for number, case in enumerate(cases)]
 
     return wait
 
@@ -276,18 +268,8 @@ def _parser(study: Study, name: str, doc: str) -> argparse.ArgumentParser:
         help="store each row when it is computed; a later call continues with these",
     )
     parser.add_argument(
-        "--known", action="store_true", help="make the page only from the rows in FILE"
-    )
-    parser.add_argument(
         "--workers", type=int, default=cores(), help="parallel processes (default: one per core)"
     )
-    parser.add_argument(
-        "--dask", metavar="ADDRESS", help="compute on the cluster of this Dask scheduler"
-    )
-    if any(part.examples for part in study.parts):
-        parser.add_argument(
-            "--examples", type=Path, metavar="FILE", help="write counter-examples to FILE"
-        )
     page = ROOT / "docs" / study.page
     about = f"page to write (default: docs/{study.page})"
     parser.add_argument("--out", type=Path, default=page, metavar="FILE", help=about)
@@ -310,30 +292,24 @@ def run(study: Study, name: str, doc: str, arguments: Sequence[str]) -> int:
         )
     text, holds = source.read_text(encoding="utf-8"), True
     renewed(text, dict.fromkeys((part.name for part in parts), ()))  # before the work
-    kept, began, examples = Kept(options.rows), time.monotonic(), ""
+    kept, began = Kept(options.rows), time.monotonic()
     with contextlib.ExitStack() as stack:
         pool: Executor | None = None
         if any(not part.in_turn for part in parts):
             with not_from_the_terminal():
-                dask: str | None = options.dask
-                many = processes(options.workers) if dask is None else cluster(dask)
-                pool = stack.enter_context(many)
+                pool = stack.enter_context(processes(options.workers))
         # What is measured in real time comes last, when nothing else computes.
         waits = [(part, begun(part, given, kept, pool)) for part in parts if not part.in_turn]
         turns = ((part, begun(part, given, kept, None)) for part in parts if part.in_turn)
         for part, wait in itertools.chain(waits, turns):
             rows = wait()
-            took = "of the rows kept" if options.known else length(time.monotonic() - began)
+            took = length(time.monotonic() - began)
             lines = [f"By `{command}`, {took} on {this_machine()}.", ""]
             made = [*([] if study.everywhere else lines), *part.lines(rows)]
             holds = part.wanted(rows) and holds
             text = renewed(text, {part.name: made}, git("rev-parse", "--short=8", "HEAD"))
             options.out.write_text(text, encoding="utf-8")
             print("\n".join(made), flush=True)
-            for what, case in part.examples(rows) if part.examples else ():
-                examples += f"# {part.name}: {what}\n{case!r}\n"
-    if chosen.get("examples"):
-        options.examples.write_text(examples, encoding="utf-8")
     return 0 if holds else 1
 
 

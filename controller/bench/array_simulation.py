@@ -1,4 +1,4 @@
-"""Measures how many wall periods are simulated a second: compiled, and as the program does."""
+"""Measures how many wall periods are simulated a second."""
 
 from __future__ import annotations
 
@@ -10,22 +10,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from haptic_wall.controller.bench.rows import Measurement, Section, interleaved, over_rounds, ratio
+from haptic_wall.controller.bench.rows import Section, interleaved, over_rounds
 from haptic_wall.controller.experiments.maps.compiled import compiled
 from haptic_wall.controller.experiments.maps.walls import Loop, wall_of
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
-from haptic_wall.controller.theory.checks import FloatArray
-from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.open import open_bus
-from haptic_wall.hw.settings import ServoSettings
 from haptic_wall.hw.truth import TrueServo
 
 _PERIOD_S = 1e-3
 _ROUNDS = 5
 _WALLS, _PERIODS = 64, 10_000
-_FEW, _SHORT = 8, 75
-"""Walls and periods that are also simulated as the program does"""
-_NOT_THE_SEARCH = "walls with backlash or long velocity differences, and the search around it"
+_SHORT = 75
+"""Periods where nothing is compiled"""
 _KINDS = {"linear servos": False, "servos with friction and encoder": True}
 
 
@@ -41,42 +36,23 @@ class _Released(NamedTuple):
 
 def measure() -> Section:
     """Measure two-sided walls on random servos."""
-    drawn = {what: _random_walls(rough, _WALLS) for what, rough in _KINDS.items()}
     fast = compiled() is not None
     periods = _PERIODS if fast else _SHORT
     work: dict[str, Callable[[], object]] = {}
-    for what, walls in drawn.items():
+    for what, rough in _KINDS.items():
+        walls = _random_walls(rough, _WALLS)
         together(walls[:1], periods)  # compiles
         work[what] = partial(together, walls, periods)
-        work[f"{what}, alone"] = partial(_each_alone, walls[:_FEW])
     times = interleaved(work, _ROUNDS, time.process_time)
-    rows, unit = [], "wall-periods/s"
     how = "compiled" if fast else "not compiled"
-    for what, walls in drawn.items():
-        single = [s / (_FEW * _SHORT) for s in times[f"{what}, alone"]]
-        many = [s / (_WALLS * periods) for s in times[what]]
-        apart = together(walls[:_FEW], _SHORT) - _each_alone(walls[:_FEW])
-        rows += [
-            over_rounds(
-                f"{how}, {_WALLS} random walls, {what}",
-                [1.0 / s for s in many],
-                unit,
-                _NOT_THE_SEARCH,
-            ),
-            over_rounds(
-                f"{_FEW} of them, as the simulated servo, {what}",
-                [1.0 / s for s in single],
-                unit,
-                "the program's own loop, which also guards, watches and logs",
-            ),
-            ratio(f"ratio, {what}", single, many, _NOT_THE_SEARCH),
-            Measurement(
-                f"largest difference of position from them, {what}",
-                float(np.max(np.abs(apart))),
-                "rad",
-                "other walls than these",
-            ),
-        ]
+    rows = [
+        over_rounds(
+            f"{how}, {_WALLS} random walls, {what}",
+            [_WALLS * periods / seconds for seconds in each],
+            "wall-periods/s",
+        )
+        for what, each in times.items()
+    ]
     note = "nothing is compiled: pip install -e '.[fast]' in the clone adds Numba"
     return Section(tuple(rows), () if fast else (note,))
 
@@ -115,33 +91,8 @@ def _random_walls(rough: bool, count: int) -> list[_Released]:
     return walls
 
 
-def together(walls: list[_Released], periods: int) -> FloatArray:
-    """Return the last measured positions of walls [rad]."""
-    found = []
+def together(walls: list[_Released], periods: int) -> None:
+    """Simulate walls."""
     for servo, stiffness, damping in walls:
         wall = wall_of(servo, period=_PERIOD_S, delay=servo.delay, virtual_damping=damping)
-        loop = Loop(wall, stiffness, servo.position)
-        loop.run(periods)
-        found.append(loop.measured)
-    return np.array(found)
-
-
-def _each_alone(walls: list[_Released]) -> FloatArray:
-    return np.array([_alone(wall) for wall in walls])
-
-
-def _alone(wall: _Released) -> float:
-    """Return the last measured position [rad] of one simulated servo and wall."""
-    clock, period_ns = SimulatedClock(), round(1e9 * _PERIOD_S)
-    body = open_bus([ServoSettings(true=wall.servo)], clock)
-    body.start()
-    before = math.nan
-    for k in range(_SHORT):
-        body.request()
-        position = body.collect(clock.now_ns())[0].position
-        velocity = (position - before) / _PERIOD_S if k else 0.0
-        body.write([-wall.stiffness * position - wall.virtual_damping * velocity])
-        before = position
-        clock.wait_until((k + 1) * period_ns)
-    body.close()
-    return before
+        Loop(wall, stiffness, servo.position).run(periods)

@@ -39,9 +39,6 @@ _RUN_S = 2.0
 _START_S = 0.2
 """Ignored beginning of the run [s]"""
 _ADDRESS, _BYTES = 120, 16
-_SHOWS_NOT: Final = (
-    "the loop's behaviour without the reading, nor a real adapter, whose timer delays replies"
-)
 
 Read = Callable[[], bool]
 """Requests one reply; returns whether it came"""
@@ -124,15 +121,14 @@ def _whole_program() -> list[Measurement]:
             f"haptic-wall run, periods skipped while {len(taken)} replies were lost",
             missed,
             "1",
-            "whether the losses were the cause; a busy machine skips periods as well",
         ),
     ]
 
 
 def _figures(what: str, periods: list[float]) -> list[Measurement]:
     return [
-        Measurement(f"{what}, median", statistics.median(periods), "periods", _SHOWS_NOT),
-        Measurement(f"{what}, longest", max(periods), "periods", _SHOWS_NOT),
+        Measurement(f"{what}, median", statistics.median(periods), "periods"),
+        Measurement(f"{what}, longest", max(periods), "periods"),
     ]
 
 

@@ -1,4 +1,4 @@
-"""Describes the machine and the versions, and the processor time that the host took."""
+"""Describes the machine and the versions."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import os
 import platform
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,9 +13,6 @@ from haptic_wall import __version__
 from haptic_wall.controller.bench import cyclictest
 
 _PACKAGES = ("scipy", "control", "dynamixel-sdk", "loop-rate-limiters", "numba", "rustypot")
-_STAT = Path("/proc/stat")
-_STEAL = 7
-"""Index of the steal time among a processor's times"""
 
 
 def machine() -> dict[str, str | int | None]:
@@ -39,40 +35,6 @@ def versions() -> dict[str, str | None]:
         **{package: _installed(package) for package in _PACKAGES},
         "cyclictest": None if path is None else cyclictest.version(path) or "of unknown version",
     }
-
-
-class ProcessorTime(NamedTuple):
-    """Time of all processors together since the start of the machine [ticks of the kernel]."""
-
-    total: int
-    stolen: int
-    """Time that the host gave to other virtual machines while this one was ready to run"""
-
-
-def processor_time(stat: Path = _STAT) -> ProcessorTime | None:
-    """Return the processor time counted by the kernel so far; None: it is not reported."""
-    try:
-        words = stat.read_text(encoding="ascii").partition("\n")[0].split()
-    except OSError:
-        return None
-    # The user time already includes the guest time, which follows.
-    times = [int(word) for word in words[1 : _STEAL + 2]]
-    return ProcessorTime(sum(times), times[_STEAL]) if len(times) > _STEAL else None
-
-
-def stolen_percent(before: ProcessorTime | None, after: ProcessorTime | None) -> float | None:
-    """Return the time the host took between two readings, in percent of all processors' time."""
-    if before is None or after is None or after.total <= before.total:
-        return None
-    return 100.0 * (after.stolen - before.stolen) / (after.total - before.total)
-
-
-def load_average() -> list[float] | None:
-    """Return the number of processes that ran or waited, over the last 1, 5 and 15 minutes."""
-    try:
-        return [round(load, 2) for load in os.getloadavg()]
-    except OSError:
-        return None
 
 
 def _installed(name: str) -> str | None:

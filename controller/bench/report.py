@@ -1,4 +1,4 @@
-"""Assembles the report of the requested sections: figures, machine, and its steal time."""
+"""Assembles the report of the requested sections: figures, machine and versions."""
 
 from __future__ import annotations
 
@@ -9,13 +9,7 @@ from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
 
-from haptic_wall.controller.bench.machine import (
-    load_average,
-    machine,
-    processor_time,
-    stolen_percent,
-    versions,
-)
+from haptic_wall.controller.bench.machine import machine, versions
 from haptic_wall.controller.bench.rows import Section
 from haptic_wall.controller.errors import HapticWallError
 from haptic_wall.controller.system.signals import interrupting
@@ -34,11 +28,11 @@ def measured(modules: Mapping[str, str], tell: Callable[[str], None]) -> dict[st
 
     Returns:
         ``machine``, ``versions``, ``seconds``, ``interrupted`` and ``sections``, each with its
-        rows, notes, ``seconds`` and ``steal_percent``.
+        rows, notes and ``seconds``.
     """
-    began, before = time.monotonic(), processor_time()
+    began = time.monotonic()
     report: dict[str, Any] = {
-        "machine": {**machine(), "load_average": load_average()},
+        "machine": machine(),
         "versions": versions(),
         "interrupted": False,
         "sections": {},
@@ -52,7 +46,6 @@ def measured(modules: Mapping[str, str], tell: Callable[[str], None]) -> dict[st
             report["sections"][name] = measured_section(module)
     except KeyboardInterrupt:
         report["interrupted"] = True
-    report["machine"]["steal_percent"] = stolen_percent(before, processor_time())
     report["seconds"] = time.monotonic() - began
     return report
 
@@ -63,7 +56,7 @@ def measured_section(module: str) -> dict[str, Any]:
     Args:
         module: A module with ``measure() -> Section``.
     """
-    began, before = time.monotonic(), processor_time()
+    began = time.monotonic()
     section: Section
     try:
         with interrupting():
@@ -76,5 +69,4 @@ def measured_section(module: str) -> dict[str, Any]:
         "rows": [asdict(row) for row in section.rows],
         "notes": list(section.notes),
         "seconds": time.monotonic() - began,
-        "steal_percent": stolen_percent(before, processor_time()),
     }

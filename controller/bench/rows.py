@@ -16,8 +16,6 @@ class Measurement:
     """The measured quantity"""
     value: float
     unit: str
-    shows_not: str
-    """A conclusion that this figure does not support"""
     low: float | None = None
     """Lower quartile of the rounds; None: not given"""
     high: float | None = None
@@ -33,22 +31,21 @@ class Section:
     """Missing measurements, and the reasons"""
 
 
-def over_rounds(name: str, values: Sequence[float], unit: str, shows_not: str) -> Measurement:
+def over_rounds(name: str, values: Sequence[float], unit: str) -> Measurement:
     """Return a quantity that was measured once a round: its median and quartiles.
 
     Args:
         name: The measured quantity.
         values: One for each round, at least one.
         unit: Unit of the values; ``1``: a ratio.
-        shows_not: A conclusion that it does not support.
     """
     if len(values) == 1:
-        return Measurement(name, values[0], unit, shows_not, values[0], values[0])
+        return Measurement(name, values[0], unit, values[0], values[0])
     low, middle, high = statistics.quantiles(values, n=4, method="inclusive")
-    return Measurement(name, middle, unit, shows_not, low, high)
+    return Measurement(name, middle, unit, low, high)
 
 
-def ratio(name: str, ours: Sequence[float], theirs: Sequence[float], shows_not: str) -> Measurement:
+def ratio(name: str, ours: Sequence[float], theirs: Sequence[float]) -> Measurement:
     """Return our value over theirs, divided round by round.
 
     Other load of the machine affects both values of a round alike.
@@ -57,10 +54,9 @@ def ratio(name: str, ours: Sequence[float], theirs: Sequence[float], shows_not: 
         name: The compared quantity.
         ours: A value each round.
         theirs: Of the same rounds, not zero.
-        shows_not: A conclusion that it does not support.
     """
     each = [one / other for one, other in zip(ours, theirs, strict=True)]
-    return over_rounds(name, each, "1", shows_not)
+    return over_rounds(name, each, "1")
 
 
 def interleaved(

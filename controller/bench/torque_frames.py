@@ -29,11 +29,6 @@ _CYCLE_BYTES: Final = len(READ_16_AT_120) + REPLY_BYTES + len(GOAL_CURRENT_0)
 _BACKLOG_US: Final = 1.1e-3 * wire_ns(_CYCLE_BYTES, BAUD)
 """Torque frames closer than this have waited for a delayed bus, because no loop makes up for
 skipped periods"""
-_SHOWS_NOT: Final = (
-    "a wire and a USB adapter: frames come through a pseudo-terminal, and the emulated bus, which"
-    " dates them, is a process that is late itself at times; intervals in which frames had to wait"
-    " for it are left out"
-)
 
 
 def measure() -> Section:
@@ -128,7 +123,7 @@ def _rows(deviations: dict[str, list[NDArray[np.float64]]]) -> list[Measurement]
             for name, each in deviations.items()
         }
         rows += [
-            over_rounds(f"{name}, {what}, p{percentile}", values, "µs", _SHOWS_NOT)
+            over_rounds(f"{name}, {what}, p{percentile}", values, "µs")
             for name, values in rounds.items()
         ]
         rows.append(
@@ -136,7 +131,6 @@ def _rows(deviations: dict[str, list[NDArray[np.float64]]]) -> list[Measurement]
                 f"haptic-wall, {what}, p{percentile}: over that of the bare loop",
                 rounds["haptic-wall"],
                 rounds["bare loop"],
-                "the evenness of either, which is listed above",
             )
         )
     return rows
@@ -148,7 +142,6 @@ def _left_out(intervals: dict[str, list[NDArray[np.float64]]]) -> list[Measureme
             f"{name}, intervals left out because the emulated bus was held up",
             [100.0 * float(np.mean(held_up(turn))) for turn in each],
             "%",
-            "the loop: it sent the frames in time, and they waited for their reader",
         )
         for name, each in intervals.items()
     ]

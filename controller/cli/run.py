@@ -42,7 +42,6 @@ from haptic_wall.controller.system.signals import STOPPING, interrupting, on_sig
 
 if TYPE_CHECKING:
     from haptic_wall.controller.live.place import Live
-    from haptic_wall.controller.processes.hold import Hold
 
 SIMULATED_S = 5.0
 """Default duration [s]; hardware runs until Ctrl-C."""
@@ -67,8 +66,8 @@ SIMULATED_S = 5.0
 @click.option("--live-control", is_flag=True,
               help="With --live: whoever has the page's address may change the wall.")  # fmt: skip
 @click.option("--hold", metavar="SOURCE", multiple=True,
-              help="Dead man: the wall is on only while SOURCE is held: /dev/input/eventN[:KEY], a "
-              "key or pedal (default: any key); or page, a button on the page of "
+              help="Dead man: the wall is on only while SOURCE is held: /dev/input/eventN, "
+              "any key or pedal of it; or page, a button on the page of "
               "--live-control.")  # fmt: skip
 @click.option("-v", "--verbose", is_flag=True,
               help="Print the whole report instead of about eight lines.")  # fmt: skip
@@ -178,7 +177,7 @@ def _live(place: str | None, *, control: bool) -> Live | None:
     return live_at(place, control=control)
 
 
-def _hold(sources: tuple[str, ...], *, page: bool) -> Hold | None:
+def _hold(sources: tuple[str, ...], *, page: bool) -> str | None:
     """Return the dead man's source; None if there is none.
 
     Args:
@@ -193,17 +192,17 @@ def _hold(sources: tuple[str, ...], *, page: bool) -> Hold | None:
     source, *others = sources
     if others:
         raise UserError("found two sources", field="--hold", wanted="one: a run has one dead man")
-    from haptic_wall.controller.processes.hold import PAGE, Hold, hold_by
+    from haptic_wall.controller.processes.hold import PAGE, opened
 
     if source != PAGE:
-        return hold_by(source)
-    if not page:
+        os.close(opened(source))
+    elif not page:
         raise UserError(
             f"a {PAGE} can hold the dead man only if it may change the wall",
             field="--hold",
             advice="add --live --live-control",
         )
-    return Hold(PAGE)
+    return source
 
 
 def _duration(config: Config, asked: str | None) -> float | None:

@@ -15,7 +15,7 @@ from typing import Any
 
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.laws.program import Phase
-from haptic_wall.controller.processes.hold import KeySource, key_reader
+from haptic_wall.controller.processes.hold import key_reader
 from haptic_wall.controller.runtime import realtime
 from haptic_wall.controller.runtime.machine_setup import machine_setup, start_text
 from haptic_wall.controller.runtime.session import Surroundings, defect_text, run_session
@@ -119,7 +119,7 @@ def _key(orders: Orders, telemetry: Telemetry) -> Callable[[int], float] | None:
     def gone(error: OSError) -> None:
         _tell("key_gone", why=f"{path} is gone ({error.strerror or error})")
 
-    return key_reader(KeySource(descriptor), telemetry.words, gone)
+    return key_reader(descriptor, telemetry.words, gone)
 
 
 def _prepare(config: Config, core: int) -> None:

@@ -10,7 +10,6 @@ from typing import Any
 
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.live.place import Live
-from haptic_wall.controller.processes.hold import Hold
 from haptic_wall.controller.runtime.safety import StopReason
 from haptic_wall.controller.runtime.statistics import RunStatistics
 from haptic_wall.controller.settings.config import Config
@@ -85,8 +84,8 @@ class Plan:
     """Phases that are rendered in place of the wall; the run ends with them. Empty: the wall"""
     live: Live | None = None
     """The page in a browser; None: none"""
-    hold: Hold | None = None
-    """The dead man; None: none"""
+    hold: str | None = None
+    """The dead man: path of an input device, or ``hold.PAGE``; None: none"""
     changeable: bool = False
     """Whether the wall takes changes while it runs"""
     force: bool = False

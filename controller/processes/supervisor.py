@@ -15,9 +15,9 @@ from typing import Any
 
 from haptic_wall.controller.live.log_events import event_sockets
 from haptic_wall.controller.processes.children import Child, on_cores
-from haptic_wall.controller.processes.door import Door
+from haptic_wall.controller.processes.door_monitor import Door
 from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments, failure_of
-from haptic_wall.controller.processes.hold import gone_texts
+from haptic_wall.controller.processes.hold import PAGE, gone_texts, opened
 from haptic_wall.controller.processes.loop_process import Orders
 from haptic_wall.controller.processes.loop_watch import END_S, LoopWatch
 from haptic_wall.controller.processes.plan import Ended, Plan, Tell
@@ -157,14 +157,14 @@ class Supervisor:
         if self._plan.hold is None:
             return
         self._words[Word.HELD_NS] = 0
-        self._key = self._plan.hold.open()
-        if self._key is not None:
+        if self._plan.hold != PAGE:
+            self._key = opened(self._plan.hold)
             children.callback(os.close, self._key)
 
     def _start_loop(self, children: contextlib.ExitStack) -> Child:
         plan, key = self._plan, None
         if self._key is not None and plan.hold is not None:
-            key = self._key, plan.hold.path
+            key = self._key, plan.hold
         orders = Orders(
             config=plan.config.model_dump_json(),
             telemetry=self._telemetry.descriptor,

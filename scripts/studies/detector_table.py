@@ -3,8 +3,8 @@
     scripts/study detector_table
 
 The thresholds were chosen on the draws of seeds up to 71: judge a change of the detector by a seed
-that no change was made for. ``--examples`` writes each case at fault. It runs again with the
-names of ``tests.support``: ``oscillation(case)`` or ``held(case)`` of ``verdicts``.
+that no change was made for. A case runs again with ``oscillation(case)`` or ``held(case)`` of
+``tests.support.verdicts``.
 """
 
 from __future__ import annotations
@@ -246,15 +246,6 @@ def _lines(found: Found[Job, Tried], names: tuple[str, ...]) -> Iterator[str]:
         yield from _table(found, name)
 
 
-def _faults(found: Found[Job, Tried]) -> Iterator[tuple[str, object]]:
-    """Yield what is wrong with each case at fault, and the case."""
-    for _, row in found:
-        both: list[Answered | Held] = [*row.walls, *row.hands]
-        for one in both:
-            if one.faults:
-                yield one.faults, one.case
-
-
 def _part(case_s: float, *names: str) -> Part[Job, Tried]:
     """Return the part of the page with these kinds of cases; ``case_s``: about a job's time [s]."""
     return Part(
@@ -263,7 +254,6 @@ def _part(case_s: float, *names: str) -> Part[Job, Tried]:
         tried,
         lambda found: _lines(found, names),
         case_s,
-        examples=_faults,
     )
 
 

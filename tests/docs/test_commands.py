@@ -37,7 +37,7 @@ RUNS = [(page, words) for page, words in commands() if words[0] in ("haptic-wall
 OTHERS = [(page, words) for page, words in commands() if (page, words) not in RUNS]
 BUSES = [words for _, words in RUNS if words[1:2] == ("emulate",)]
 
-NOTHING = {"rows": [], "notes": [], "histograms": [], "seconds": 0.0, "steal_percent": None}
+NOTHING = {"rows": [], "notes": [], "seconds": 0.0}
 """A section of a benchmark that has measured nothing"""
 
 

@@ -1,4 +1,4 @@
-"""The set-up of a testbed says what it will do, does just that, and takes just that back."""
+"""The set-up of a testbed says what it will do, and does just that."""
 
 import getpass
 import grp
@@ -7,7 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, NoReturn
 
 import pytest
 
@@ -21,7 +20,6 @@ ME = getpass.getuser()
 def system(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> SimpleNamespace:
     """A system of its own: folders, groups, and programs that only change those groups."""
     groups = {"dialout": ["somebody"]}
-    gids = {GROUP: os.getgid()}
     done = []
 
     def command(*words: str) -> None:
@@ -29,20 +27,14 @@ def system(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> SimpleNamespace:
         match words:
             case ("groupadd", "-r", name):
                 groups[name] = []
-            case ("groupdel", name):
-                del groups[name]
             case ("usermod", "-aG", name, user):
                 groups[name].append(user)
-            case ("gpasswd", "-d", user, name):
-                groups[name].remove(user)
 
     monkeypatch.setattr(setup_testbed, "command", command)
     monkeypatch.setattr(
         grp,
         "getgrall",
-        lambda: [
-            SimpleNamespace(gr_name=n, gr_mem=m, gr_gid=gids.get(n, -1)) for n, m in groups.items()
-        ],
+        lambda: [SimpleNamespace(gr_name=n, gr_mem=m) for n, m in groups.items()],
     )
     monkeypatch.setattr("os.geteuid", lambda: 0)
 
@@ -50,7 +42,7 @@ def system(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> SimpleNamespace:
         monkeypatch.setattr(sys, "argv", ["setup-testbed", f"--root={tmp_path}", *options])
         setup_testbed.main()
 
-    return SimpleNamespace(call=call, groups=groups, gids=gids, done=done, root=tmp_path)
+    return SimpleNamespace(call=call, groups=groups, done=done, root=tmp_path)
 
 
 def test_it_says_what_it_will_do_and_does_it_once(
@@ -71,67 +63,6 @@ def test_it_says_what_it_will_do_and_does_it_once(
     assert "nothing to do" in capsys.readouterr().out
 
 
-BEFORE = pytest.mark.parametrize(
-    "before",
-    [
-        {"dialout": ["somebody"]},
-        {"dialout": ["somebody", ME]},
-        {"dialout": ["somebody"], GROUP: []},
-        {"dialout": ["somebody"], GROUP: ["somebody", ME]},
-    ],
-    ids=["no group", "in dialout", "a group of that name", "in a group of that name"],
-)
-
-
-@BEFORE
-def test_undoing_leaves_what_was_there_before(
-    system: SimpleNamespace, before: dict[str, list[str]], capsys: pytest.CaptureFixture[str]
-) -> None:
-    system.groups.update({name: list(members) for name, members in before.items()})
-    system.call("--yes", f"--user={ME}")
-    system.call("--undo", "--yes")
-    assert system.groups == before
-    assert not [path for path in system.root.rglob("*") if path.is_file()]
-    capsys.readouterr()
-    system.call("--undo", "--yes")
-    assert "nothing to undo" in capsys.readouterr().out
-
-
-def broken_off(
-    system: SimpleNamespace, monkeypatch: pytest.MonkeyPatch, plan: str, steps: int, *options: str
-) -> None:
-    """Call the script, and press Ctrl-C after so many of its changes."""
-    usual = getattr(setup_testbed, plan)
-
-    def ctrl_c() -> NoReturn:
-        raise KeyboardInterrupt
-
-    def planned(*given: Any) -> list[setup_testbed.Change]:
-        return [*usual(*given)[:steps], setup_testbed.Change("be broken off", ctrl_c)]
-
-    with monkeypatch.context() as patch:
-        patch.setattr(setup_testbed, plan, planned)
-        with pytest.raises(SystemExit) as ended:
-            system.call(*options)
-    assert ended.value.code == 130
-
-
-@BEFORE
-@pytest.mark.parametrize("steps", range(7))
-def test_one_that_was_broken_off_can_be_undone(
-    system: SimpleNamespace,
-    monkeypatch: pytest.MonkeyPatch,
-    before: dict[str, list[str]],
-    steps: int,
-) -> None:
-    """What is done to groups is written down before it is done."""
-    system.groups.update({name: list(members) for name, members in before.items()})
-    broken_off(system, monkeypatch, "changes", steps, "--yes", f"--user={ME}")
-    system.call("--undo", "--yes")
-    assert system.groups == before
-    assert not [path for path in system.root.rglob("*") if path.is_file()]
-
-
 def test_as_root_it_runs_nothing_of_the_users(tmp_path: Path) -> None:
     """Neither modules beside it, nor what PYTHONPATH or the checkout's environment bring."""
     (tmp_path / "argparse.py").write_text("raise SystemExit('not this one')\n")
@@ -145,15 +76,14 @@ def test_as_root_it_runs_nothing_of_the_users(tmp_path: Path) -> None:
         env=os.environ | {"PYTHONPATH": str(tmp_path)},
     )
     assert (done.returncode, done.stderr) == (0, "")
-    assert "--undo" in done.stdout
+    assert "--dry-run" in done.stdout
 
 
 def test_files_of_others_are_not_touched(system: SimpleNamespace) -> None:
     (system.root / RULES).parent.mkdir(parents=True)
     (system.root / RULES).write_text("# mine\n")
-    for options in (("--yes", f"--user={ME}"), ("--undo", "--yes")):
-        with pytest.raises(SystemExit, match="this script did not write"):
-            system.call(*options)
+    with pytest.raises(SystemExit, match="this script did not write"):
+        system.call("--yes", f"--user={ME}")
     assert (system.root / RULES).read_text() == "# mine\n" and not system.done
 
 

@@ -64,19 +64,6 @@ class Answered:
         """Return the largest amplitude after the alarm over that until then; NaN: no alarm."""
         return self.after / self.at_alarm if self.at_alarm else math.inf
 
-    @property
-    def faults(self) -> str:
-        """Return what is wrong, in words; empty: nothing."""
-        words = {
-            "never decays": self.never,
-            f"late by {self.late_s:.2f} s": not (self.in_time or self.never),
-            "unseen": self.unseen,
-            f"trip {self.trip}": self.trip is not None,
-            f"grows {self.growth:.2f} times": self.growth > WORSE,
-            f"not seen for {self.unseen_s:.1f} s": self.unseen_s > WINDOW_S,
-        }
-        return ", ".join(word for word, holds in words.items() if holds)
-
 
 def oscillation(case: Case) -> Answered | None:
     """Return what ``reduce`` makes of a wall that sustains a large oscillation; None: it does not.
@@ -171,13 +158,6 @@ class Held:
     trip: str | None
     goes_on: bool
     """After the first alarm the motion persists without the operator: the wall makes it"""
-
-    @property
-    def faults(self) -> str:
-        """Return what is wrong, in words; empty: nothing."""
-        needless = self.softened and not self.goes_on
-        words = {f"softened {self.softened} times": needless, f"trip {self.trip}": self.trip}
-        return ", ".join(word for word, holds in words.items() if holds)
 
 
 def held(case: Case) -> Held:

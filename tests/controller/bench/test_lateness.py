@@ -1,7 +1,6 @@
 """The section on lateness: its arithmetic, who is missing, and one turn of the real loops."""
 
 import os
-from collections.abc import Iterable
 from importlib.metadata import PackageNotFoundError
 from typing import NoReturn
 
@@ -9,7 +8,6 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.bench import cyclictest, lateness
-from haptic_wall.controller.bench.lateness_client import PERIOD_NS, on_grid
 from haptic_wall.controller.runtime.realtime import pick_cores
 from tests.typed import not_none
 
@@ -19,42 +17,21 @@ SETTINGS = [
 ]  # fmt: skip
 
 
-class LateWaiter:
-    """Wakes up late as told, on a clock of its own."""
-
-    def __init__(self, late: Iterable[int]) -> None:
-        self.now = 0
-        self._late = iter(late)
-
-    def wait(self, deadline_ns: int) -> int:
-        self.now = max(self.now, deadline_ns) + next(self._late)
-        return self.now
-
-
-def test_lateness_counts_from_the_grid_and_a_stall_skips_whole_periods() -> None:
-    late = [100, 0, 2 * PERIOD_NS + 300, 7]
-    waiter = LateWaiter(late)
-    woken = on_grid(waiter.wait, len(late), now_ns=lambda: waiter.now)
-    # The third wakes 300 ns into the period two later, whose point the fourth serves at once.
-    assert woken.lateness_ns == [100, 0, 2 * PERIOD_NS + 300, 300 + 7]
-    assert woken.elapsed_ns == (5 * PERIOD_NS + 307) - (PERIOD_NS + 100)
-
-
 @pytest.fixture
 def stubs(monkeypatch: pytest.MonkeyPatch) -> None:
     """Turns as given by name, a round each, for clients that start no process."""
     rounds = {
-        "settings": [[1.0] * 99 + [10.0], [1.0] * 98 + [30.0] * 2, [1.0] * 98 + [8.0] * 2],
+        "program": [[1.0] * 99 + [10.0], [1.0] * 98 + [30.0] * 2, [1.0] * 98 + [8.0] * 2],
         "cyclictest": [[5.0] * 98 + [20.0] * 2, [5.0] * 98 + [10.0] * 2, [5.0] * 98 + [16.0] * 2],
     }
     turns = {name: iter(each) for name, each in rounds.items()}
 
     def turn(name: str) -> lateness.Turn:
         late = next(turns[name], None) if name in turns else [60.0] * 100
-        return lateness.Turn(np.array(late), 1000.0, 0.25, SETTINGS)
+        return lateness.Turn(np.array(late), 1000.0, SETTINGS)
 
     monkeypatch.setattr(lateness, "_ROUNDS", 3)
-    monkeypatch.setattr(lateness, "_child", lambda client, _core: turn(client))
+    monkeypatch.setattr(lateness, "_limiter", lambda _core: turn("limiter"))
     monkeypatch.setattr(lateness, "_program", lambda _core: turn("program"))
     monkeypatch.setattr(lateness, "_cyclictest", lambda *_: turn("cyclictest"))
     monkeypatch.setattr(lateness, "version", lambda _: "1.2.0")
@@ -68,8 +45,8 @@ def test_figures_are_medians_of_rounds_and_the_ratio_is_of_the_same_round() -> N
     rows = {row.name: row for row in section.rows}
     assert rows["cyclictest, lateness, p50"].value == 5.0
     assert rows["cyclictest, lateness, p99"].value == 16.0
-    assert rows["haptic-wall's wait alone, lateness, p99"].value == 8.0  # of 1, 30 and 8
-    ratio = rows["haptic-wall's wait alone: p99 of lateness over cyclictest's"]
+    assert rows["haptic-wall run, lateness, p99"].value == 8.0  # of 1, 30 and 8
+    ratio = rows["haptic-wall run: p99 of lateness over cyclictest's"]
     assert ratio.value == 0.5  # of 1/20, 30/10 and 8/16
     assert ratio.low == pytest.approx((0.05 + 0.5) / 2)
     assert ratio.high == pytest.approx((0.5 + 3.0) / 2)
@@ -89,7 +66,7 @@ def test_whoever_is_missing_is_named_and_the_rest_is_measured(
     section = lateness.measure()
     names = {row.name for row in section.rows}
     assert not [name for name in names if "cyclictest" in name or "loop-rate" in name]
-    assert "time.sleep(period), rate delivered of 1000 Hz asked" in names
+    assert "haptic-wall run, rate delivered of 1000 Hz asked" in names
     assert any("install rt-tests" in note for note in section.notes)
     assert any("'.[bench]' in the clone" in note for note in section.notes)
 
@@ -102,7 +79,8 @@ def test_the_real_loops_tell_every_wake_up_and_the_process_gets_its_cores_back(
     monkeypatch.setattr(lateness, "_TICKS", 50)
     cores = os.sched_getaffinity(0)
     core, _ = pick_cores()
-    for turn in (lateness._child("settings", core), lateness._program(core)):
+    pytest.importorskip("loop_rate_limiters")
+    for turn in (lateness._limiter(core), lateness._program(core)):
         # A wake-up a tick: what a busy machine has skipped has none, and lowers the rate.
         assert 0 < turn.late_us.size <= 51
         assert turn.late_us.size >= 25 or not_none(turn.rate_hz) < 900.0

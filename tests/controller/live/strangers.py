@@ -1,9 +1,8 @@
-"""Requests and messages of strangers to the page's server, from nearly right ones to noise."""
+"""Requests and messages of strangers to the page's server."""
 
 import contextlib
 import logging
 import socket
-from random import Random
 from traceback import walk_tb
 from typing import Final
 
@@ -57,68 +56,12 @@ NAMES: Final = (
     "delay.steps", "wall.profile", "position", "stiffness", "inertia", "damping", "period", "delay",
     "virtual_damping", "\\ud800", "",
 )  # fmt: skip
-TOP: Final = 7
-"""Of the names: those of a request"""
-
-
-def request(random: Random, place: str) -> bytes:
-    """Return a request that opens a websocket, with some faults, and what follows it."""
-    method, target, protocol, ends = "GET", "/rows", "HTTP/1.1", "\r\n"
-    headers = [HEADERS[number] for number in UPGRADE]
-    for _ in range(random.randrange(4)):
-        match random.randrange(12):
-            case 0:
-                method = random.choice(("POST", "get", "", "G\0T", "HEAD", "A" * 9000))
-            case 1:
-                protocol = random.choice(("HTTP/1.0", "HTTP/2.0", "", "HTTP/1.1 x"))
-            case 2:
-                ends = random.choice(("\n", "\r", "\n\r"))
-            case 3 | 4 | 5:
-                headers.insert(random.randrange(6), random.choice(HEADERS))
-            case 6:
-                headers.append(random.choice(headers))
-            case 7:
-                headers[random.randrange(5)] = random.choice(HEADERS)
-            case _:
-                target = random.choice(TARGETS)
-    lines = (each.replace("{0}", place) for each in headers)
-    text = ends.join((f"{method} {target} {protocol}", *lines, "", ""))
-    whole = text.encode("utf-8" if random.random() < 0.5 else "latin-1", "replace")
-    return _noisy(random, whole + random.choice(FRAMES) * random.randrange(3))
 
 
 def opened_and(frame: bytes, place: str, query: str = "") -> bytes:
     """Return a request that opens a websocket, and what is sent on it."""
     lines = (HEADERS[number].replace("{0}", place) for number in UPGRADE)
     return "\r\n".join((f"GET /rows{query} HTTP/1.1", *lines, "", "")).encode() + frame
-
-
-def message(random: Random) -> str | bytes:
-    """Return a message of a client."""
-    names = random.choices(NAMES[:TOP], k=random.choice((1, 1, 2)))
-    text = "{" + ", ".join(f'"{name}": {_value(random)}' for name in names) + "}"
-    if random.random() < 0.2:
-        text = random.choice((_value(random), text[: random.randrange(len(text))], "", "\x00"))
-    if random.random() < 0.2:
-        return _noisy(random, text.encode())[:4000]
-    return text[:4000]
-
-
-def _value(random: Random) -> str:
-    if random.random() < 0.5:
-        return random.choice(VALUES)
-    names = random.choices(NAMES[TOP:], k=random.randrange(1, 6))
-    return "{" + ", ".join(f'"{name}": {random.choice(VALUES)}' for name in names) + "}"
-
-
-def _noisy(random: Random, whole: bytes) -> bytes:
-    """Return something as it is mostly, otherwise with a part replaced, removed or repeated."""
-    if random.random() < 0.7 or not whole:
-        return whole
-    begin = random.randrange(len(whole))
-    end = begin + random.randrange(20)
-    noise = random.choice((b"", random.randbytes(5), whole[begin:end] * 2, b"\0", b"\xff", b"\r\n"))
-    return whole[:begin] + noise + whole[end:]
 
 
 def send(place: str, content: bytes) -> bytes:

@@ -53,17 +53,15 @@ def test_a_change_is_of_the_wall_of_one_axis() -> None:
     config = load_config("simulated", sets).config
     desk = ChangeDesk(config, telemetry, Offers(telemetry), told.append)
     inbox.tell([KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, True)] * 2)
-    for wrong, words in (
-        (["wall.stiffness=3"], "found no change of the wall of one axis"),
-        (["axes.arm.delay.steps=2"], "found no change of the wall of one axis"),
-        (
-            ["axes.arm.wall.damping=0", "axes.elbow.wall.damping=0"],
-            "found changes of arm and elbow",
-        ),
-        (["axes.elbwo.wall.damping=0"], "did you mean elbow?"),
+    for wrong in (
+        ["wall.stiffness=3"],
+        ["axes.arm.delay.steps=2"],
+        ["axes.arm.wall.damping=0", "axes.elbow.wall.damping=0"],
+        ["axes.elbwo.wall.damping=0"],
     ):
         answer = desk.begin(wrong, 1.0)
-        assert answer is not None and words in answer["error"]
+        assert answer is not None
+        assert "found no change of the wall of one axis" in answer["error"]
         assert "NAME is one of arm, elbow" in answer["error"]
     answer = desk.begin(["axes.elbow.wall.stiffness=-1"], 1.0)
     assert answer is not None and answer["field"] == "axes.elbow.wall.stiffness"

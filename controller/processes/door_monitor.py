@@ -15,7 +15,7 @@ from typing import Any, Final
 from haptic_wall.controller.live.log_events import change_text
 from haptic_wall.controller.live.run_socket import MODULE, remove_if_dead, socket_of
 from haptic_wall.controller.processes.children import Child
-from haptic_wall.controller.processes.hold import gone_texts
+from haptic_wall.controller.processes.hold import PAGE, gone_texts
 from haptic_wall.controller.processes.loop_watch import END_S
 from haptic_wall.controller.processes.plan import Plan, Tell
 from haptic_wall.controller.runtime.telemetry import Telemetry
@@ -73,7 +73,7 @@ class Door:
                 "name": plan.metadata["name"],
                 "config": plan.config.model_dump_json(),
                 "run": str(self._path),
-                "dead_man": plan.hold is not None and plan.hold.is_page,
+                "dead_man": plan.hold == PAGE,
             }
             if takes:
                 inherited["to_log"] = to_log
@@ -115,7 +115,7 @@ class Door:
 
     def _release(self, why: str) -> None:
         """Note that the page that holds the dead man is gone, if one does."""
-        if self._plan.hold is not None and self._plan.hold.is_page and not self.trouble:
+        if self._plan.hold == PAGE and not self.trouble:
             told, self.trouble = gone_texts(why)
             self._tell(told)
 

@@ -12,10 +12,9 @@ import pytest
 
 from haptic_wall.controller.live.place import Live
 from haptic_wall.controller.live.run_socket import listening, socket_of
-from haptic_wall.controller.processes import door
+from haptic_wall.controller.processes import door_monitor
 from haptic_wall.controller.processes.children import Child
-from haptic_wall.controller.processes.door import Door
-from haptic_wall.controller.processes.hold import Hold
+from haptic_wall.controller.processes.door_monitor import Door
 from haptic_wall.controller.processes.plan import Plan
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.settings.load import load_config
@@ -27,7 +26,7 @@ def plan(tmp_path: Path) -> Plan:
     config = load_config("simulated", ()).config
     live = Live(os.open(os.devnull, os.O_RDONLY), "localhost", "http://localhost:1/", "token")
     plan = Plan(config, None, tmp_path / "a.hwlog", {"name": "a"}, None, live=live)
-    return replace(plan, hold=Hold("page"), changeable=True)
+    return replace(plan, hold="page", changeable=True)
 
 
 def opened(plan: Plan, told: list[str], monkeypatch: pytest.MonkeyPatch, code: str) -> Door:
@@ -36,14 +35,14 @@ def opened(plan: Plan, told: list[str], monkeypatch: pytest.MonkeyPatch, code: s
     def played(name: str, *_: object) -> Child:
         return Child(name, ["timeit", "-n1", "-r1", code], None)
 
-    monkeypatch.setattr(door, "Child", played)
+    monkeypatch.setattr(door_monitor, "Child", played)
     return Door(plan, Telemetry.create(), told.append, set(), 0)
 
 
 def test_a_stopped_door_is_killed_after_its_time(
     plan: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(door, "END_S", 0.1)
+    monkeypatch.setattr(door_monitor, "END_S", 0.1)
     told: list[str] = []
     made = opened(plan, told, monkeypatch, "import time; time.sleep(60)")
     child = made._child
