@@ -56,7 +56,7 @@ def failed(cli: Cli, *arguments: str) -> dict[str, Any]:
         (
             ["run", "xm430-w350", "--set=servo.port=/dev/ttyNONE", "--log=a", "--plot=b"],
             None,
-            "plug the adapter in, or name another port.",
+            "--link /dev/ttyNONE`).",
             4,
         ),
     ],
