@@ -33,7 +33,8 @@ class BrokenRulesError(ValueError):
 MOST_OF_RATE = 0.45
 """Highest frequency of a filter of the velocity, as a fraction of the rate"""
 MOST_LOWPASS_Q = 0.7072
-"""Quality of a low-pass of the velocity above which its gain exceeds 1"""
+"""Quality of a low-pass of the velocity above which its gain exceeds 1. From about 2 on a *shorter*
+delay can be the less safe one, which the guard does not count"""
 WIDEST_NOTCHED_HZ = 60.0
 """Widest range of a vibration's believed frequency with a notch [Hz]; the start already takes
 seconds"""
