@@ -77,7 +77,7 @@ def command(
     plot: Path | None,
     **given: Any,  # noqa: ANN401 - the options that make the question
 ) -> None:
-    """Compute the stiffness limits of a wall over its virtual damping, and remedies to raise them.
+    """Compute the stiffness limits of a wall over its virtual damping.
 
     The servo is an inertia with viscous friction. Its torque is held over each period and acts a
     delay after its sample. CONFIG gives the loop and the belief about the servo, with its bounds,

@@ -40,12 +40,9 @@ def config_argument(
         default: Its default; None: it is required.
         needed: A missing one without default is refused; False: it is None.
     """
-    return click.argument(
-        "config",
-        metavar="CONFIG" if default is None and needed else "[CONFIG]",
-        required=default is None and needed,
-        default=default,
-    )
+    if default is None and needed:  # a default of None counts as given since click 8.3
+        return click.argument("config", metavar="CONFIG")
+    return click.argument("config", metavar="[CONFIG]", required=False, default=default)
 
 
 def set_option(command: Command) -> Command:

@@ -182,7 +182,7 @@ def _ticks(report: Mapping[str, Any]) -> Lines:
     if report.get("real_time_factor") is not None:
         parts.append("simulated clock")
     elif late.get("max") is not None:
-        parts.append(f"late by p99 {late['p99']:.3g}, max {late['max']:.0f} µs")
+        parts.append(f"late by p99 {_micro(late['p99'])}, max {late['max']:.0f} µs")
     if report.get("delay_s"):
         parts.append(f"delay {milli(report['delay_s']['total'])} ms")
     yield "ticks", "; ".join(parts)
@@ -195,12 +195,17 @@ def _timing(report: Mapping[str, Any]) -> Lines:
         return
     for key, meaning in (("lateness_us", "lateness"), ("work_us", "work"), ("bus_us", "bus wait")):
         named = [
-            f"{name.replace('_', '.')} {time:{'.0f' if time >= 1000 else '.3g'}}"
+            f"{name.replace('_', '.')} {_micro(time)}"
             for name, time in (report.get(key) or {}).items()
             if time is not None
         ]
         if named:
             yield meaning, f"{', '.join(named)} µs"
+
+
+def _micro(time: float) -> str:
+    """Return microseconds, without an exponent."""
+    return f"{time:{'.0f' if time >= 1000 else '.3g'}}"
 
 
 def _bus(report: Mapping[str, Any]) -> Lines:

@@ -47,6 +47,8 @@ def failed(cli: Cli, *arguments: str) -> dict[str, Any]:
             2,
         ),
         (["boundary", "--inertai=1"], "--inertai", "did you mean --inertia or --load-inertia?", 2),
+        (["delay"], "CONFIG", "`haptic-wall delay --help` lists options and arguments", 2),
+        (["zwidth"], "CONFIG", "`haptic-wall zwidth --help` lists options and arguments", 2),
         (["map", "--delay-steps=-1"], "--delay-steps", "a whole number from 0, up to 1000", 2),
         (["sweep", "--delay-steps=.5"], "--delay-steps", "a whole number from 0, up to 1000", 2),
         (["map", "x", "--workers=x"], "--workers", "found x, wanted a whole number from 1", 2),

@@ -115,6 +115,11 @@ def test_the_report_tells_what_happened_in_some_25_lines() -> None:
     assert "log         runs/a long way/run.hwlog" in lines
 
 
+def test_late_ticks_have_no_exponent() -> None:
+    late = {**REPORT, "lateness_us": {**TIMES, "p99": 2450.0, "max": 27460.0}}
+    assert "late by p99 2450, max 27460 µs" in joined(late)
+
+
 def test_a_trip_is_the_first_thing_one_reads() -> None:
     report = REPORT | {
         "stop_reason": "trip:overspeed",
