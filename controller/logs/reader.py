@@ -24,6 +24,7 @@ from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.errors import LogFormatError, UserError
 from haptic_wall.controller.logs.columns import COLUMNS, SHARED, WHOLE, columns_of, rows_of
 from haptic_wall.controller.logs.file import (
+    FAILED,
     MOST_BYTES,
     ONE_AXIS,
     as_os_error,
@@ -45,6 +46,8 @@ _MOST_TEXT: Final = 1 << 24
 """Largest sum of all texts in a log [bytes]"""
 _OPENING_S: Final = 3.0
 """Longest time to read everything but the rows [s]"""
+_LARGEST: Final = 1e30
+"""Larger than any number of a run; what is computed of such numbers stays finite"""
 _STEPS: Final = 10_000
 """Steps of SQLite between two looks at the clock"""
 
@@ -222,10 +225,13 @@ class LogReader:
         found: dict[str, list[NDArray[Any]]] = {}
         for (name, _), column in zip(self.columns.values(), zip(*chunk, strict=True), strict=True):
             try:
-                found.setdefault(name, []).append(_numbers(column, whole=name in WHOLE))
+                numbers = _numbers(column, whole=name in WHOLE)
             except TypeError:
                 why = f"its column {name} holds something else than numbers"
                 raise refusal(self.path, why) from None
+            if name not in WHOLE and (np.abs(numbers) > _LARGEST).any():
+                raise refusal(self.path, f"its column {name} holds a number that nothing has")
+            found.setdefault(name, []).append(numbers)
         table = {name: np.stack(columns, axis=1) for name, columns in found.items()}
         try:
             return rows_of(table, self.origin_ns)
@@ -296,7 +302,7 @@ def _opened(path: Path) -> Iterator[tuple[sqlite3.Connection, tuple[str, ...]]]:
     with contextlib.closing(db):
         try:
             yield db, axes
-        except sqlite3.Error as error:
+        except FAILED as error:
             raise refusal(path, str(error)) from None
 
 
@@ -326,7 +332,7 @@ def _looked_at(path: Path, mode: str) -> tuple[sqlite3.Connection, tuple[str, ..
             with as_os_error(path):
                 raise
         raise refusal(path, str(error)) from None
-    except sqlite3.Error as error:
+    except FAILED as error:
         db.close()
         raise refusal(path, str(error)) from None
     if wrong:

@@ -90,6 +90,11 @@ HOSTILE = {
     "a time that goes back": written("UPDATE rows SET time_s = 0.5 WHERE seq = 5000"),
     "no time": written("UPDATE rows SET time_s = NULL WHERE seq = 5000"),
     "an endless time": written("UPDATE rows SET time_s = 9e999 WHERE seq = 5000"),
+    "an immense number": written("UPDATE rows SET position_rad = 1e308 WHERE seq = 5000"),
+    "a name that is no text, in SQLite's complaint": written(
+        "PRAGMA writable_schema=ON;"
+        "UPDATE sqlite_master SET name = CAST(x'85' AS TEXT), sql = 'no' WHERE name = 'events';"
+    ),
     "a fraction for a whole number": written("UPDATE rows SET flags = 0.5 WHERE seq = 5000"),
     "an unknown state": written("UPDATE rows SET oscillation = 99 WHERE seq = 5000"),
     "no JSON": written("UPDATE meta SET value = '{' WHERE key = 'config'"),
