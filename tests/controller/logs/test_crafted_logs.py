@@ -9,9 +9,11 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 from random import Random
+from typing import Any
 
 import pytest
 
+from haptic_wall.controller.cli.detect import OWN
 from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.logs.file import ONE_AXIS, schema
 from haptic_wall.controller.logs.writer import LogWriter, append_end
@@ -142,6 +144,26 @@ def test_a_report_that_no_run_writes_is_refused(
     append_end(log, REPORT | {"torque": {"max": 10**400, "saturated_ticks": 0}})
     status, text = told(capsys, "log", log)
     assert status == 2 and "its report is not that of a run" in text
+
+
+@pytest.mark.parametrize("told_by", [3, {"state": []}, {"state": "quiet", "amplitude_rad": "a"}])
+def test_a_verdict_that_no_run_writes_is_not_believed(
+    log: Path, capsys: pytest.CaptureFixture[str], told_by: Any
+) -> None:
+    append_end(log, REPORT | {"oscillation": told_by})
+    status, text = told(capsys, "detect", log)
+    assert status == 0 and text.startswith("state       quiet") and OWN not in text
+
+
+def test_a_report_nested_too_deeply_is_refused(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    report: Any = "deep"
+    for _ in range(490):
+        report = [report]
+    append_end(log, REPORT | {"explanation": report})
+    status, text = told(capsys, "log", "--json", log)
+    assert status == 2 and "nested too deeply" in text
 
 
 def damaged(random: Random, content: bytes) -> bytes:
