@@ -102,7 +102,7 @@ class LogReader:
             raise refusal(path, "its report is no object")
         if type(origin_ns) is not int or abs(origin_ns) > 1 << 61:
             raise refusal(path, "its origin_ns is no time")
-        if not all(isinstance(change, dict) and {"set", "outcome"} <= {*change} for change in told):
+        if not all(map(_is_change, told)):
             raise refusal(path, "an event is no change of the wall")
         changes = tuple(_UNKNOWN | change for change in told)
         return cls(path, metadata, changes, end, stretch, axes, columns_of(axes))
@@ -131,8 +131,12 @@ class LogReader:
         config, end = self.metadata.get("config"), self.end
         if isinstance(config, dict) and isinstance(config.get("axes"), dict):
             config = _alone(config, name)
-        if end is not None and name in (parts := end.get("axes") or {}):
-            part = parts[name]
+        parts = end.get("axes") if end is not None else None
+        if (
+            end is not None
+            and isinstance(parts, dict)
+            and isinstance(part := parts.get(name), dict)
+        ):
             if isinstance(end.get("bus"), dict) and isinstance(part.get("bus"), dict):
                 part = part | {"bus": end["bus"] | part["bus"]}
             end = {key: value for key, value in end.items() if key != "axes"} | part
@@ -255,6 +259,18 @@ def _fault(rows: NDArray[np.void], before: np.void | None) -> str | None:
     return None
 
 
+def _is_change(told: object) -> bool:
+    """Whether an event has what its readers use, each of the kind that they use."""
+    if not isinstance(told, dict) or not {"set", "outcome"} <= {*told}:
+        return False
+    kinds = all(isinstance(told.get(name), kind) for name, kind in _EVENT.items())
+    return kinds and all(isinstance(text, str) for text in told["set"])
+
+
+_EVENT: Final = {
+    **{"set": list, "outcome": str, "why": str | None, "at_s": float | int | None},
+    **{"row": int | None, "changed": dict | None, "commanded": dict | None},
+}
 _UNKNOWN: Final = dict.fromkeys(("at_s", "row", "changed", "why"))
 
 

@@ -107,6 +107,9 @@ HOSTILE = {
     "bytes that are no text": written("UPDATE meta SET value = x'ff' WHERE key = 'name'"),
     "a report of a list": written("UPDATE meta SET value = '[]' WHERE key = 'report'"),
     "an event of a number": written("UPDATE events SET text = '5'"),
+    "an event with a list as its row": written(
+        "UPDATE events SET text = json_set(text, '$.row', json('[]'))"
+    ),
 }
 
 
