@@ -72,7 +72,10 @@ def command(
             plot_log(read, path, (read.end or {}).get("stop_reason"))
 
         drawn("--plot", plot, draw)
-    answer(found, lambda: _text(found, log))
+    try:
+        answer(found, lambda: _text(found, log))
+    except RecursionError:
+        raise refusal(log, "a text in it is nested too deeply") from None
 
 
 def _found(read: LogReader) -> dict[str, Any]:

@@ -125,10 +125,12 @@ def verdict_of(log: LogReader) -> Mapping[str, Any] | None:
 
     The names are ``state``, ``frequency_hz``, ``amplitude_rad``, ``first_alarm_s``.
     """
-    told = (log.end or {}).get("oscillation") or {}
-    if told.get("state") not in {each.name.lower() for each in State}:
-        return None
-    return {name: told.get(name) for name in _VERDICT}
+    told = (log.end or {}).get("oscillation")
+    found = {name: told.get(name) for name in _VERDICT} if isinstance(told, dict) else {}
+    state, *numbers = found.values() or (None,)
+    is_known = state in [each.name.lower() for each in State]
+    is_known &= all(isinstance(number, float | None) for number in numbers)
+    return found if is_known else None
 
 
 def text(report: Mapping[str, Any]) -> str:

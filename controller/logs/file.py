@@ -31,6 +31,8 @@ BESIDE: Final = ("-wal", "-shm", "-journal")
 _HEAD: Final = b"SQLite format 3\x00"
 _BEFORE: Final = b"\x93NUMPY"
 """Beginning of the logs of version 0.1"""
+FAILED: Final = (sqlite3.Error, UnicodeDecodeError)
+"""Errors of SQLite; the last is its complaint about a damaged name, which Python cannot read"""
 _ERRORS: Final = {
     sqlite3.SQLITE_FULL: errno.ENOSPC,
     sqlite3.SQLITE_BUSY: errno.EBUSY,
@@ -95,7 +97,7 @@ def is_held(path: Path) -> bool:
             db.execute("PRAGMA busy_timeout=0")
             (mode,) = db.execute("PRAGMA journal_mode=DELETE").fetchone()
             return bool(mode == "wal")
-    except sqlite3.Error as error:
+    except FAILED as error:
         return getattr(error, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_BUSY
 
 
@@ -141,7 +143,7 @@ def as_os_error(path: Path) -> Iterator[None]:
     """Turn an error of SQLite into an ``OSError`` that says what the system said."""
     try:
         yield
-    except sqlite3.Error as error:
+    except FAILED as error:
         number = _ERRORS.get(getattr(error, "sqlite_errorcode", 0) & 0xFF, errno.EIO)
         text = os.strerror(number) if number == errno.ENOSPC else str(error)
         raise OSError(number, text, str(path)) from error

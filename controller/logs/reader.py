@@ -24,6 +24,7 @@ from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.errors import LogFormatError, UserError
 from haptic_wall.controller.logs.columns import COLUMNS, SHARED, WHOLE, columns_of, rows_of
 from haptic_wall.controller.logs.file import (
+    FAILED,
     MOST_BYTES,
     ONE_AXIS,
     as_os_error,
@@ -45,6 +46,8 @@ _MOST_TEXT: Final = 1 << 24
 """Largest sum of all texts in a log [bytes]"""
 _OPENING_S: Final = 3.0
 """Longest time to read everything but the rows [s]"""
+_LARGEST: Final = 1e30
+"""Larger than any number of a run; what is computed of such numbers stays finite"""
 _STEPS: Final = 10_000
 """Steps of SQLite between two looks at the clock"""
 
@@ -99,7 +102,7 @@ class LogReader:
             raise refusal(path, "its report is no object")
         if type(origin_ns) is not int or abs(origin_ns) > 1 << 61:
             raise refusal(path, "its origin_ns is no time")
-        if not all(isinstance(change, dict) and {"set", "outcome"} <= {*change} for change in told):
+        if not all(map(_is_change, told)):
             raise refusal(path, "an event is no change of the wall")
         changes = tuple(_UNKNOWN | change for change in told)
         return cls(path, metadata, changes, end, stretch, axes, columns_of(axes))
@@ -128,8 +131,12 @@ class LogReader:
         config, end = self.metadata.get("config"), self.end
         if isinstance(config, dict) and isinstance(config.get("axes"), dict):
             config = _alone(config, name)
-        if end is not None and name in (parts := end.get("axes") or {}):
-            part = parts[name]
+        parts = end.get("axes") if end is not None else None
+        if (
+            end is not None
+            and isinstance(parts, dict)
+            and isinstance(part := parts.get(name), dict)
+        ):
             if isinstance(end.get("bus"), dict) and isinstance(part.get("bus"), dict):
                 part = part | {"bus": end["bus"] | part["bus"]}
             end = {key: value for key, value in end.items() if key != "axes"} | part
@@ -222,10 +229,13 @@ class LogReader:
         found: dict[str, list[NDArray[Any]]] = {}
         for (name, _), column in zip(self.columns.values(), zip(*chunk, strict=True), strict=True):
             try:
-                found.setdefault(name, []).append(_numbers(column, whole=name in WHOLE))
+                numbers = _numbers(column, whole=name in WHOLE)
             except TypeError:
                 why = f"its column {name} holds something else than numbers"
                 raise refusal(self.path, why) from None
+            if name not in WHOLE and (np.abs(numbers) > _LARGEST).any():
+                raise refusal(self.path, f"its column {name} holds a number that nothing has")
+            found.setdefault(name, []).append(numbers)
         table = {name: np.stack(columns, axis=1) for name, columns in found.items()}
         try:
             return rows_of(table, self.origin_ns)
@@ -249,6 +259,18 @@ def _fault(rows: NDArray[np.void], before: np.void | None) -> str | None:
     return None
 
 
+def _is_change(told: object) -> bool:
+    """Whether an event has what its readers use, each of the kind that they use."""
+    if not isinstance(told, dict) or not {"set", "outcome"} <= {*told}:
+        return False
+    kinds = all(isinstance(told.get(name), kind) for name, kind in _EVENT.items())
+    return kinds and all(isinstance(text, str) for text in told["set"])
+
+
+_EVENT: Final = {
+    **{"set": list, "outcome": str, "why": str | None, "at_s": float | int | None},
+    **{"row": int | None, "changed": dict | None, "commanded": dict | None},
+}
 _UNKNOWN: Final = dict.fromkeys(("at_s", "row", "changed", "why"))
 
 
@@ -296,7 +318,7 @@ def _opened(path: Path) -> Iterator[tuple[sqlite3.Connection, tuple[str, ...]]]:
     with contextlib.closing(db):
         try:
             yield db, axes
-        except sqlite3.Error as error:
+        except FAILED as error:
             raise refusal(path, str(error)) from None
 
 
@@ -326,7 +348,7 @@ def _looked_at(path: Path, mode: str) -> tuple[sqlite3.Connection, tuple[str, ..
             with as_os_error(path):
                 raise
         raise refusal(path, str(error)) from None
-    except sqlite3.Error as error:
+    except FAILED as error:
         db.close()
         raise refusal(path, str(error)) from None
     if wrong:

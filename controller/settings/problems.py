@@ -27,7 +27,7 @@ def problems_of(error: ValidationError, data: dict[str, Any]) -> list[Problem]:
         if isinstance(cause, BrokenRulesError):
             given = (replace(each, field=_given(each.field or "", data)) for each in cause.problems)
             return list(dict.fromkeys(given))
-        where = [str(step) for step in detail["loc"]]
+        where = [str(step) for step in detail["loc"]] or [""]  # a name that is no Unicode has none
         prefix = ""
         if where[0] == "axes":
             if len(where) < 3 or where[2] == "[key]":

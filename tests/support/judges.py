@@ -233,25 +233,6 @@ def unseen(trial: Trial, window_s: float = WINDOW_S) -> bool:
     return called and trial.trip is None and sustains(trial, small(), window_s)
 
 
-def longest_unseen_s(trial: Trial) -> float:
-    """Return the longest time for which a motion above four counts neither decays nor is found [s].
-
-    A half-cycle counts if it has kept 99 % of the amplitude of a cycle before, and the detector
-    mostly says quiet or decaying in it.
-    """
-    cycles = half_cycles(trial, 0.0, _RIPPLE * small())
-    loud = cycles.sustained & (cycles.amplitude > small()) & np.isfinite(cycles.last)
-    seen = np.cumsum(np.concatenate([[0], trial.state >= State.SUSTAINED]))
-    begin = np.round(cycles.begin_s / trial.period).astype(np.int64)
-    end = np.minimum(np.round(cycles.end_s / trial.period).astype(np.int64), trial.state.size)
-    quiet = (seen[end] - seen[begin]) < 0.5 * (end - begin)
-    longest = time = 0.0
-    for counts, first, last in zip((loud & quiet).tolist(), begin, end, strict=True):
-        time = time + (last - first) * trial.period if counts else 0.0
-        longest = max(longest, time)
-    return longest
-
-
 def time_above_s(trial: Trial, above: float) -> float:
     """Return when the last half-cycle above an amplitude ends [s]; 0: there is none."""
     cycles = half_cycles(trial, 0.0, _RIPPLE * above)

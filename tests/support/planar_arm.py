@@ -64,13 +64,6 @@ class ArmCase:
         (l1, l2), (m1, m2) = self.lengths, self.masses
         return (m1 + m2) * l1 * l1, m2 * l2 * l2, m2 * l1 * l2
 
-    def slowest_hz(self) -> float:
-        """Return the frequency of the slowest motion with the walls in contact [Hz]."""
-        gains = [one.torque_gain for one in self.truths]
-        spring = np.diag(np.multiply(self.stiffness, gains))
-        rates = np.linalg.eigvals(np.linalg.solve(self.inertia(), spring)).real
-        return math.sqrt(float(min(one for one in rates if one > 1e-9))) / math.tau
-
 
 @dataclass(slots=True)
 class Arm:

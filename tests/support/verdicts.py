@@ -10,7 +10,6 @@ import numpy as np
 from tests.support.judges import (
     WINDOW_S,
     large,
-    longest_unseen_s,
     own_oscillation,
     small,
     sustains,
@@ -55,9 +54,6 @@ class Answered:
     """Largest amplitude until the alarm; NaN without one [rad]"""
     after: float
     """Largest amplitude after it; NaN without one [rad]"""
-    unseen_s: float = 0.0
-    """Longest time for which a small limit cycle did not decay, and was called quiet or decaying
-    [s]"""
 
     @property
     def growth(self) -> float:
@@ -116,7 +112,6 @@ def small_cycle(case: Case) -> Answered | None:
         alarm_s=trial.first_alarm_s,
         at_alarm=at_alarm,
         after=after,
-        unseen_s=longest_unseen_s(trial),
     )
 
 

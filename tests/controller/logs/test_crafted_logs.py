@@ -9,9 +9,11 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 from random import Random
+from typing import Any
 
 import pytest
 
+from haptic_wall.controller.cli.detect import OWN
 from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.logs.file import ONE_AXIS, schema
 from haptic_wall.controller.logs.writer import LogWriter, append_end
@@ -90,6 +92,11 @@ HOSTILE = {
     "a time that goes back": written("UPDATE rows SET time_s = 0.5 WHERE seq = 5000"),
     "no time": written("UPDATE rows SET time_s = NULL WHERE seq = 5000"),
     "an endless time": written("UPDATE rows SET time_s = 9e999 WHERE seq = 5000"),
+    "an immense number": written("UPDATE rows SET position_rad = 1e308 WHERE seq = 5000"),
+    "a name that is no text, in SQLite's complaint": written(
+        "PRAGMA writable_schema=ON;"
+        "UPDATE sqlite_master SET name = CAST(x'85' AS TEXT), sql = 'no' WHERE name = 'events';"
+    ),
     "a fraction for a whole number": written("UPDATE rows SET flags = 0.5 WHERE seq = 5000"),
     "an unknown state": written("UPDATE rows SET oscillation = 99 WHERE seq = 5000"),
     "no JSON": written("UPDATE meta SET value = '{' WHERE key = 'config'"),
@@ -100,6 +107,9 @@ HOSTILE = {
     "bytes that are no text": written("UPDATE meta SET value = x'ff' WHERE key = 'name'"),
     "a report of a list": written("UPDATE meta SET value = '[]' WHERE key = 'report'"),
     "an event of a number": written("UPDATE events SET text = '5'"),
+    "an event with a list as its row": written(
+        "UPDATE events SET text = json_set(text, '$.row', json('[]'))"
+    ),
 }
 
 
@@ -137,6 +147,26 @@ def test_a_report_that_no_run_writes_is_refused(
     append_end(log, REPORT | {"torque": {"max": 10**400, "saturated_ticks": 0}})
     status, text = told(capsys, "log", log)
     assert status == 2 and "its report is not that of a run" in text
+
+
+@pytest.mark.parametrize("told_by", [3, {"state": []}, {"state": "quiet", "amplitude_rad": "a"}])
+def test_a_verdict_that_no_run_writes_is_not_believed(
+    log: Path, capsys: pytest.CaptureFixture[str], told_by: Any
+) -> None:
+    append_end(log, REPORT | {"oscillation": told_by})
+    status, text = told(capsys, "detect", log)
+    assert status == 0 and text.startswith("state       quiet") and OWN not in text
+
+
+def test_a_report_nested_too_deeply_is_refused(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    report: Any = "deep"
+    for _ in range(490):
+        report = [report]
+    append_end(log, REPORT | {"explanation": report})
+    status, text = told(capsys, "log", "--json", log)
+    assert status == 2 and "nested too deeply" in text
 
 
 def damaged(random: Random, content: bytes) -> bytes:

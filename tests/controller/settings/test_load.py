@@ -226,6 +226,7 @@ def test_a_duplicate_key_is_refused(tmp_path: Path) -> None:
         ("wall: {}\n---\nwall: {}\n", "line 2, column 1: found another document"),
         (f"wall: {'[' * 5000}", "nested too deeply"),
         (f"wall: {{stiffness: {'9' * 5000}}}", "wall.stiffness: found inf, wanted a number"),
+        ('"\\ud800": 1', "unable to parse raw data as a unicode string"),
     ],
 )
 def test_a_file_that_is_not_a_configuration(tmp_path: Path, text: str, message: str) -> None:
