@@ -22,7 +22,7 @@ from haptic_wall.controller.cli.places import plot_option
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
 
-_BYTES_S = 1e7
+_BYTES_S = 1e6
 """Bytes of a file processed in a second"""
 _POSITIVE, _ANY = Number(0.0, 1e6, above=True), Number()
 _FROM_0 = Number(0.0, 1e6)
