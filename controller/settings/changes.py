@@ -26,6 +26,8 @@ CHANGEABLE: Final = (
 def changed(config: Config, sets: Sequence[str]) -> Config:
     """Return the configuration with changes applied, checked like a configuration file.
 
+    If the law changes, all of its numbers that are not in ``sets`` get their defaults.
+
     Args:
         config: Present configuration.
         sets: Changes as ``PATH=VALUE``.
@@ -40,7 +42,11 @@ def changed(config: Config, sets: Sequence[str]) -> Config:
     given: dict[str, Any] = {}
     for change in sets:
         _refuse_fixed(apply_set(given, change))
+    wall = given.get("wall") or {}
     data = config.model_dump()
+    if "law" in wall and wall["law"] != config.wall.law:
+        for name in NUMBERS:
+            del data["wall"][name]
     for section in ("wall", "delay"):
         data[section] |= given.get(section) or {}
     new = loaded(data, "of the running wall")

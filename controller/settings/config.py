@@ -202,8 +202,8 @@ class Config(Sections):
     def belief(self) -> Belief:
         """Return the belief about the servo: ``model.*``, else the simulated truth.
 
-        Of two viscous frictions, one each way, both are believed. A belief knows no current
-        loop: its lag and its period count as delay. The inertia is that of motor and load, or
+        Of two viscous frictions, one each way, both are believed. A current loop counts by its
+        lag and its period, as delay. The inertia is that of motor and load, or
         with ``model.bare`` that of the motor.
         """
         servo, model = self.servo, self.model
@@ -224,7 +224,7 @@ class Config(Sections):
             inertia=inertia,
             damping=damping,
             coulomb=_bounded(model.coulomb, servo.coulomb),
-            delay=_bounded(model.delay, servo.delay + servo.current_lag),
+            delay=self._believed_delay(),
             torque_gain=_bounded(model.torque_gain, 1.0),
             backlash=_bounded(model.backlash, 0.0),
             load_inertia=load_inertia,
@@ -236,6 +236,15 @@ class Config(Sections):
             transmission_stiffness=stiffness,
             bare=model.bare,
         )
+
+    def _believed_delay(self) -> Bounded:
+        """Return the belief of the lag from sending a torque until it acts [s]."""
+        found = self.model.current_bandwidth
+        if found is None:
+            return _bounded(self.model.delay, self.servo.delay + self.servo.current_lag)
+        delay = _bounded(self.model.delay, self.servo.delay + self.servo.current_period)
+        value, low, high = (1.0 / (math.tau * f) for f in (found.value, found.high, found.low))
+        return Bounded(delay.value + value, delay.low + low, delay.high + high)
 
     def request(self, step: float | None = None) -> Request:
         """Return the requested law, for the guard.

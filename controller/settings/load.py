@@ -21,7 +21,7 @@ from haptic_wall.controller.settings.axis_names import split_path
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.fields import fields, sections
 from haptic_wall.controller.settings.model import NUMBERS, Wall
-from haptic_wall.controller.settings.problems import problems_of, shown
+from haptic_wall.controller.settings.problems import problems_of, shown, value_at
 from haptic_wall.controller.system import files
 from haptic_wall.controller.system.printable import in_line
 from haptic_wall.hw.errors import Problem
@@ -91,30 +91,41 @@ def load_config(source: str, sets: Sequence[str] = (), *, runs: bool = False) ->
             [Problem(f"found {shown(data)}", wanted="sections such as wall: and servo:")],
         )
     problems: list[Problem] = []
+    given_by_set = {change.partition("=")[0].strip() for change in sets}
     for change in sets:
+        before = _law(data, change.partition("=")[0].strip())
         try:
-            apply_set(data, change)
+            path = apply_set(data, change)
         except UserError as error:
             problems.append(error.problem)
+        else:
+            if split_path(path)[1] == "wall.law" and _law(data, path) not in (before, NONE):
+                _begin_law(data, path.removesuffix("law"), given_by_set)
     config, found = _validated(data, {"runs": runs})
     problems += found
     given = _leaves(data)
     if config is not None:
-        problems += _of_another_law(config, given, sets)
+        problems += _of_another_law(config, given)
     if problems or config is None:
         raise ConfigError(title, problems)
     return Loaded(config, source, given)
 
 
-def _of_another_law(
-    config: Config, given: Collection[str], sets: Sequence[str]
-) -> Iterator[Problem]:
-    """Yield the given numbers of a wall that its law does not use.
+def _law(data: dict[str, Any], path: str) -> Any:  # noqa: ANN401 - whatever the file holds
+    """Return the law at a path ``wall.law``, of an axis by default that of all."""
+    laws = (value_at(data, each) for each in (path, split_path(path)[1]))
+    return next(filter(None, laws), "wall")
 
-    Where ``sets`` change a law, the numbers of the file are of the law before, and stay unused.
-    """
-    own = {change.partition("=")[0].strip() for change in sets}
-    is_changed = any(split_path(path)[1] == "wall.law" for path in own)
+
+def _begin_law(data: dict[str, Any], wall: str, kept: Collection[str]) -> None:
+    """Drop the numbers of the law before, at ``wall``; those whose paths are ``kept`` are new."""
+    for name in NUMBERS:
+        if name != "law" and wall + name not in kept:
+            value_at(data, wall.removesuffix(".")).pop(name, None)
+
+
+def _of_another_law(config: Config, given: Collection[str]) -> Iterator[Problem]:
+    """Yield the given numbers of a wall that its law does not use."""
     uses = {name: kind.numbers for name, kind in LAWS.items()} | {SUM: ("parts",)}
     for path in given:
         prefix, bare = split_path(path)
@@ -129,7 +140,7 @@ def _of_another_law(
             or getattr(wall, name) == default
             for wall in walls
         )
-        if not is_used and (path in own or not is_changed):
+        if not is_used:
             laws = [law for law, numbers in uses.items() if name in numbers]
             yield Problem(
                 f"found a value, which the law {walls[0].law} does not use",

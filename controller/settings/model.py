@@ -37,6 +37,7 @@ Positive = Annotated[float, Field(gt=0, le=1e6)]
 MOST_LAG: Final = 0.1
 """Longest believed lag [s]"""
 BelievedLag = Annotated[float, Field(ge=0, le=MOST_LAG)]
+Bandwidth = Annotated[float, Field(ge=1, le=1e6)]
 Gain = Annotated[float, Field(ge=1e-3, le=10)]
 Inertia = Annotated[float, Field(ge=1e-8, le=1e3)]
 """From a thousandth of the smallest servo's to a thousand times that of a robot's arm"""
@@ -345,6 +346,12 @@ class Model(Section):
     )
     delay: Estimate[BelievedLag] | None = setting(
         None, "Believed lag, from sending a torque until it acts", "s"
+    )
+    current_bandwidth: Estimate[Bandwidth] | None = setting(
+        None,
+        "Believed bandwidth of the loop that controls the motor's current, where model.delay does "
+        "not contain it: the guard adds its lag, 1 / (2 π f)",
+        "Hz",
     )
     torque_gain: Estimate[Gain] | None = setting(
         None, "Believed acting torque per commanded torque; unset and simulated: 1"

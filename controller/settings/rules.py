@@ -195,13 +195,17 @@ def _times(config: Sections) -> Iterator[Problem]:
 
 
 def _delay(config: Sections) -> Iterator[Problem]:
-    believed, servo = config.model.delay, config.servo
-    lag = servo.delay + servo.current_lag if believed is None else believed.high
+    model, servo = config.model, config.servo
+    lag = servo.delay + servo.current_period if model.delay is None else model.delay.high
+    if model.current_bandwidth is not None:
+        lag += 1.0 / (math.tau * model.current_bandwidth.low)
+    elif model.delay is None:
+        lag = servo.delay + servo.current_lag
     if lag > MOST_LAG:
         yield Problem(
-            f"found a lag of {lag:.3g} s, servo.current_bandwidth included",
-            wanted=f"at most {MOST_LAG:g} s where model.delay is not given",
-            field="servo.delay",
+            f"found a lag of {lag:.3g} s, the current loop's included",
+            wanted=f"at most {MOST_LAG:g} s",
+            field="servo.delay" if model.delay is None else "model.delay",
         )
 
 

@@ -50,7 +50,7 @@ def identified_config(
     """
     data = (whole or config).model_dump(mode="json")
     own = data["axes"][axis] if axis else data
-    own["model"] |= identified_model(identified, config)
+    own["model"] |= {"current_bandwidth": None} | identified_model(identified, config)
     data = compact(data)
     unit = "torque measured by its current" if identified.gain_measured else "torque commanded"
     floors = ", ".join(f"{100 * share:g} % of {name}" for name, share in FLOORS.items())

@@ -190,11 +190,13 @@ def test_an_axis_believes_its_load_beside_the_motor() -> None:
     assert belief.flexible_hz.value == pytest.approx(hertz)
 
 
-def test_numbers_of_another_law_are_refused_unless_the_law_is_changed_by_set() -> None:
+def test_numbers_of_another_law_are_refused_or_go_with_their_law() -> None:
     with pytest.raises(ConfigError, match=r"wall\.low: .*it is for wall.law stops"):
         load_config("simulated", ["wall.low=-0.3"])
     with pytest.raises(ConfigError, match=r"axes\.base\.wall\.low: .*it is for wall.law stops"):
         load_config("emulated-arm", ["axes.base.wall.low=-0.3", "axes.base.wall.law=wall"])
-    assert load_config("emulated-arm", ["axes.base.wall.law=wall"]).config.each["base"].wall.low
+    wall = load_config("emulated-arm", ["axes.base.wall.law=wall"]).config.each["base"].wall
+    assert (wall.law, wall.low) == ("wall", None)
+    assert load_config("emulated-arm", ["axes.base.wall.law=stops"]).config.each["base"].wall.low
     rests = load_config("emulated-arm", ["axes.base.wall.law=none", "axes.base.wall.low=-0.3"])
     assert rests.config.each["base"].wall.low == -0.3

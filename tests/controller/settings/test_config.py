@@ -36,6 +36,16 @@ def test_a_belief_counts_the_lag_of_the_current_loop_as_delay() -> None:
     assert config.belief().delay.value == pytest.approx(0.0015 + 0.01 / math.tau)
 
 
+def test_a_believed_current_loop_adds_its_lag_to_the_believed_delay() -> None:
+    loop = "model.current_bandwidth={value: 100, low: 50, high: 200}"
+    delay = loaded("xm430-w350", "servo.port=/dev/x", "model.delay=0.001", loop).belief().delay
+    assert [delay.low, delay.value, delay.high] == pytest.approx(
+        [0.001 + 1.0 / (math.tau * f) for f in (200, 100, 50)]
+    )
+    with pytest.raises(ConfigError, match=r"model\.delay: found a lag of 0\.11 s"):
+        loaded("simulated", "model.delay=0.03", "model.current_bandwidth=2")
+
+
 def test_belief_and_truth_can_differ() -> None:
     config = loaded(
         "simulated", "model.inertia={value: 0.02, low: 0.01, high: 0.03}", "model.delay=0.001"
