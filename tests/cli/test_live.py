@@ -22,7 +22,8 @@ from tests.controller.live import strangers
 
 
 def refusal(command: object, *arguments: str) -> str:
-    done = CliRunner().invoke(command, [*arguments])  # type: ignore[arg-type]
+    names = {"help_option_names": ["-h", "--help"]}  # a command keeps the first it is asked for
+    done = CliRunner().invoke(command, [*arguments], **names)  # type: ignore[arg-type]
     assert isinstance(done.exception, HapticWallError), done.output
     return str(done.exception)
 
