@@ -8,7 +8,7 @@ from typing import Any, Final
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.fields import fields
-from haptic_wall.controller.settings.load import apply_set, loaded
+from haptic_wall.controller.settings.load import apply_set, begin_law, loaded
 from haptic_wall.controller.settings.model import NUMBERS
 from haptic_wall.controller.system.printable import in_line
 from haptic_wall.hw.names import did_you_mean
@@ -45,8 +45,7 @@ def changed(config: Config, sets: Sequence[str]) -> Config:
     wall = given.get("wall") or {}
     data = config.model_dump()
     if "law" in wall and wall["law"] != config.wall.law:
-        for name in NUMBERS:
-            del data["wall"][name]
+        begin_law(data["wall"])
     for section in ("wall", "delay"):
         data[section] |= given.get(section) or {}
     new = loaded(data, "of the running wall")

@@ -16,13 +16,12 @@ from haptic_wall.controller.laws.shape import Grid, LawError, Numbers
 from haptic_wall.controller.laws.table import facts_of, rendered_law
 from haptic_wall.controller.laws.wall import NONE, SIGNS, Law
 from haptic_wall.controller.settings.axes import completed
-from haptic_wall.controller.settings.model import Estimate
 from haptic_wall.controller.settings.rules import (
     BrokenRulesError,
     broken_rules,
     law_names,
 )
-from haptic_wall.controller.settings.sections import Sections
+from haptic_wall.controller.settings.sections import Sections, bounded
 from haptic_wall.controller.settings.shares import DRIVEN_SHARE
 from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.open import torque_models
@@ -207,44 +206,35 @@ class Config(Sections):
         with ``model.bare`` that of the motor.
         """
         servo, model = self.servo, self.model
-        damping = _bounded(model.damping, servo.damping)
+        damping = bounded(model.damping, servo.damping)
         if model.damping is None and servo.damping_back is not None:
             ends = sorted((servo.damping, servo.damping_back))
             damping = Bounded(servo.damping, *ends)
         load = 0.0 if model.bare else servo.load_inertia
-        inertia = _bounded(model.inertia, (servo.inertia or 0.0) + load)
-        load_inertia = _bounded(model.load_inertia, servo.load_inertia)
-        flexible_hz = _bounded(model.flexible_hz, servo.flexible_hz)
+        inertia = bounded(model.inertia, (servo.inertia or 0.0) + load)
+        load_inertia = bounded(model.load_inertia, servo.load_inertia)
+        flexible_hz = bounded(model.flexible_hz, servo.flexible_hz)
         stiffness = Bounded.exactly(0.0)
         if model.flexible_hz is None and model.transmission_stiffness is not None:
-            stiffness = _bounded(model.transmission_stiffness, 0.0)
+            stiffness = bounded(model.transmission_stiffness, 0.0)
             if load_inertia.high > 0.0:
                 flexible_hz = vibration(inertia, load_inertia, stiffness, model.bare)
         return Belief(
             inertia=inertia,
             damping=damping,
-            coulomb=_bounded(model.coulomb, servo.coulomb),
-            delay=self._believed_delay(),
-            torque_gain=_bounded(model.torque_gain, 1.0),
-            backlash=_bounded(model.backlash, 0.0),
+            coulomb=bounded(model.coulomb, servo.coulomb),
+            delay=self.believed_delay(),
+            torque_gain=bounded(model.torque_gain, 1.0),
+            backlash=bounded(model.backlash, 0.0),
             load_inertia=load_inertia,
             flexible_hz=flexible_hz,
-            flexible_damping_ratio=_bounded(
+            flexible_damping_ratio=bounded(
                 model.flexible_damping_ratio, servo.flexible_damping_ratio
             ),
             encoder=servo.encoder,
             transmission_stiffness=stiffness,
             bare=model.bare,
         )
-
-    def _believed_delay(self) -> Bounded:
-        """Return the belief of the lag from sending a torque until it acts [s]."""
-        found = self.model.current_bandwidth
-        if found is None:
-            return _bounded(self.model.delay, self.servo.delay + self.servo.current_lag)
-        delay = _bounded(self.model.delay, self.servo.delay + self.servo.current_period)
-        value, low, high = (1.0 / (math.tau * f) for f in (found.value, found.high, found.low))
-        return Bounded(delay.value + value, delay.low + low, delay.high + high)
 
     def request(self, step: float | None = None) -> Request:
         """Return the requested law, for the guard.
@@ -312,10 +302,3 @@ class Config(Sections):
 
         guard = self.guard
         return GuardSettings(guard.mode, guard.margin, guard.damping_cap, guard.quantisation_share)
-
-
-def _bounded(estimate: Estimate[float] | None, truth: float) -> Bounded:
-    """Return the belief of one quantity; the rules ensure that hardware has an estimate."""
-    if estimate is None:
-        return Bounded.exactly(truth)
-    return Bounded(estimate.value, estimate.low, estimate.high)

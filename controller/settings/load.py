@@ -91,16 +91,17 @@ def load_config(source: str, sets: Sequence[str] = (), *, runs: bool = False) ->
             [Problem(f"found {shown(data)}", wanted="sections such as wall: and servo:")],
         )
     problems: list[Problem] = []
-    given_by_set = {change.partition("=")[0].strip() for change in sets}
-    for change in sets:
-        before = _law(data, change.partition("=")[0].strip())
+    paths = [change.partition("=")[0].strip() for change in sets]
+    for path, change in zip(paths, sets, strict=True):
+        before = _law(data, path)
         try:
-            path = apply_set(data, change)
+            apply_set(data, change)
         except UserError as error:
             problems.append(error.problem)
         else:
             if split_path(path)[1] == "wall.law" and _law(data, path) not in (before, NONE):
-                _begin_law(data, path.removesuffix("law"), given_by_set)
+                wall = path.removesuffix(".law")
+                begin_law(value_at(data, wall), {each.removeprefix(f"{wall}.") for each in paths})
     config, found = _validated(data, {"runs": runs})
     problems += found
     given = _leaves(data)
@@ -117,11 +118,11 @@ def _law(data: dict[str, Any], path: str) -> Any:  # noqa: ANN401 - whatever the
     return next(filter(None, laws), "wall")
 
 
-def _begin_law(data: dict[str, Any], wall: str, kept: Collection[str]) -> None:
-    """Drop the numbers of the law before, at ``wall``; those whose paths are ``kept`` are new."""
+def begin_law(wall: dict[str, Any], kept: Collection[str] = ()) -> None:
+    """Drop the numbers of the law before from unchecked settings; those ``kept`` are of the new."""
     for name in NUMBERS:
-        if name != "law" and wall + name not in kept:
-            value_at(data, wall.removesuffix(".")).pop(name, None)
+        if name != "law" and name not in kept:
+            wall.pop(name, None)
 
 
 def _of_another_law(config: Config, given: Collection[str]) -> Iterator[Problem]:

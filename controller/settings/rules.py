@@ -195,17 +195,12 @@ def _times(config: Sections) -> Iterator[Problem]:
 
 
 def _delay(config: Sections) -> Iterator[Problem]:
-    model, servo = config.model, config.servo
-    lag = servo.delay + servo.current_period if model.delay is None else model.delay.high
-    if model.current_bandwidth is not None:
-        lag += 1.0 / (math.tau * model.current_bandwidth.low)
-    elif model.delay is None:
-        lag = servo.delay + servo.current_lag
+    lag = config.believed_delay().high
     if lag > MOST_LAG:
         yield Problem(
             f"found a lag of {lag:.3g} s, the current loop's included",
             wanted=f"at most {MOST_LAG:g} s",
-            field="servo.delay" if model.delay is None else "model.delay",
+            field="servo.delay" if config.model.delay is None else "model.delay",
         )
 
 

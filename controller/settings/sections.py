@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import Field
 
+from haptic_wall.controller.guard.belief import Bounded
 from haptic_wall.controller.settings.axes import OWN, Arm, Axis, AxisName, Bus
 from haptic_wall.controller.settings.axis_names import MOST_AXES
 from haptic_wall.controller.settings.model import (
     Delay,
+    Estimate,
     Guard,
     Loop,
     Model,
@@ -61,6 +63,16 @@ class Sections(Section):
         """Return the sampling period T [s]."""
         return 1.0 / self.loop.rate_hz
 
+    def believed_delay(self) -> Bounded:
+        """Return the belief of the lag from sending a torque until it acts [s]."""
+        model, servo = self.model, self.servo
+        if model.current_bandwidth is None:
+            return bounded(model.delay, servo.delay + servo.current_lag)
+        delay = bounded(model.delay, servo.delay + servo.current_period)
+        loop = model.current_bandwidth
+        value, low, high = (1.0 / (math.tau * f) for f in (loop.value, loop.high, loop.low))
+        return Bounded(delay.value + value, delay.low + low, delay.high + high)
+
     def velocity_filter(self) -> VelocityFilter | None:
         """Return the filter of the velocity that damps; None: there is none."""
         from haptic_wall.controller.theory.velocity_filter import (
@@ -72,3 +84,10 @@ class Sections(Section):
             return None
         w0 = math.tau * wall.velocity_hz * self.period_s
         return VelocityFilter(wall.velocity_filter, w0, wall.velocity_q)
+
+
+def bounded(estimate: Estimate[float] | None, truth: float) -> Bounded:
+    """Return the belief of one quantity; the rules ensure that hardware has an estimate."""
+    if estimate is None:
+        return Bounded.exactly(truth)
+    return Bounded(estimate.value, estimate.low, estimate.high)
