@@ -23,13 +23,14 @@ from haptic_wall.hw.dynamixel.registers import BAUD_RATES
 from haptic_wall.hw.dynamixel.tables import model_by_number
 from haptic_wall.hw.dynamixel.wire import cycle_s
 from haptic_wall.hw.errors import WIRING, BaudRefusedError, ServoLostError, UnfitServoError
+from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.serialport.timer import set_timer_to_1_ms
 from haptic_wall.hw.servo import Check
 from haptic_wall.hw.settings import DriverSettings
 
 _ASKED: Final = 4
-"""Searches at the configured rate before the servo counts as silent there: a busy machine, or the
-process of an emulated bus, can be late by more than one search waits"""
+"""Searches before a servo counts as silent: a busy machine, or the process of an emulated bus, can
+be late by more than one search waits"""
 
 
 class Locator:
@@ -104,11 +105,7 @@ class Locator:
                     self._report.note(Change(timer.name, timer.found, after.found, after.ok))
                     timer = after
                 self._add(timer)
-                for _ in range(_ASKED):
-                    here = search(line, settings.baud, {settings.id}, to_the_end=False)
-                    if any(servo.id == settings.id for servo in here.servos):
-                        break
-                return here
+                return _asked(line, settings.baud, settings.id)
         except BaudRefusedError as error:
             return BaudSearch(settings.baud, [], 0, str(error))
 
@@ -154,11 +151,20 @@ class Locator:
             except (ServoLostError, UnfitServoError) as error:
                 return Change(name, before, str(error), False), found
         with opened(settings.port, settings.baud, self._clock) as line:
-            answered = search(line, settings.baud, {found.id}, to_the_end=False).servos
+            answered = _asked(line, settings.baud, found.id).servos
         now = next((servo for servo in answered if servo.id == found.id), None)
         if now is None:
             return Change(name, before, f"silent at {settings.baud}", False), found
         return Change(name, before, str(now.baud), True), now
+
+
+def _asked(line: Line, baud: int, servo_id: int) -> BaudSearch:
+    """Search for one servo, up to ``_ASKED`` times until it answers."""
+    for _ in range(_ASKED):
+        found = search(line, baud, {servo_id}, to_the_end=False)
+        if any(servo.id == servo_id for servo in found.servos):
+            break
+    return found
 
 
 def name_of(servo: FoundServo) -> str:
