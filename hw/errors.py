@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Final
 
 WIRING: Final = "the cable and the power supply"
-"""What to check where the bus fails"""
+"""Parts of a testbed to check when the bus fails"""
 
 
 def is_emulated(port: str) -> bool:

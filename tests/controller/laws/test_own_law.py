@@ -25,7 +25,7 @@ PROGRAM = (sys.executable, "-P", "-m", "haptic_wall.controller.cli.main")
 
 
 def install(folder: Path, project: Mapping[str, Any], *modules: Path) -> None:
-    """What an installer leaves of a distribution: its modules, and what it says of itself."""
+    """A distribution as an installer leaves it: its modules and its metadata."""
     info = folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
     info.mkdir(parents=True)
     (info / "METADATA").write_text(

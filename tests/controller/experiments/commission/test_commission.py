@@ -172,7 +172,7 @@ def steps_taken(
 
     for name in DATA:
         monkeypatch.setitem(steps.RUN, name, step(name))
-    # What is planned has tests of its own, and takes most of the time.
+    # The plan has tests of its own, and takes most of the time.
     monkeypatch.setattr(plan, "short_sweep", lambda _config: (PlanePoint(0.0, 3),))
     return called if ends != {} else [*DATA]
 
