@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.guard.fast_vibration import fast_ceiling, fast_limit, formulas_from
-from haptic_wall.controller.guard.flexible import LinkLimits, slices
+from haptic_wall.controller.guard.flexible import LinkLimits
+from haptic_wall.controller.guard.link_servos import slices
 from haptic_wall.controller.guard.plants import LIGHT, Box, Plants
 from haptic_wall.controller.guard.types import OF_ENCODER, GuardSettings, Request, Situation
 from haptic_wall.controller.guard.work import Work
