@@ -15,6 +15,7 @@ from haptic_wall.controller.guard.guard import decide
 from haptic_wall.controller.guard.limits import evaluate
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.types import Situation
+from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.json_text import plain
 
@@ -48,18 +49,18 @@ def guard_map(config: Config, delay: float) -> dict[str, Any]:
     before = max(delay - belief.delay.high, 0.0)
     request, settings = config.request(step or None), config.guard_settings()
     (decision,) = decide(request, settings, situation, [before], min(inserted, before))
-    least = -0.95 * belief.damping.low / belief.torque_gain.high
-    most = decision.damping_ceiling
-    most = min(most, decision.encoder_damping)
-    most = max(most, LEAST_SPAN * request.damping, -LEAST_SPAN * least)
-    damping = np.linspace(least, most, POINTS)
-    at = Evaluation(
+    asked = (
         replace(request, damping=0.0),
         EVERY_DAMPING if settings.mode != "passive" else replace(settings, damping_cap=0.999),
         replace(situation, inserted=min(inserted, before)),
-        Plants.at_corner(situation, np.full(POINTS, before)),
-        asked=damping,
     )
+    work, corner = Work(), Plants.at_corner(situation, np.full(POINTS, before))
+    ceiling = Evaluation(*asked, corner.take(np.zeros(1, dtype=np.int64)), work=work).ceiling
+    least = -0.95 * belief.damping.low / belief.torque_gain.high
+    most = min(float(ceiling[0]), decision.encoder_damping)
+    most = max(most, LEAST_SPAN * request.damping, -LEAST_SPAN * least)
+    damping = np.linspace(least, most, POINTS)
+    at = Evaluation(*asked, corner, asked=damping, work=work)
     report = decision_report(decision)
     return {
         "damping": damping.tolist(),
