@@ -27,6 +27,8 @@ from typing import Final
 
 WIRING: Final = "the cable and the power supply"
 """Parts of a testbed to check when the bus fails"""
+_LONGEST: Final = 300
+"""Characters of a value that a message repeats"""
 
 
 def is_emulated(port: str) -> bool:
@@ -59,7 +61,8 @@ class Problem:
 
     def __str__(self) -> str:
         wanted = self.wanted and f"wanted {self.wanted}"
-        place = " ".join(filter(None, (self.field, self.given)))
+        given = self.given if len(self.given) <= _LONGEST else f"{self.given[:_LONGEST]}…"
+        place = " ".join(filter(None, (self.field, given)))
         told = ", ".join(filter(None, (self.what, wanted)))
         told = ": ".join(filter(None, (place, told)))
         return self.mark.join(filter(None, (told, self.advice)))

@@ -12,6 +12,7 @@ import click
 from haptic_wall.controller.cli.options import answer_error, forget_output, say
 from haptic_wall.controller.errors import HapticWallError
 from haptic_wall.hw.errors import ExplainedError, Problem
+from haptic_wall.hw.names import did_you_mean
 
 
 class EndedEarlyError(HapticWallError):
@@ -50,7 +51,10 @@ def _problem(error: BaseException) -> Problem:
     context = error.ctx if isinstance(error, click.UsageError) else None
     advice = f"`{context.command_path} --help` lists options and arguments" if context else ""
     if isinstance(error, click.NoSuchOption):
-        near = sorted(error.possibilities or [])
+        name = error.option_name.lstrip("-")  # dashes alone make names alike
+        near = [
+            each for each in sorted(error.possibilities or ()) if did_you_mean(name, [each[2:]])
+        ]
         advice = f"did you mean {' or '.join(near)}?" if near else advice
         for each in context.command.params if context else ():
             if each.name == "sets":

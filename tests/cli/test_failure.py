@@ -47,6 +47,7 @@ def failed(cli: Cli, *arguments: str) -> dict[str, Any]:
             2,
         ),
         (["boundary", "--inertai=1"], "--inertai", "did you mean --inertia or --load-inertia?", 2),
+        (["boundary", "--rate=3"], "--rate", "--help` lists options and arguments", 2),
         (["delay"], "CONFIG", "`haptic-wall delay --help` lists options and arguments", 2),
         (["zwidth"], "CONFIG", "`haptic-wall zwidth --help` lists options and arguments", 2),
         (["map", "--delay-steps=-1"], "--delay-steps", "a whole number from 0, up to 1000", 2),

@@ -39,3 +39,7 @@ def test_the_first_problem_of_a_configuration_stands_for_it() -> None:
     error = ConfigError("a.yaml", [first, Problem("unknown", field="wal")])
     assert error.problem == first
     assert error.problems == ("wall.stiffness (from --set): found 3, wanted 2", "wal: unknown")
+
+
+def test_a_message_repeats_only_the_beginning_of_a_long_value() -> None:
+    assert len(str(Problem("no such file", field="CONFIG", given="x" * 5000))) < 400
