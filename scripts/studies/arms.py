@@ -1,6 +1,7 @@
 """Searches for an arm on which the guard's walls grow or gain energy, each axis decided alone.
 
-scripts/study arms [--arms N] [--flexible N] [--searches N] [--seed S] [--only PART] [--quick]
+scripts/study arms [--arms N] [--flexible N] [--searches N] [--walls N] [--hours H] [--seed S]
+                   [--only PART] [--quick]
 
 An arm is a serial chain of point masses in a pose, with a servo's inertia at each joint:
 M = links + diag(armature). The guard knows the servos alone, one period, and the longest delay.
@@ -23,6 +24,7 @@ from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.servos import SERVOS
+from scripts.arm_trials import PARTS
 from scripts.study import Found, Given, Option, Part, Study, table
 from tests.support.operators import draw_grips
 
@@ -376,11 +378,14 @@ STUDY = Study(
         Part("arms", _cases("arms", 0), arm_row, _lines, case_s=0.3, wanted=_none),
         Part("flexible", _cases("flexible", 1), flexible_row, _lines, case_s=0.2, wanted=_none),
         Part("searched", _cases("searches", 2), searched_row, _lines, case_s=60.0, wanted=_none),
+        *PARTS,
     ),
     (
         Option("arms", 10_000, "random stiff arms and poses", quick=20),
         Option("flexible", 3000, "random arms with flexible joints", quick=10),
         Option("searches", 20, "searches for a stiff arm that grows", quick=1),
+        Option("walls", 100, "random arms with walls for each range of lags", quick=1),
+        Option("hours", 10.0, "hours of hands at the tip", quick=0.1),
         Option("seed", 1, "seed of all draws"),
     ),
 )
