@@ -16,9 +16,9 @@ from haptic_wall.controller.report import style
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_SHARES = np.linspace(1e-3, 1 - 1e-3, 160)
+_SHARES = np.append(np.linspace(1e-3, 1 - 1e-3, 160), 1 - 1e-6)
 """Points of a curve, as fractions of the range without its very ends, where all limits are 0."""
-_FEWER = np.linspace(1e-3, 1 - 1e-3, 40)
+_FEWER = np.append(np.linspace(1e-3, 1 - 1e-3, 40), 1 - 1e-6)
 """Of a servo with a load, whose contacts are simulated for each point"""
 _FAR = 10.0
 """Multiple of the highest exact limit above which another limit is not drawn"""
@@ -49,7 +49,9 @@ def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> N
     plants = question.plants(1)
     lowest = 0.0 if question.load else -float((plants.damping / plants.gain)[0])
     shares = _FEWER if question.load else _SHARES
-    across = curve(question, lowest + (top - lowest) * shares)
+    root, square = style.ROOTS
+    low, high = root(np.array([lowest, top]))
+    across = curve(question, square(low + (high - low) * shares))
     with style.picture(path, style.PAGE, 4.6) as figure:
         ax, below = figure.subplots(2, 1, sharex=True, height_ratios=[3.4, 1.0])
         _plane(ax, across, question.side)
@@ -57,14 +59,16 @@ def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> N
         peak = found["peak"]["stiffness"]
         ax.set_xlim(min(1.02 * lowest, -0.01 * top), 1.02 * top)
         ax.set_ylim(0.0, 1.25 * peak)
-        ax.set_ylabel(style.STIFFNESS)
+        ax.set_xscale("function", functions=style.ROOTS)
+        ax.set_yscale("function", functions=style.ROOTS)
+        ax.set_ylabel(f"{style.STIFFNESS}, square-root scale")
         ax.set_title(_title(question), fontsize=8.5, loc="left")
         ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
         stable = across.frequency > 0
         below.plot(across.virtual_damping[stable], across.frequency[stable], color=style.INK)
         below.set_ylim(bottom=0.0)
         below.set_ylabel("oscillation at\nthe exact limit [Hz]")
-        below.set_xlabel(style.VIRTUAL_DAMPING)
+        below.set_xlabel(f"{style.VIRTUAL_DAMPING}, square-root scale")
         for each in (ax, below):
             style.grid(each)
 

@@ -49,9 +49,10 @@ def plot_map(found: CriticalMap, name: str, path: Path) -> None:
 def _over_damping(ax: Axes, found: CriticalMap, colours: dict[int, str]) -> None:
     setting = found.setting
     low, high = float(found.virtual_damping.min()), float(found.virtual_damping.max())
-    ends = _signed_root(np.array([low, high]))
+    root, square = style.ROOTS
+    ends = root(np.array([low, high]))
     # Squares of roots may miss the ends by rounding.
-    across = np.clip(_signed_square(np.linspace(ends[0], ends[1], _POINTS)), low, high)
+    across = np.clip(square(np.linspace(ends[0], ends[1], _POINTS)), low, high)
     for i, colour in colours.items():
         delay = float(found.delay[i])
         most = setting.loop.ceiling(delay)
@@ -67,8 +68,7 @@ def _over_damping(ax: Axes, found: CriticalMap, colours: dict[int, str]) -> None
             _curve(ax, damping, one_sided, color=colour, linewidth=0.9, linestyle="--")
         for k, look in _shown_kicks(found).items():
             ax.plot(found.virtual_damping, _drawn(found.stiffness[i, :, k]), color=colour, **look)
-    # Near zero, where walls are used, the limits rise steeply: this part gets more room.
-    ax.set_xscale("function", functions=(_signed_root, _signed_square))
+    ax.set_xscale("function", functions=style.ROOTS)
     ax.locator_params(axis="x", nbins=5)
     ax.set_xlabel(f"{style.VIRTUAL_DAMPING}, square-root scale")
 
@@ -79,16 +79,6 @@ def _curve(ax: Axes, damping: FloatArray, stiffness: FloatArray, **look: Any) ->
         ax.plot(damping, _drawn(stiffness), **look)
     elif stiffness[0] > 0.0:
         ax.axhline(stiffness[0], **look)
-
-
-def _signed_root(value: FloatArray) -> FloatArray:
-    root: FloatArray = np.sign(value) * np.sqrt(np.abs(value))
-    return root
-
-
-def _signed_square(value: FloatArray) -> FloatArray:
-    square: FloatArray = np.sign(value) * np.square(value)
-    return square
 
 
 def _shown_kicks(found: CriticalMap) -> dict[int, dict[str, Any]]:

@@ -32,6 +32,21 @@ ALPHA = r"dimensionless stiffness  $\alpha = KT^2/m$"
 STIFFNESS = r"stiffness  $K$  [N$\cdot$m/rad]"
 VIRTUAL_DAMPING = r"virtual damping  $B$  [N$\cdot$m$\cdot$s/rad]"
 
+
+def _root(value: NDArray[np.float64]) -> NDArray[np.float64]:
+    root: NDArray[np.float64] = np.sign(value) * np.sqrt(np.abs(value))
+    return root
+
+
+def _square(value: NDArray[np.float64]) -> NDArray[np.float64]:
+    square: NDArray[np.float64] = np.sign(value) * np.square(value)
+    return square
+
+
+ROOTS = _root, _square
+"""Of an axis with more room near zero, where walls are used and limits rise steeply: the scale, and
+its inverse"""
+
 _STYLE: dict[Any, Any] = {
     "font.family": "STIXGeneral",
     "mathtext.fontset": "stix",
