@@ -18,7 +18,9 @@ from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.processes.hold import key_reader
 from haptic_wall.controller.runtime import realtime
 from haptic_wall.controller.runtime.machine_setup import machine_setup, start_text
-from haptic_wall.controller.runtime.session import Surroundings, defect_text, run_session
+from haptic_wall.controller.runtime.session import run_session
+from haptic_wall.controller.runtime.session_result import defect_text
+from haptic_wall.controller.runtime.session_start import Surroundings
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.config import RUNS, Config
 from haptic_wall.controller.system.orders import read_orders, say
