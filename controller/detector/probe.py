@@ -1,16 +1,10 @@
-"""Probes the wall: compares a motion on a softer wall with the same motion before."""
+"""Compares a motion on a softer wall with the same motion before, and keeps the answers."""
 
 from __future__ import annotations
 
 from enum import IntEnum
 
-from haptic_wall.controller.detector.regularity import (
-    NEVER,
-    Regularity,
-    Sighting,
-    apart,
-    sighting,
-)
+from haptic_wall.controller.detector.regularity import NEVER, Regularity, apart, sighting
 from haptic_wall.controller.detector.tuning import Tuning
 
 
@@ -29,31 +23,74 @@ class Verdict(IntEnum):
     """This is another motion than before."""
 
 
-def alike(one: Sighting, other: Sighting, tuning: Tuning) -> bool:
-    """Whether two motions are one and the same."""
-    return (
-        apart(one.cycle, other.cycle) < tuning.same_period
-        and apart(one.amplitude, other.amplitude) < tuning.same_amplitude
-    )
-
-
 class Probe:
     """Judges the first two half-cycles, or contacts, since the wall was made softer.
 
     Attributes:
-        before: The motion before the probe.
+        before: The motion before the probe; ``NEVER``: none is known.
+        since: When that motion began [s].
     """
 
     def __init__(self, tuning: Tuning) -> None:
         """Start without a probe."""
         self._tuning = tuning
-        self._count = 0
-        self._first = 0.0
-        self.before = NEVER
+        self._count = self._stops = 0
+        self._first = self.since = 0.0
+        self.before = self._hand = self._stop = NEVER
+
+    def take_up(self, seen: Regularity, at: float) -> None:
+        """Store a motion on the whole wall, seen at a time [s], before an alarm or a probe."""
+        self.since = seen.since
+        self.before = sighting(seen.motion.last, at)
 
     def begin(self) -> None:
         """Start: the wall has just been made softer."""
         self._count = 0
+
+    def forget(self) -> None:
+        """Discard the answers so far."""
+        self._hand = self._stop = NEVER
+
+    def found_hand(self, at: float) -> None:
+        """Remember that a hand makes the motion, ``at`` a time [s]."""
+        self._hand = self.before._replace(at=at)
+
+    @property
+    def like_hand(self) -> bool:
+        """Whether the last hand that a probe found made a motion like the one taken up."""
+        hand, now, tuning = self._hand, self.before, self._tuning
+        return (
+            hand is not NEVER
+            and apart(now.cycle, hand.cycle) < tuning.other_period
+            and now.amplitude < tuning.other_amplitude * hand.amplitude
+        )
+
+    def held_off(self, at: float) -> bool:
+        """Whether a probe found a hand not long before a time [s]."""
+        return at - self._hand.at < self._tuning.held_off_s
+
+    def stopped(self, at: float, *, large: bool) -> bool:
+        """Remember that the motion has stopped in the probe; return whether it was the wall's.
+
+        It was if it returns and stops again, or after several stops of large motions.
+
+        Args:
+            at: Time now [s].
+            large: The motion was above the threshold.
+        """
+        before, last, tuning = self.before, self._stop, self._tuning
+        recent = at - last.at < tuning.again_s
+        again = (
+            recent
+            and apart(before.cycle, last.cycle) < tuning.same_period
+            and apart(before.amplitude, last.amplitude) < tuning.same_amplitude
+        )
+        self._stops = self._stops + 1 if recent else 1
+        if again or (self._stops >= tuning.stops and large):
+            self._stops = 0
+            return True
+        self._stop = before._replace(at=at)
+        return False
 
     def still(self, seen: Regularity) -> bool:
         """Whether the motion has stopped: no turning point comes any more."""

@@ -8,16 +8,28 @@ whether or not it saturates; friction cancels. So what is held follows the load,
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 
 from haptic_wall.controller.detector.half_cycles import HalfCycles
 from haptic_wall.controller.detector.settings import WatchSettings
 from haptic_wall.controller.laws.wall import Derating, held_torque
 
 
+class Phase(IntEnum):
+    """What is done with a wall."""
+
+    WHOLE = 0
+    PROBED = 1
+    REDUCED = 2
+    RETURNING = 3
+    """The gains return as soon as the wall's spring is at rest."""
+
+
 class SoftWall:
-    """One wall, whole or softened.
+    """One wall, whole or softened; it alone changes its phase and its derating.
 
     Attributes:
+        phase: What is done with it.
         derating: What is left of the law, which shares it, and the torque that holds the load.
         inside: The load's motion has stayed clear of the surface.
         permitted: The law is one linear spring: nothing is held by another one.
@@ -33,6 +45,7 @@ class SoftWall:
             settings: Those of the watch.
         """
         self._motion, self._tuning = motion, settings.tuning
+        self.phase = Phase.WHOLE
         self.derating = Derating()
         self.inside = False
         self.stiffness = self.damping = 0.0
@@ -54,31 +67,60 @@ class SoftWall:
         self.stiffness, self.damping = stiffness, damping
         self._last, self._elongation = self._elongation, self._settings.elongated(away)
 
-    def scale(self, stiffness: float, damping: float) -> None:
-        """Set the scales of the wall [1]."""
+    @property
+    def reduced(self) -> tuple[float, float]:
+        """Return the scales of stiffness and damping, without those of a probe that goes on [1]."""
+        if self.phase == Phase.PROBED:
+            return 1.0, 1.0
+        return self.derating.scale, self.derating.damping_scale
+
+    def gives_way(self, load: float, steps: int, *, contacts: bool) -> bool:
+        """Whether a load would push through the wall.
+
+        Args:
+            load: Torque [N·m].
+            steps: Number of steps by which the wall is reduced; 0: it is probed.
+            contacts: The load bounces on the wall, which then holds none.
+        """
+        tuning, limit = self._tuning, self._limit
+        if self.permitted and not contacts:
+            return abs(load) > tuning.loaded * limit
+        return abs(load) > tuning.loaded_contacts * tuning.scale**steps * limit
+
+    def reduce(self, stiffness: float, damping: float, *, moves: bool) -> None:
+        """Reduce the wall to these scales [1]; ``moves`` as of ``hold``, for a whole wall."""
+        if self.phase == Phase.WHOLE:
+            self.hold(moves=moves)
+        self.phase = Phase.REDUCED
+        self._scale(stiffness, damping)
+
+    def let_return(self) -> None:
+        """Let the wall return as soon as its spring is at rest."""
+        self.phase = Phase.RETURNING
+
+    def _scale(self, stiffness: float, damping: float) -> None:
         now = self.derating
         now.scale, now.damping_scale = stiffness, damping
         now.elastic_limit = stiffness * self._limit
         if stiffness == 1.0:
             self.drop()
 
-    def soften_for(self, cycle: float, *, moves: bool) -> None:
+    def probe(self, cycle: float, *, moves: bool) -> None:
         """Soften the wall for the probe of a motion.
 
         Args:
             cycle: Period of the motion [s].
             moves: The motion is certainly that of this shaft.
         """
-        tuning = self._tuning
+        tuning, self.phase = self._tuning, Phase.PROBED
         rests = not self.hold(moves=moves)
-        loaded = abs(self._torque) > tuning.loaded_contacts * self._limit
-        if rests and loaded and not self.permitted:
+        if rests and not self.permitted and self.gives_way(self._torque, 0, contacts=False):
             return  # the load would push through: this wall holds none
         # Damping that acts late stiffens the wall by up to B w, and would hide the softer spring.
         # Whole, it slows down a shaft whose load is let go.
         stiffens = self.damping * math.tau > self.stiffness * cycle
         holds = self.derating.carried != 0.0
-        self.scale(tuning.scale, 1.0 if holds and not stiffens else tuning.scale)
+        self._scale(tuning.scale, 1.0 if holds and not stiffens else tuning.scale)
 
     def hold(self, *, moves: bool) -> bool:
         """Hold the load of the last cycle, or that at rest, from now on; return whether it moves.
@@ -110,18 +152,18 @@ class SoftWall:
         self._carry(load)
         return moves
 
-    def follow(self, span: float, *, ended: bool, returning: bool) -> None:
+    def follow(self, span: float, *, ended: bool) -> None:
         """Change what is held toward the load.
 
         Args:
             span: Time since the last sample [s].
             ended: A half-cycle has ended.
-            returning: The wall waits to come back, which it does where it holds the whole load.
         """
         if not self.permitted:
             return
         motion, away, carried = self._motion, self._away, self.derating.carried
         tuning, scale = self._tuning, self.derating.scale
+        returning = self.phase == Phase.RETURNING  # where it holds the whole load
         self._rested += span
         if self.stiffness * abs(away - self._place) > self._least:
             self._place, self._rested = away, 0.0
@@ -181,17 +223,14 @@ class SoftWall:
         """Hold nothing any more."""
         self.derating.carried = self.derating.carried_to = self._load = 0.0
 
-    def loses_load(self, *, soft: bool) -> bool:
+    def loses_load(self) -> bool:
         """Drop a load that has gone; return whether it has just gone.
 
         It has where the shaft is past the surface: outside a one-sided wall, and where the load's
         motion has not come near before if the whole wall comes back now. The motion until then was
         the load's.
-
-        Args:
-            soft: The wall stays soft.
         """
-        carried = self.derating.carried
+        carried, soft = self.derating.carried, self.phase == Phase.REDUCED
         ends = (self.inside and not soft) or self._settings.side != 0
         gone = carried != 0.0 and ends and self._elongation * carried >= 0.0
         if gone:
@@ -212,7 +251,8 @@ class SoftWall:
         softer = 1.0 - self.derating.scale
         rests = abs(missing) <= max(most, least * softer * self.stiffness)
         if rests:
-            self.scale(1.0, 1.0)
+            self.phase = Phase.WHOLE
+            self._scale(1.0, 1.0)
         return rests
 
     def _missing(self, elongation: float) -> float:

@@ -166,7 +166,7 @@ def oscillation_report(watch: Watch) -> dict[str, object]:
     """Return the observations for the report: None for missing ones."""
     seen = watch.state > State.QUIET
     known = seen and math.isfinite(watch.frequency_hz)
-    reduced = watch.backstop.reduced
+    reduced = watch.backstop.wall.reduced
     return {
         "state": watch.state.name.lower(),
         "frequency_hz": watch.frequency_hz if known else None,

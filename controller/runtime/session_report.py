@@ -63,7 +63,7 @@ def _besides_the_guard(
     watch, (stiffness, damping) = axis.watch, axis.commanded
     if decision.period > config.period_ns * 1e-9:
         yield _slower(config, decision, missed, bus)
-    reduced = watch.backstop.reduced[0]
+    reduced = watch.backstop.wall.reduced[0]
     if reduced < 1.0 and math.isfinite(watch.first_alarm_s):
         yield (
             f"an oscillation of {watch.frequency_hz:.3g} Hz was found after "
