@@ -117,9 +117,7 @@ class _Checkup:
         self.report.axis = ""
         if measured is None:
             if "used by" in (check.name for check in self.report.wrong):
-                # A measurement would take the core from the program that drives the servo there.
-                self._core()
-                return
+                return  # a measurement would take the core from the program that drives the servo
             measured = measure(self._config, None)
         self.machine(measured)
 
