@@ -23,6 +23,7 @@ from haptic_wall.controller.detector.regularity import NEVER, Regularity, Sighti
 from haptic_wall.controller.detector.settings import WatchSettings
 from haptic_wall.controller.detector.soft_wall import Phase, SoftWall
 from haptic_wall.controller.detector.suspicion import Suspicion, suspected, suspicion
+from haptic_wall.controller.detector.tuning import TUNING
 
 _WHOLE: Final = Phase.WHOLE  # looking up an enum member is slow
 
@@ -68,11 +69,10 @@ class Backstop:
         self._settings = settings
         self._shared = shared or Shared()
         self._shared.axes.append(self)
-        self._tuning = settings.tuning
         self.motions = Motions(settings)
         self.wall = SoftWall(self.motions.half_cycles, settings)
         self._asked = self.motions.swings
-        self._probe = Probe(settings.tuning)
+        self._probe = Probe()
         self._time = 0.0
         self.alarm = self.failed = self.news = False
         self.probes = self.hands = self.alarms = 0
@@ -132,7 +132,7 @@ class Backstop:
             if wall.phase == Phase.PROBED:
                 if self._probe.still(self._asked):
                     self._stopped()
-            elif motion.elapsed > self._tuning.still * motion.interval:
+            elif motion.elapsed > TUNING.still * motion.interval:
                 self._died()
 
     @property
@@ -141,7 +141,7 @@ class Backstop:
         swings, bounces = self.motions.swings, self.motions.bounces
         if swings.steady or self._settings.acts:
             return swings.steady
-        threshold, enough = self._settings.threshold, self._tuning.regular_long
+        threshold, enough = self._settings.threshold, self._settings.regular_long
         return any(one.streak >= enough and one.size >= threshold for one in (swings, bounces))
 
     @property
@@ -302,7 +302,7 @@ class Backstop:
         self.alarm = True
         if not self._settings.acts:
             return
-        shared, probe, scale = self._shared, self._probe, self._tuning.scale
+        shared, probe, scale = self._shared, self._probe, TUNING.scale
         small = probe.before.amplitude < self._settings.threshold
         shared.asking = self
         shared.reduction.begin(cause, probe.since, small=small)
@@ -346,7 +346,7 @@ class Backstop:
 
     def _soften_further(self) -> None:
         """Take the next step of the reduction; the damping follows one step behind."""
-        reduction, scale = self._shared.reduction, self._tuning.scale
+        reduction, scale = self._shared.reduction, TUNING.scale
         self.wall.hold(moves=True)
         for axis in self._shared.axes:
             axis.wall.reduce(scale ** (reduction.step + 1), scale**reduction.step, moves=False)

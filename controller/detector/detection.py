@@ -5,7 +5,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -215,7 +215,7 @@ def _ticked(
             light=known.inertia if believed else 0.0,
             heavy=known.inertia if believed else math.inf,
             passive=not believed or torques is None,
-            tuning=replace(TUNING, regular_long=TUNING.steady),
+            regular_long=TUNING.steady,
         )
     )
     law = Wall(0.0, 0.0, 0.0, "both")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import IntEnum
 
 from haptic_wall.controller.detector.regularity import NEVER, Regularity, apart, sighting
-from haptic_wall.controller.detector.tuning import Tuning
+from haptic_wall.controller.detector.tuning import TUNING
 
 
 class Verdict(IntEnum):
@@ -31,9 +31,8 @@ class Probe:
         since: When that motion began [s].
     """
 
-    def __init__(self, tuning: Tuning) -> None:
+    def __init__(self) -> None:
         """Start without a probe."""
-        self._tuning = tuning
         self._count = self._stops = 0
         self._first = self.since = 0.0
         self.before = self._hand = self._stop = NEVER
@@ -58,16 +57,16 @@ class Probe:
     @property
     def like_hand(self) -> bool:
         """Whether the last hand that a probe found made a motion like the one taken up."""
-        hand, now, tuning = self._hand, self.before, self._tuning
+        hand, now = self._hand, self.before
         return (
             hand is not NEVER
-            and apart(now.cycle, hand.cycle) < tuning.other_period
-            and now.amplitude < tuning.other_amplitude * hand.amplitude
+            and apart(now.cycle, hand.cycle) < TUNING.other_period
+            and now.amplitude < TUNING.other_amplitude * hand.amplitude
         )
 
     def held_off(self, at: float) -> bool:
         """Whether a probe found a hand not long before a time [s]."""
-        return at - self._hand.at < self._tuning.held_off_s
+        return at - self._hand.at < TUNING.held_off_s
 
     def stopped(self, at: float, *, large: bool) -> bool:
         """Remember that the motion has stopped in the probe; return whether it was the wall's.
@@ -78,15 +77,15 @@ class Probe:
             at: Time now [s].
             large: The motion was above the threshold.
         """
-        before, last, tuning = self.before, self._stop, self._tuning
-        recent = at - last.at < tuning.again_s
+        before, last = self.before, self._stop
+        recent = at - last.at < TUNING.again_s
         again = (
             recent
-            and apart(before.cycle, last.cycle) < tuning.same_period
-            and apart(before.amplitude, last.amplitude) < tuning.same_amplitude
+            and apart(before.cycle, last.cycle) < TUNING.same_period
+            and apart(before.amplitude, last.amplitude) < TUNING.same_amplitude
         )
         self._stops = self._stops + 1 if recent else 1
-        if again or (self._stops >= tuning.stops and large):
+        if again or (self._stops >= TUNING.stops and large):
             self._stops = 0
             return True
         self._stop = before._replace(at=at)
@@ -95,7 +94,7 @@ class Probe:
     def still(self, seen: Regularity) -> bool:
         """Whether the motion has stopped: no turning point comes any more."""
         motion = seen.motion
-        return motion.elapsed > self._tuning.still * max(motion.interval, 0.5 * self.before.cycle)
+        return motion.elapsed > TUNING.still * max(motion.interval, 0.5 * self.before.cycle)
 
     def ended(self, seen: Regularity, at: float) -> Verdict:
         """Judge the end of a half-cycle.
@@ -109,14 +108,14 @@ class Probe:
         if self._count == 1 or len(seen.motion.last) < 2:
             self._first = ratio
             return Verdict.OPEN
-        now, before, tuning = sighting(seen.motion.last, at), self.before, self._tuning
+        now, before = sighting(seen.motion.last, at), self.before
         inertia = now.inertia / before.inertia if before.inertia else 0.0
         amplitude = now.amplitude / before.amplitude
         if self._longer(ratio, inertia, amplitude, contacts=seen.contacts):
             return Verdict.WALL
-        if amplitude < tuning.collapsed:
-            return Verdict.STOPPED if self._first > tuning.quicker else Verdict.CHANGED
-        if ratio >= tuning.largest and not seen.contacts:
+        if amplitude < TUNING.collapsed:
+            return Verdict.STOPPED if self._first > TUNING.quicker else Verdict.CHANGED
+        if ratio >= TUNING.largest and not seen.contacts:
             return Verdict.CHANGED
         return Verdict.HAND
 
@@ -129,15 +128,15 @@ class Probe:
             amplitude: Their amplitude, over that before [1].
             contacts: They were contacts with a one-sided wall.
         """
-        tuning, first = self._tuning, self._first
-        largest, heaviest = tuning.largest, tuning.heaviest_probed
+        first = self._first
+        largest, heaviest = TUNING.largest, TUNING.heaviest_probed
         if contacts:
-            long = min(first, second) > tuning.contact and first + second > tuning.contacts
-            largest, heaviest = tuning.largest_contact, tuning.heaviest_contact
-        elif inertia > tuning.explained and amplitude < tuning.grown:
-            long = min(first, second) > tuning.explained_each
-            long = long and first + second > tuning.explained_both
+            long = min(first, second) > TUNING.contact and first + second > TUNING.contacts
+            largest, heaviest = TUNING.largest_contact, TUNING.heaviest_contact
+        elif inertia > TUNING.explained and amplitude < TUNING.grown:
+            long = min(first, second) > TUNING.explained_each
+            long = long and first + second > TUNING.explained_both
         else:
-            long = first > tuning.first and second > tuning.second and first + second > tuning.both
-        explained = tuning.lightest_probed < inertia < heaviest
+            long = first > TUNING.first and second > TUNING.second and first + second > TUNING.both
+        explained = TUNING.lightest_probed < inertia < heaviest
         return long and max(second, amplitude) < largest and explained

@@ -12,6 +12,7 @@ from haptic_wall.controller.detector.regularity import (
     sighting,
 )
 from haptic_wall.controller.detector.settings import WatchSettings
+from haptic_wall.controller.detector.tuning import TUNING
 
 
 class Cause(IntEnum):
@@ -103,38 +104,38 @@ class Reduction:
             softest: The load would push through softer walls.
             slowest: Period of the slowest motion that the wall may make [s].
         """
-        tuning, last, size = settings.tuning, seen.motion.last, seen.size
+        last, size = seen.motion.last, seen.size
         large = size >= settings.threshold
         self.count += 1
         if size < (settings.small if self._small else settings.threshold):
             return Course.DIED
         if self.count < 2 or len(last) < 4:
             return Course.OPEN
-        shrinks = last[3].amplitude < tuning.dying * last[1].amplitude
+        shrinks = last[3].amplitude < TUNING.dying * last[1].amplitude
         if shrinks and last[2].amplitude <= last[0].amplitude:
             return Course.DIES
         if self._small and large:
             self._small = False  # it has become a large motion, whose time begins now
             self._begun = at
-        if self._small and not (lasts(last, tuning) and self.count >= tuning.steady):
+        if self._small and not (lasts(last) and self.count >= TUNING.steady):
             return Course.OPEN
-        softest = softest or self.step >= tuning.steps
-        longest = min(tuning.cycles * slowest, tuning.longest_s)
+        softest = softest or self.step >= TUNING.steps
+        longest = min(TUNING.cycles * slowest, TUNING.longest_s)
         late = not seen.contacts and at - self._begun > longest
-        if large and (softest or late) and self._own(seen, before, settings):
-            feeds = not seen.contacts or seen.motion.gain > tuning.reduced_gain
-            ends = feeds and self.count >= tuning.reduced_half_cycles
+        if large and (softest or late) and self._own(seen, before):
+            feeds = not seen.contacts or seen.motion.gain > TUNING.reduced_gain
+            ends = feeds and self.count >= TUNING.reduced_half_cycles
             return Course.END if ends else Course.PERSISTS
         return Course.PERSISTS if softest else Course.SOFTEN
 
-    def _own(self, seen: Regularity, before: Sighting, settings: WatchSettings) -> bool:
+    def _own(self, seen: Regularity, before: Sighting) -> bool:
         """Whether the wall certainly makes this motion."""
         if self.cause == Cause.STOPPED:
             return seen.steady
-        last, tuning = seen.motion.last, settings.tuning
+        last = seen.motion.last
         inertia = sighting(last, 0.0).inertia
-        least, most = tuning.lightest_probed, tuning.heaviest_probed
+        least, most = TUNING.lightest_probed, TUNING.heaviest_probed
         explained = least * before.inertia < inertia < most * before.inertia
         if self.cause == Cause.LONGER:
             return explained and seen.streak > 0
-        return explained or seen.steady or (not seen.contacts and beyond_hands(last, tuning))
+        return explained or seen.steady or (not seen.contacts and beyond_hands(last))

@@ -12,6 +12,7 @@ from enum import IntEnum
 
 from haptic_wall.controller.detector.half_cycles import HalfCycles
 from haptic_wall.controller.detector.settings import WatchSettings
+from haptic_wall.controller.detector.tuning import TUNING
 from haptic_wall.controller.laws.wall import Derating, held_torque
 
 
@@ -44,7 +45,7 @@ class SoftWall:
             motion: Of the shaft.
             settings: Those of the watch.
         """
-        self._motion, self._tuning = motion, settings.tuning
+        self._motion = motion
         self.phase = Phase.WHOLE
         self.derating = Derating()
         self.inside = False
@@ -58,7 +59,7 @@ class SoftWall:
         """Soften another law from now on."""
         self._settings = settings
         self._limit = settings.torque_limit
-        self._least = settings.tuning.hold_least * self._limit
+        self._least = TUNING.hold_least * self._limit
         self.permitted = settings.elongation is None
 
     def take(self, away: float, torque: float, stiffness: float, damping: float) -> None:
@@ -82,10 +83,10 @@ class SoftWall:
             steps: Number of steps by which the wall is reduced; 0: it is probed.
             contacts: The load bounces on the wall, which then holds none.
         """
-        tuning, limit = self._tuning, self._limit
+        limit = self._limit
         if self.permitted and not contacts:
-            return abs(load) > tuning.loaded * limit
-        return abs(load) > tuning.loaded_contacts * tuning.scale**steps * limit
+            return abs(load) > TUNING.loaded * limit
+        return abs(load) > TUNING.loaded_contacts * TUNING.scale**steps * limit
 
     def reduce(self, stiffness: float, damping: float, *, moves: bool) -> None:
         """Reduce the wall to these scales [1]; ``moves`` as of ``hold``, for a whole wall."""
@@ -112,7 +113,7 @@ class SoftWall:
             cycle: Period of the motion [s].
             moves: The motion is certainly that of this shaft.
         """
-        tuning, self.phase = self._tuning, Phase.PROBED
+        self.phase = Phase.PROBED
         rests = not self.hold(moves=moves)
         if rests and not self.permitted and self.gives_way(self._torque, 0, contacts=False):
             return  # the load would push through: this wall holds none
@@ -120,7 +121,7 @@ class SoftWall:
         # Whole, it slows down a shaft whose load is let go.
         stiffens = self.damping * math.tau > self.stiffness * cycle
         holds = self.derating.carried != 0.0
-        self._scale(tuning.scale, 1.0 if holds and not stiffens else tuning.scale)
+        self._scale(TUNING.scale, 1.0 if holds and not stiffens else TUNING.scale)
 
     def hold(self, *, moves: bool) -> bool:
         """Hold the load of the last cycle, or that at rest, from now on; return whether it moves.
@@ -132,7 +133,7 @@ class SoftWall:
             moves: The shaft certainly moves.
         """
         motion = self._motion
-        moves = moves or motion.settled <= self._tuning.hold_settled
+        moves = moves or motion.settled <= TUNING.hold_settled
         last = list(motion.last)[-2:]
         turned = [place for one in last for place in (one.start, one.end)] or [0.0]
         if moves:
@@ -162,13 +163,13 @@ class SoftWall:
         if not self.permitted:
             return
         motion, away, carried = self._motion, self._away, self.derating.carried
-        tuning, scale = self._tuning, self.derating.scale
+        scale = self.derating.scale
         returning = self.phase == Phase.RETURNING  # where it holds the whole load
         self._rested += span
         if self.stiffness * abs(away - self._place) > self._least:
             self._place, self._rested = away, 0.0
-        rests = self._rested * math.sqrt(scale) > tuning.hold_rests_s  # it swings slower
-        if rests and motion.settled > tuning.hold_settled:
+        rests = self._rested * math.sqrt(scale) > TUNING.hold_rests_s  # it swings slower
+        if rests and motion.settled > TUNING.hold_settled:
             self._load = self._torque
             self._since_rest = -1  # the half-cycle with the rest in it is no part of a motion
             self._low = self._high = away
@@ -182,15 +183,15 @@ class SoftWall:
         elif self.inside and away * carried > 0.0:
             self._load = 0.0  # the load has gone, or the next cycle tells its torque
         change = self._load - carried
-        if not (returning or abs(change) > tuning.hold_slack * self._limit * scale):
+        if not (returning or abs(change) > TUNING.hold_slack * self._limit * scale):
             change = 0.0  # the spring about what is held carries it
-        share = min(span / tuning.hold_follows_s, 1.0)
+        share = min(span / TUNING.hold_follows_s, 1.0)
         self._carry(carried + share * change)
 
     @property
     def _room(self) -> float:
         last = list(self._motion.last)[-2:]
-        return self._tuning.hold_room * max((one.amplitude for one in last), default=0.0)
+        return TUNING.hold_room * max((one.amplitude for one in last), default=0.0)
 
     def _extend(self) -> None:
         """Let the motion since the last rest reach to the last turning point.
@@ -211,7 +212,7 @@ class SoftWall:
         if self.stiffness <= 0.0:
             return
         now, place = self.derating, -torque / self.stiffness
-        spare = 0.5 * self._tuning.hold_room * (self._high - self._low)
+        spare = 0.5 * TUNING.hold_room * (self._high - self._low)
         now.carried = torque
         if torque > 0.0:
             now.carried_to = max(place, self._high) + spare
@@ -244,10 +245,10 @@ class SoftWall:
         A fast motion is at rest between two samples.
         """
         missing = self._missing(self._elongation)
-        most, tuning = self._settings.rest_torque, self._tuning
+        most = self._settings.rest_torque
         if missing * self._missing(self._last) < 0.0:
-            most *= tuning.rest_between
-        least = tuning.rest_counts * self._settings.position_step
+            most *= TUNING.rest_between
+        least = TUNING.rest_counts * self._settings.position_step
         softer = 1.0 - self.derating.scale
         rests = abs(missing) <= max(most, least * softer * self.stiffness)
         if rests:

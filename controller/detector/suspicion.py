@@ -6,6 +6,7 @@ from enum import IntEnum
 
 from haptic_wall.controller.detector.regularity import Regularity, beyond_hands, saturates
 from haptic_wall.controller.detector.settings import WatchSettings
+from haptic_wall.controller.detector.tuning import TUNING
 
 
 class Suspicion(IntEnum):
@@ -28,8 +29,8 @@ def suspected(seen: Regularity, settings: WatchSettings) -> bool:
     regular = seen.steady
     if seen.size >= settings.threshold:
         last = seen.motion.last
-        regular = seen.repeats or saturates(last, settings.torque_limit, settings.tuning)
-    return regular and seen.motion.gain > settings.tuning.least_gain
+        regular = seen.repeats or saturates(last, settings.torque_limit)
+    return regular and seen.motion.gain > TUNING.least_gain
 
 
 def suspicion(
@@ -51,20 +52,20 @@ def suspicion(
         like_hand: The last hand that a probe found moved the shaft like this.
         held_off: That was not long ago.
     """
-    tuning, large = settings.tuning, amplitude >= settings.threshold
+    large = amplitude >= settings.threshold
     sure = seen.size >= settings.threshold and not seen.contacts
-    if sure and beyond_hands(seen.motion.last, tuning):
+    if sure and beyond_hands(seen.motion.last):
         return Suspicion.END if settings.acts and loaded else Suspicion.ALARM
     if not settings.acts:
         return Suspicion.WAIT
     if loaded:
-        long = seen.steady or seen.streak >= tuning.regular_long
+        long = seen.steady or seen.streak >= TUNING.regular_long
         return Suspicion.END if large and long else Suspicion.WAIT
     if seen.steady and like_hand and large:
         return Suspicion.ALARM  # a probe took it for a hand's; no hand is so regular
     if seen.nearly_steady:
         return Suspicion.WAIT
     if held_off and like_hand:  # a hand seldom goes on so regularly
-        again = seen.streak and seen.streak % tuning.regular_long == 0
+        again = seen.streak and seen.streak % TUNING.regular_long == 0
         return Suspicion.PROBE if again else Suspicion.WAIT
     return Suspicion.PROBE

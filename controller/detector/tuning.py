@@ -1,7 +1,5 @@
 """Lists the tuned numbers of the oscillation detector.
 
-A run uses ``TUNING``. A study runs a variant of it: the settings of the watch carry the tuning.
-
 Counts are counts of the encoder. A half-cycle is the motion from one turning point to the next; its
 amplitude is half the distance between them. Durations, amplitudes and apparent inertias in a probe
 are relative to those before it. The numbers without an arithmetic reason were chosen with trials
@@ -11,7 +9,7 @@ like those of docs/evidence/detector-table.md.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final, SupportsIndex
+from typing import Final
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,10 +203,5 @@ class Tuning:
     hold_follows_s: float = 0.5
     """with this time constant [s]."""
 
-    def __reduce_ex__(self, protocol: SupportsIndex) -> str | tuple[Any, ...]:
-        """Pickle the tuning of every run by its name: the loop takes no time to make it anew."""
-        return "TUNING" if self is TUNING else object.__reduce_ex__(self, protocol)
-
 
 TUNING: Final = Tuning()
-"""The tuning of every run"""

@@ -8,7 +8,6 @@ import pytest
 from haptic_wall.controller.detector.half_cycles import HalfCycles
 from haptic_wall.controller.detector.settings import WatchSettings
 from haptic_wall.controller.detector.soft_wall import Phase, SoftWall
-from haptic_wall.controller.detector.tuning import TUNING
 from haptic_wall.controller.laws.wall import held_torque
 
 STIFFNESS, LIMIT = 10.0, 4.0
@@ -16,7 +15,7 @@ STIFFNESS, LIMIT = 10.0, 4.0
 
 def swung(place: float, amplitude: float, cycles: float = 3.2, friction: float = 0.0) -> HalfCycles:
     """The half-cycles of a swing at 5 Hz about a place, that the spring alone moves."""
-    seen = HalfCycles(1e-3, 0.0, TUNING)
+    seen = HalfCycles(1e-3, 0.0)
     for k in range(round(200 * cycles)):
         phase = math.tau * 5.0 * k * 1e-3
         away = place + amplitude * math.cos(phase)
