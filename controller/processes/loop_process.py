@@ -130,7 +130,7 @@ def _prepare(config: Config, core: int) -> None:
         PlatformError: The profile is strict, and a setting it needs was not granted.
     """
     wishes = config.realtime
-    settings = realtime.apply(wishes.profile, wishes.priority, {core})
+    settings = realtime.apply(wishes.profile, realtime.LOOP_PRIORITY, {core})
     _tell("realtime", settings=[asdict(setting) for setting in settings])
     _tell("tell", text=realtime.start_text(settings))
     missing = realtime.missing_for_strict(settings)

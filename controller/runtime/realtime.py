@@ -12,6 +12,8 @@ from typing import Literal
 from haptic_wall.controller.errors import UserError
 from haptic_wall.hw.servo import Check
 
+LOOP_PRIORITY = 80
+"""Priority of the loop under SCHED_FIFO"""
 START = "real time:"
 """Beginning of what is told at the start"""
 Profile = Literal["off", "best-effort", "strict"]
