@@ -45,7 +45,7 @@ class Watch:
         """Start to watch an axis; ``shared``: with the watches of the run's other axes."""
         self._settings = settings
         self._period = settings.period
-        self._acting = ActingTorque(0.0)
+        self._acting = ActingTorque()
         self.sent = self._acting.send
         self.backstop = Backstop(settings, shared)
         self._mean = 0.0
@@ -59,7 +59,7 @@ class Watch:
 
     def set_age(self, age_s: float) -> None:
         """Set the age of a sample when its torque is sent [s]."""
-        self._acting.lag = (age_s + self._settings.lag) / self._period
+        self._acting.delay_by((age_s + self._settings.lag) / self._period)
 
     def passed(self, periods: int) -> None:
         """Count a tick without a new position, ``periods`` after the last one."""
