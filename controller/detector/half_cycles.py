@@ -48,14 +48,12 @@ class Motion(Protocol):
         interval: Time between the ends of the last two [s].
         load: Mean torque that the wall holds [N·m].
         gain: Smoothed logarithm of exit over entry speed of contacts; 0 for half-cycles.
-        gaining: Consecutive contacts that throw the shaft back; 0 for half-cycles.
     """
 
     last: deque[HalfCycle]
     elapsed: float
     interval: float
     gain: float
-    gaining: int
 
     @property
     def load(self) -> float:
@@ -77,7 +75,6 @@ class HalfCycles:
         self._hysteresis = self._least = max(TUNING.turning_counts * position_step, _FINEST)
         self.last: deque[HalfCycle] = deque(maxlen=4)
         self.elapsed = self.interval = self.gain = 0.0
-        self.gaining = 0
         self._direction = 0
         self._started = False
         self._position = self._start = self._extreme = self._since_extreme = 0.0
