@@ -9,7 +9,7 @@ from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.runtime.loop import Loop
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip
 from haptic_wall.controller.runtime.session_result import Ended, Result, defect_text, outcome
-from haptic_wall.controller.runtime.session_start import Start, Surroundings
+from haptic_wall.controller.runtime.session_start import Session, Surroundings
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.runtime.wall_wait import WallWait
 from haptic_wall.controller.settings.config import Config
@@ -51,39 +51,39 @@ def run_session(
         PlatformError: ``take_real_time`` refused.
     """
     around = surroundings or Surroundings()
-    start = Start(config, clock, telemetry, program, around)
+    session = Session(config, clock, telemetry, program, around)
     try:
-        start.prepare()
-        start.start()
-        ended = _run(start, clock, telemetry, duration_s, around)
+        session.prepare()
+        session.start()
+        ended = _run(session, clock, telemetry, duration_s, around)
     except BaseException as error:
         # A servo that never replied was never driven.
-        if start.torque_asked and not isinstance(error, (ServoMissingError, StrangeServoError)):
-            _stop(start.bus, clock, telemetry)
+        if session.torque_asked and not isinstance(error, (ServoMissingError, StrangeServoError)):
+            _stop(session.bus, clock, telemetry)
         raise
     finally:
-        start.bus.close()
-    return outcome(start, ended, around.on_block)
+        session.bus.close()
+    return outcome(session, ended, around.on_block)
 
 
 def _run(
-    start: Start,
+    session: Session,
     clock: Clock,
     telemetry: Telemetry,
     duration_s: float | None,
     around: Surroundings,
 ) -> Ended:
     """Run the loop until the end, and switch the torque off."""
-    began_s, loop = time.monotonic(), start.loop
-    waiting = WallWait(loop, start.configs, around.tell)
-    ages = start.bus.traffic is not None or start.config.loop.clock == "monotonic"
-    warm_up_s = start.config.loop.warm_up_s if ages else None  # nothing to measure
+    began_s, loop = time.monotonic(), session.loop
+    waiting = WallWait(loop, session.configs, around.tell)
+    ages = session.bus.traffic is not None or session.config.loop.clock == "monotonic"
+    warm_up_s = session.config.loop.warm_up_s if ages else None  # nothing to measure
     reason, message, servo_id = _served(loop, warm_up_s, duration_s, waiting)
-    if number := start.number(servo_id):
+    if number := session.number(servo_id):
         telemetry.words[Word.STOP_AXIS] = number
     real_s = time.monotonic() - began_s
     stall_s = loop.stall_s(clock.now_ns())
-    torque_off = _stop(start.bus, clock, telemetry)
+    torque_off = _stop(session.bus, clock, telemetry)
     stalled_s = None
     if isinstance(clock, ElasticClock):
         clock.release()

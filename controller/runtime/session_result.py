@@ -19,7 +19,7 @@ from haptic_wall.controller.runtime.session_report import (
     missed_warnings,
     stall_warnings,
 )
-from haptic_wall.controller.runtime.session_start import Start
+from haptic_wall.controller.runtime.session_start import Session
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.servo import Check, Facts, Traffic
 
@@ -86,32 +86,32 @@ class Ended:
     """As of ``Result``"""
 
 
-def outcome(start: Start, ended: Ended, on_block: Callable[[], None]) -> Result:
+def outcome(session: Session, ended: Ended, on_block: Callable[[], None]) -> Result:
     """Return the outcome of a session, whose bus is closed.
 
     Args:
-        start: The session.
+        session: The session.
         ended: Its end.
         on_block: Called before the guard's reasons are computed.
     """
-    reason, defect, loop = ended.reason, "", start.loop
-    indices = range(len(start.axes))
-    parts = [_known(start, index) for index in indices]
+    reason, defect, loop = ended.reason, "", session.loop
+    indices = range(len(session.axes))
+    parts = [_known(session, index) for index in indices]
     try:
         on_block()
-        parts = [parts[index] | _computed(start, index, parts[index]) for index in indices]
+        parts = [parts[index] | _computed(session, index, parts[index]) for index in indices]
     except Exception as error:  # noqa: BLE001 - it must not cost what is known of the run
         defect = f"after the run: {defect_text(error)}"
         reason = reason if isinstance(reason, Trip) else Trip.INTERNAL_ERROR
-    told, names = all_axes(parts), list(start.configs)
+    told, names = all_axes(parts), list(session.configs)
     if (bus := told["bus"]) is not None:
-        bus = bus | {"schedule": "pipelined" if start.pipelined else "immediate"}
-    worst_missed = max(axis.safety.worst_missed for axis in start.axes)
+        bus = bus | {"schedule": "pipelined" if session.pipelined else "immediate"}
+    worst_missed = max(axis.safety.worst_missed for axis in session.axes)
     stalled = f"this computer stalled for {ended.stall_s * 1e3:.0f} ms" if ended.stall_s else ""
     return Result(
         stop_reason=reason,
         stop_axis=names[ended.number - 1] if ended.number else None,
-        message="; ".join(filter(None, (_told(start, ended), defect))),
+        message="; ".join(filter(None, (_told(session, ended), defect))),
         ticks=loop.cycle.ticks,
         missed=loop.missed,
         elapsed_s=loop.elapsed_s,
@@ -123,30 +123,30 @@ def outcome(start: Start, ended: Ended, on_block: Callable[[], None]) -> Result:
         bus=bus,
         torque_off=ended.torque_off,
         axes={} if "" in names else dict(zip(names, parts, strict=True)),
-        checks=start.checks,
+        checks=session.checks,
         facts=told.get("servo"),
         wall_came_on=told["wall_came_on"],
         waited_for=ended.waited_for,
-        warnings=[*missed_warnings(start.config, worst_missed), *stall_warnings(ended.stalled_s)],
+        warnings=[*missed_warnings(session.config, worst_missed), *stall_warnings(ended.stalled_s)],
         stalled=stalled,
         stalled_s=ended.stalled_s,
     )
 
 
-def _told(start: Start, ended: Ended) -> str:
+def _told(session: Session, ended: Ended) -> str:
     """Return why the run ended, as loop, safety and bus say it."""
-    trouble, number = start.bus.trouble, ended.number
-    axes = [start.axes[number - 1]] if number else start.axes
+    trouble, number = session.bus.trouble, ended.number
+    axes = [session.axes[number - 1]] if number else session.axes
     found = next(filter(None, (axis.safety.found for axis in axes)), "")
     message = ended.message or found or trouble
-    if trouble and trouble != message and len(start.axes) > 1:  # of another one perhaps
+    if trouble and trouble != message and len(session.axes) > 1:  # of another one perhaps
         message += f"; {trouble}"
     return message
 
 
-def _known(start: Start, index: int) -> dict[str, Any]:
+def _known(session: Session, index: int) -> dict[str, Any]:
     """Return the report's part on an axis, without what has to be computed."""
-    axis, servo = start.axes[index], start.servos[index]
+    axis, servo = session.axes[index], session.servos[index]
     return {
         "bus": _counts(servo.traffic, index, axis.safety.refused),
         "wall_came_on": axis.came_on,
@@ -154,16 +154,16 @@ def _known(start: Start, index: int) -> dict[str, Any]:
     }
 
 
-def _computed(start: Start, index: int, known: dict[str, Any]) -> dict[str, Any]:
+def _computed(session: Session, index: int, known: dict[str, Any]) -> dict[str, Any]:
     """Return the rest of the report's part on an axis."""
-    axis, servo, decided = start.axes[index], start.servos[index], start.decided[index]
-    config = list(start.configs.values())[index]
+    axis, servo, decided = session.axes[index], session.servos[index], session.decided[index]
+    config = list(session.configs.values())[index]
     if axis.made is not None:
         config = Config.model_validate_json(axis.made.config)
     situation, bin_in_force = situation_of(config, servo), axis.gains.schedule.index
-    decision = decision_in_force(config, servo, decided, bin_in_force, start.work)
+    decision = decision_in_force(config, servo, decided, bin_in_force, session.work)
     return {
-        "guard": guard_report(config, decision, axis, start.loop.missed, situation, known["bus"]),
+        "guard": guard_report(config, decision, axis, session.loop.missed, situation, known["bus"]),
         "oscillation": oscillation_report(axis.watch),
         "delay_s": delay_report(situation, decision),
     }

@@ -50,7 +50,7 @@ class Surroundings:
     """Opens the bus; replaced by tests and experiments that change an emulated one"""
 
 
-class Start:
+class Session:
     """A bus with its axes, from opening to the loop that is ready to run.
 
     Attributes:
