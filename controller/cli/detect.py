@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -57,7 +56,7 @@ OWN = "the run's own result; any option makes detect judge the recorded motion"
     "surface",
     type=_ANY,
     metavar="X",
-    help="Position of the rendered wall [rad].",
+    help="Position of the rendered wall [rad]; reported only.",
 )
 @click.option("--axis", metavar="NAME", help="The axis, in a log of several.")
 @plot_option("Draw the result as PNG to this path.")
@@ -103,7 +102,6 @@ def _judged(
     Raises:
         UserError: There is no stretch that can be judged, and a judgement is ``needed``.
     """
-    from haptic_wall.controller.detector.detection import NO_WALL
     from haptic_wall.controller.logs.detected import detect_all, read_recording
 
     recording = read_recording(log, axis)
@@ -116,9 +114,8 @@ def _judged(
             field="LOG",
             given=log,
         )
-    told: dict[str, Any] = {name: given[name] for name in _OF_WALL if name in given}
-    wall = replace(NO_WALL, **told)
-    detected = detect_all(recording, {name: given.get(name) for name in _OF_SERVO}, wall)
+    wall = {name: given[name] for name in ("stiffness", "virtual_damping") if name in given}
+    detected = detect_all(recording, {name: given.get(name) for name in _OF_SERVO}, **wall)
     if plot is not None:
         from haptic_wall.controller.report.detect import plot_detection
 

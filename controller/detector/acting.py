@@ -6,8 +6,6 @@ sent would hide the effect of the delay.
 
 from __future__ import annotations
 
-import math
-
 _SPARE = 64
 """Periods kept beyond the lag, so that skipped periods and a slightly larger lag need no new
 memory."""
@@ -22,35 +20,21 @@ class ActingTorque:
 
     It counts periods, not calls: over skipped ones the last torque was held.
 
-    Args:
-        lag_periods: Delay from a sample until its torque acts, >= 0 [periods].
-
     Attributes:
         last: The last torque sent [N·m].
-
-    Raises:
-        ValueError: The lag is negative or not finite.
     """
 
-    def __init__(self, lag_periods: float) -> None:
+    def __init__(self, lag_periods: float = 0.0) -> None:
+        """Start with a delay from a sample until its torque acts, >= 0 [periods]."""
         self._ring: list[float] = []
         self._at = 0  # index of the next torque
         self.last = 0.0
-        self.lag = lag_periods
+        self.delay_by(lag_periods)
 
-    @property
-    def lag(self) -> float:
-        """Delay from a sample until its torque acts [periods]; may be changed at any time."""
-        return self._whole + self._fraction
-
-    @lag.setter
-    def lag(self, periods: float) -> None:
-        if not (periods >= 0.0 and math.isfinite(periods)):
-            raise ValueError(
-                f"the lag of the torque is {periods} periods; give a finite number from 0 up"
-            )
-        self._whole = int(periods)
-        self._fraction = periods - self._whole
+    def delay_by(self, lag_periods: float) -> None:
+        """Set the delay from a sample until its torque acts, >= 0 [periods]."""
+        self._whole = int(lag_periods)
+        self._fraction = lag_periods - self._whole
         if len(self._ring) < self._whole + 3:
             size = self._whole + 3 + _SPARE
             old, at = self._ring, self._at

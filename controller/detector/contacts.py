@@ -6,7 +6,7 @@ import math
 from collections import deque
 
 from haptic_wall.controller.detector.half_cycles import HalfCycle
-from haptic_wall.controller.detector.tuning import Tuning
+from haptic_wall.controller.detector.tuning import TUNING
 
 _FINEST = 1e-6
 """Depth of the least contact without an encoder step [rad]: avoids a division by zero."""
@@ -15,20 +15,19 @@ _FINEST = 1e-6
 class Contacts:
     """The last four contacts with a one-sided wall, each from entry to exit.
 
-    Attributes as of ``Motion``. A contact with unknown speeds counts as a gain of 0: an earlier,
-    larger motion is no evidence about one that stays within the gate.
+    Attributes as of ``Motion``, and ``gaining``: consecutive contacts that throw the shaft back.
+    A contact with unknown speeds counts as a gain of 0: an earlier, larger motion is no evidence
+    about one that stays within the gate.
     """
 
-    def __init__(self, position_step: float, tuning: Tuning) -> None:
+    def __init__(self, position_step: float) -> None:
         """Start with no contact.
 
         Args:
             position_step: Encoder count [rad]; 0: none. A contact is at least one deep.
-            tuning: Numbers of the detector.
         """
         self._least = position_step or _FINEST
-        self._gate = tuning.gate_counts * position_step if position_step else tuning.gate_rad
-        self._tuning = tuning
+        self._gate = TUNING.gate_counts * position_step if position_step else TUNING.gate_rad
         self.last: deque[HalfCycle] = deque(maxlen=4)
         self.elapsed = self.interval = self.gain = 0.0
         self.gaining = 0
@@ -116,7 +115,7 @@ class Contacts:
             depth: Depth now [rad].
             slowness: Time over distance between them, signed [s/rad].
         """
-        gate, smoothing = -self._gate, self._tuning.smoothing
+        gate, smoothing = -self._gate, TUNING.smoothing
         if depth > before:
             if before <= gate < depth:
                 self._way_in = (before - gate) * slowness
@@ -134,5 +133,5 @@ class Contacts:
             if took > 0.0 and self._took > 0.0:  # also false where either is NaN
                 gain = math.log(self._took / took)
                 self.gain += smoothing * (gain - self.gain)
-                self.gaining = self.gaining + 1 if gain > self._tuning.thrown else 0
+                self.gaining = self.gaining + 1 if gain > TUNING.thrown else 0
             self._way_in = self._way_out = self._took = math.nan

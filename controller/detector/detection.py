@@ -5,11 +5,11 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.envelope import Piece, pieces
 from haptic_wall.controller.detector.settings import WatchSettings
@@ -98,7 +98,7 @@ class DetectionRecord:
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """What is known of a record's servo; NaN: not known."""
+    """What is known of a record's servo and wall; NaN: not known."""
 
     period: float
     """T [s]"""
@@ -106,34 +106,15 @@ class Known:
     """In commanded torque [kg·m²]"""
     position_step: float = math.nan
     """Encoder count [rad]; 0: not quantised"""
-
-
-@dataclass(frozen=True, slots=True)
-class KnownWall:
-    """Known parameters of the rendered wall; NaN: not known."""
-
-    stiffness: ArrayLike = math.nan
-    """Commanded K, one value or one a sample [N·m/rad]"""
+    lag: float = 0.0
+    """Delay from a sample until its torque acts, >= 0 [s]"""
+    stiffness: float = math.nan
+    """Of the wall, where the torque is not recorded [N·m/rad]"""
     virtual_damping: float = 0.0
-    """Commanded B [N·m·s/rad]"""
-    surface: float = math.nan
-    """Position of its surface [rad]"""
-    side: int = 0
-    """0: two-sided; +1 or -1: it fills the positions above or below, and never pulls"""
+    """The same [N·m·s/rad]"""
 
 
-NO_WALL: Final = KnownWall()
-
-
-def detect(
-    times: Array,
-    positions: Array,
-    torques: Array | None,
-    settings: Known,
-    *,
-    lag: float = 0.0,
-    wall: KnownWall = NO_WALL,
-) -> DetectionRecord:
+def detect(times: Array, positions: Array, torques: Array | None, known: Known) -> DetectionRecord:
     """Judge a whole record by its oscillations; see ``pieces``.
 
     Args:
@@ -142,10 +123,8 @@ def detect(
         positions: Shape (n,) [rad]; samples with NaN are skipped.
         torques: Commanded with each sample, shape (n,) [N·m]; NaN where not known; None: those of
             the wall, if its stiffness is known.
-        settings: Known values of the servo; its period is the grid's. A missing position step is
+        known: Known values of servo and wall; its period is the grid's. A missing position step is
             estimated from the record, if it has one.
-        lag: Delay from a sample until its torque acts, >= 0 [s]; NaN: not known.
-        wall: Known parameters of the wall.
 
     Raises:
         ValueError: The lengths differ, or times do not increase.
@@ -158,23 +137,21 @@ def detect(
         )
     if n > 1 and not np.all(np.diff(times) > 0):
         raise ValueError("times do not increase; give the samples in order of time")
-    period, step = settings.period, settings.position_step
+    period, step = known.period, known.position_step
     if math.isnan(step):
         step = position_step(positions)
-    settings = replace(settings, position_step=step)
-    stiff = np.broadcast_to(np.asarray(wall.stiffness, float), (n,))
-    state, frequency, amplitude, alarm = _ticked(times, positions, torques, settings, wall)
+    state, frequency, amplitude, alarm = _ticked(times, positions, torques, known, step)
     judged = np.zeros(n, dtype=np.bool_)
     found = []
     growth = np.full(n, np.nan)
-    for some, ticks, x, u in _stretches(times, positions, torques, settings):
+    for some, ticks, x, u in _stretches(times, positions, torques, period):
         away = [np.abs(x - end) > 1.5 * step for end in (x[0], x[-1])]
         moving = x.size - int(np.argmax(away[0])) - int(np.argmax(away[1][::-1]))
         for piece in pieces(x, u, period, step):
             pull = piece.pull
             if u is None:  # that of a known wall
-                pull = complex(-(stiff[some[0]] + wall.virtual_damping * piece.rate))
-            verdict = _judged(piece, moving, settings, step, pull, lag)
+                pull = -(known.stiffness + known.virtual_damping * piece.rate)
+            verdict = _judged(piece, moving, known, step, pull)
             near = some[_near(piece, ticks)]
             growth[near[np.isnan(growth[near])]] = piece.rate.real
             inside = some[(ticks > piece.start - 0.5) & (ticks < piece.end - 0.5)]
@@ -203,10 +180,9 @@ def detect(
 
 
 def _stretches(
-    times: Array, positions: Array, torques: Array | None, settings: Known
+    times: Array, positions: Array, torques: Array | None, period: float
 ) -> Iterator[tuple[NDArray[np.intp], Array, Array, Array | None]]:
     """Yield the samples between two gaps, their ticks; positions and torques at every tick."""
-    period = settings.period
     seen = np.flatnonzero(np.isfinite(positions))
     gaps = np.diff(times[seen]) > max(_GAP_S, 2.0 * period)
     for some in np.split(seen, np.flatnonzero(gaps) + 1) if seen.size else ():
@@ -224,28 +200,25 @@ def _near(piece: Piece, ticks: Array) -> NDArray[np.bool_]:
 
 
 def _ticked(
-    times: Array,
-    positions: Array,
-    torques: Array | None,
-    settings: Known,
-    wall: KnownWall,
+    times: Array, positions: Array, torques: Array | None, known: Known, step: float
 ) -> tuple[NDArray[np.int8], Array, Array, NDArray[np.bool_]]:
-    """Run the watch of a run over the samples: state, frequency, amplitude, alarm."""
-    n, period = len(times), settings.period
-    known = not math.isnan(settings.inertia)
+    """Run the watch of a run over the samples: state, frequency, amplitude, alarm.
+
+    It sees an oscillation at the torque limit, whose period changes as it grows: no sinusoid fits.
+    """
+    n, period = len(times), known.period
+    believed = not math.isnan(known.inertia)
     watch = Watch(
         WatchSettings(
             period,
-            settings.position_step,
-            side=wall.side,
-            light=settings.inertia if known else 0.0,
-            heavy=settings.inertia if known else math.inf,
-            passive=not known or torques is None,
-            tuning=replace(TUNING, regular_long=TUNING.steady),
+            step,
+            light=known.inertia if believed else 0.0,
+            heavy=known.inertia if believed else math.inf,
+            passive=not believed or torques is None,
+            regular_long=TUNING.steady,
         )
     )
-    surface = wall.surface if math.isfinite(wall.surface) else 0.0
-    law = Wall(0.0, 0.0, surface, "both")
+    law = Wall(0.0, 0.0, 0.0, "both")
     state, alarm = np.zeros(n, dtype=np.int8), np.zeros(n, dtype=np.bool_)
     frequency, amplitude = np.full(n, np.nan), np.zeros(n)
     commanded = [0.0] * n if torques is None else np.nan_to_num(torques).tolist()
@@ -274,53 +247,45 @@ def _complete(grid: Array, ticks: Array, torques: Array) -> Array | None:
     return complete
 
 
-def _judged(
-    piece: Piece,
-    samples: int,
-    settings: Known,
-    step: float,
-    pull: complex,
-    lag: float,
-) -> State:
+def _judged(piece: Piece, samples: int, known: Known, step: float, pull: complex) -> State:
     """Return the state of an oscillation; quiet: a hand may make it.
 
     Args:
         piece: The oscillation.
         samples: Of the record, without a gap.
-        settings: Known values of the servo.
+        known: Known values of the servo.
         step: Encoder count [rad]; 0: none.
         pull: Torque over position, as phasors [N·m/rad]; NaN: not known.
-        lag: Delay from a sample until its torque acts [s]; NaN: not known.
     """
-    known = not cmath.isnan(pull)
-    if known and not _moves(piece, settings, step, pull, lag):
+    pulls = not cmath.isnan(pull)
+    if pulls and not _moves(piece, known, step, pull):
         return State.QUIET
     sure = 2.0 * math.tau * piece.error / piece.rate.imag
-    cycles = piece.cycles(settings.period)
+    cycles = piece.cycles(known.period)
     if piece.growth < -min(BORDER, max(0.5 * BORDER, sure)):
         return State.DECAYING
     whole = piece.end - piece.start > _WHOLE * samples
     many = cycles >= _MANY or (whole and cycles >= _UNKNOWN)
     if piece.growth > max(BORDER, sure):
         return State.GROWING if whole or many else State.QUIET
-    return State.SUSTAINED if many or (known and whole) else State.QUIET
+    return State.SUSTAINED if many or (pulls and whole) else State.QUIET
 
 
-def _moves(piece: Piece, settings: Known, step: float, pull: complex, lag: float) -> bool:
+def _moves(piece: Piece, known: Known, step: float, pull: complex) -> bool:
     """Whether the torque moves the servo like this, without a hand.
 
     ``torque = J a + b v``, for the torque that acts: a sample's is held for a period after the lag.
     The inertia must be that of the servo, and the torque must not brake a motion that goes on.
     """
-    rate, late = piece.rate, not math.isnan(lag)
+    rate, late = piece.rate, not math.isnan(known.lag)
     growth, speed = rate.real, rate.imag
     if late:
-        pull *= cmath.exp(-rate * (lag + 0.5 * settings.period))
+        pull *= cmath.exp(-rate * (known.lag + 0.5 * known.period))
     inertia = (growth * pull.imag / speed - pull.real) / abs(rate) ** 2
     damping = pull.imag / speed - 2.0 * growth * inertia
     fine = step / piece.amplitude
     room = _INERTIA_COUNTS * fine
-    share = inertia / settings.inertia if settings.inertia > 0.0 else 1.0
+    share = inertia / known.inertia if known.inertia > 0.0 else 1.0
     moves = inertia > 0.0 and _LIGHTEST - room < share < _HEAVIEST + room
     pays = not late or damping > -(_LOSS + _LOSS_COUNTS * fine) * inertia * speed
     return moves and pays

@@ -6,7 +6,7 @@ import math
 from collections import deque
 from typing import NamedTuple, Protocol
 
-from haptic_wall.controller.detector.tuning import Tuning
+from haptic_wall.controller.detector.tuning import TUNING
 
 _FINEST = 1e-6
 """The least hysteresis, without an encoder step [rad]."""
@@ -48,14 +48,12 @@ class Motion(Protocol):
         interval: Time between the ends of the last two [s].
         load: Mean torque that the wall holds [N·m].
         gain: Smoothed logarithm of exit over entry speed of contacts; 0 for half-cycles.
-        gaining: Consecutive contacts that throw the shaft back; 0 for half-cycles.
     """
 
     last: deque[HalfCycle]
     elapsed: float
     interval: float
     gain: float
-    gaining: int
 
     @property
     def load(self) -> float:
@@ -66,19 +64,17 @@ class Motion(Protocol):
 class HalfCycles:
     """The last four half-cycles of a motion; attributes as of ``Motion``."""
 
-    def __init__(self, period: float, position_step: float, tuning: Tuning) -> None:
+    def __init__(self, period: float, position_step: float) -> None:
         """Start with no half-cycle.
 
         Args:
             period: T [s].
             position_step: Encoder count [rad]; 0: none.
-            tuning: Numbers of the detector.
         """
-        self._period, self._tuning = period, tuning
-        self._hysteresis = self._least = max(tuning.turning_counts * position_step, _FINEST)
+        self._period = period
+        self._hysteresis = self._least = max(TUNING.turning_counts * position_step, _FINEST)
         self.last: deque[HalfCycle] = deque(maxlen=4)
         self.elapsed = self.interval = self.gain = 0.0
-        self.gaining = 0
         self._direction = 0
         self._started = False
         self._position = self._start = self._extreme = self._since_extreme = 0.0
@@ -179,7 +175,7 @@ class HalfCycles:
                 self._reach(position)
             return False
         if abs(away) <= self._hysteresis:
-            if self._since_extreme > self._tuning.still * self.interval:
+            if self._since_extreme > TUNING.still * self.interval:
                 # A motion that has become so much smaller would else never be seen again.
                 self._hysteresis = self._least
             return False
@@ -224,5 +220,5 @@ class HalfCycles:
         self.interval = duration
         self.elapsed = self._since_extreme
         self._direction = -self._direction
-        self._hysteresis = max(self._least, 2.0 * self._tuning.turning_fraction * amplitude)
+        self._hysteresis = max(self._least, 2.0 * TUNING.turning_fraction * amplitude)
         self._reach(position)

@@ -12,6 +12,7 @@ from haptic_wall.controller.detector.contacts import Contacts
 from haptic_wall.controller.detector.half_cycles import HalfCycles
 from haptic_wall.controller.detector.regularity import Regularity
 from haptic_wall.controller.detector.settings import WatchSettings
+from haptic_wall.controller.detector.tuning import TUNING
 
 CHANGED: Final = 1
 """Older motion no longer counts."""
@@ -38,7 +39,7 @@ class Motions:
 
     def __init__(self, settings: WatchSettings) -> None:
         """Start without a motion."""
-        self.half_cycles = HalfCycles(settings.period, settings.position_step, settings.tuning)
+        self.half_cycles = HalfCycles(settings.period, settings.position_step)
         self.swings = Regularity(self.half_cycles, settings, contacts=False)
         self._at(settings)
 
@@ -91,7 +92,7 @@ class Motions:
 
     def _at(self, settings: WatchSettings) -> None:
         """Start to watch a wall that fills other positions."""
-        self._side, self._throws = settings.side, settings.tuning.throws
+        self._side, self._throws = settings.side, TUNING.throws
         self._inside, self._thrown = True, 0
-        self._contacts = Contacts(settings.position_step, settings.tuning)
+        self._contacts = Contacts(settings.position_step)
         self.bounces = Regularity(self._contacts, settings, contacts=True)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from haptic_wall.controller.detector.half_cycles import HalfCycle, Motion
 from haptic_wall.controller.detector.settings import WatchSettings
-from haptic_wall.controller.detector.tuning import Tuning
+from haptic_wall.controller.detector.tuning import TUNING
 
 _SIZES = 25
 """Amplitudes over which growth and decay are looked for"""
@@ -53,43 +53,42 @@ def apart(one: float, other: float) -> float:
     return abs(math.log(one / other))
 
 
-def lasts(last: deque[HalfCycle], tuning: Tuning) -> bool:
+def lasts(last: deque[HalfCycle]) -> bool:
     """Whether the last two half-cycles kept their amplitude over a cycle."""
     return (
         len(last) == 4
-        and last[3].amplitude > tuning.kept * last[1].amplitude
-        and last[2].amplitude > tuning.kept * last[0].amplitude
+        and last[3].amplitude > TUNING.kept * last[1].amplitude
+        and last[2].amplitude > TUNING.kept * last[0].amplitude
     )
 
 
-def same_period(last: deque[HalfCycle], tuning: Tuning) -> bool:
+def same_period(last: deque[HalfCycle]) -> bool:
     """Whether the last two half-cycles lasted as long as those a cycle before."""
     return (
         len(last) == 4
-        and apart(last[3].duration, last[1].duration) < tuning.regular_period
-        and apart(last[2].duration, last[0].duration) < tuning.regular_period
+        and apart(last[3].duration, last[1].duration) < TUNING.regular_period
+        and apart(last[2].duration, last[0].duration) < TUNING.regular_period
     )
 
 
-def saturates(last: deque[HalfCycle], limit: float, tuning: Tuning) -> bool:
+def saturates(last: deque[HalfCycle], limit: float) -> bool:
     """Whether the last three half-cycles saturated the torque to either side, without decay.
 
     Args:
         last: Half-cycles.
         limit: Limit of the torque [N·m].
-        tuning: Numbers of the detector.
     """
     if len(last) < 3:
         return False
     new, old = last[-1], last[-3]
     return (
-        min(new.pull, last[-2].pull, old.pull) > tuning.saturated * limit
-        and new.amplitude > tuning.kept * old.amplitude
-        and apart(new.duration, old.duration) < tuning.saturated_period
+        min(new.pull, last[-2].pull, old.pull) > TUNING.saturated * limit
+        and new.amplitude > TUNING.kept * old.amplitude
+        and apart(new.duration, old.duration) < TUNING.saturated_period
     )
 
 
-def beyond_hands(last: deque[HalfCycle], tuning: Tuning) -> bool:
+def beyond_hands(last: deque[HalfCycle]) -> bool:
     """Whether no hand moves a shaft like the last two half-cycles, of a degree or so at least."""
     if len(last) < 3:
         return False
@@ -97,9 +96,9 @@ def beyond_hands(last: deque[HalfCycle], tuning: Tuning) -> bool:
     speed = 0.5 * (last[-1].amplitude + last[-2].amplitude) * math.tau / cycle
     pull = min(last[-1].pull, last[-2].pull, last[-3].pull)
     return (
-        cycle * tuning.hands_hz < 1.0
-        or speed * math.tau / cycle > tuning.hands_acceleration
-        or pull * speed > tuning.hands_power * cycle**3
+        cycle * TUNING.hands_hz < 1.0
+        or speed * math.tau / cycle > TUNING.hands_acceleration
+        or pull * speed > TUNING.hands_power * cycle**3
     )
 
 
@@ -120,8 +119,7 @@ class Regularity:
         """Start without a motion."""
         self.motion, self.contacts = motion, contacts
         self._settings = settings
-        tuning = settings.tuning
-        self._streak_sizes: deque[float] = deque(maxlen=tuning.loss_half_cycles + 2)
+        self._streak_sizes: deque[float] = deque(maxlen=TUNING.loss_half_cycles + 2)
         self._sizes: deque[float] = deque(maxlen=_SIZES)
         self._first: list[HalfCycle | None] = [None, None]
         self._way = self._even = self.streak = 0
@@ -138,11 +136,11 @@ class Regularity:
     def take(self, at: float) -> None:
         """Judge the motion, whose last half-cycle has just ended; ``at``: the time now [s]."""
         last, settings = self.motion.last, self._settings
-        tuning, new = settings.tuning, last[-1]
+        new = last[-1]
         self._count_even(new)
-        self.steady = self._even >= tuning.steady and self.size >= settings.small
-        regular = same_period(last, tuning)
-        self.streak = self.streak + 1 if regular and lasts(last, tuning) else 0
+        self.steady = self._even >= TUNING.steady and self.size >= settings.small
+        regular = same_period(last)
+        self.streak = self.streak + 1 if regular and lasts(last) else 0
         self._streak_sizes.append(new.amplitude)
         while not regular and len(self._streak_sizes) > 4:
             self._streak_sizes.popleft()
@@ -159,33 +157,32 @@ class Regularity:
     @property
     def repeats(self) -> bool:
         """Whether the motion is regular above the threshold, and does not die by itself."""
-        last, tuning, sizes = self.motion.last, self._settings.tuning, self._streak_sizes
+        last, sizes = self.motion.last, self._streak_sizes
         least, threshold = min(one.amplitude for one in last), self._settings.threshold
-        enough = tuning.regular if least > 2.0 * threshold else tuning.loss_half_cycles
+        enough = TUNING.regular if least > 2.0 * threshold else TUNING.loss_half_cycles
         if self.streak < enough or least < threshold:
             return False
         before, now = 0.5 * (sizes[0] + sizes[1]), 0.5 * (sizes[-1] + sizes[-2])
         cycles = 0.5 * (len(sizes) - 2)
-        rounding = tuning.loss_counts * self._settings.position_step
-        return before - now <= max(rounding, tuning.loss * cycles * now)
+        rounding = TUNING.loss_counts * self._settings.position_step
+        return before - now <= max(rounding, TUNING.loss * cycles * now)
 
     @property
     def nearly_steady(self) -> bool:
         """Whether it has been steady for half of what no hand is: a probe would disturb it."""
-        return not self.steady and 2 * self._even > self._settings.tuning.steady
+        return not self.steady and 2 * self._even > TUNING.steady
 
     def _count_even(self, new: HalfCycle) -> None:
         """Count a half-cycle like the first one in its direction; else restart the count."""
         self._way ^= 1
         first, settings = self._first[self._way], self._settings
         if self._even > 1 and first is not None:
-            tuning = settings.tuning
             amplitude = max(
-                tuning.steady_amplitude * first.amplitude,
-                tuning.steady_counts * settings.position_step,
+                TUNING.steady_amplitude * first.amplitude,
+                TUNING.steady_counts * settings.position_step,
             )
             duration = max(
-                tuning.steady_duration * first.duration, tuning.steady_periods * settings.period
+                TUNING.steady_duration * first.duration, TUNING.steady_periods * settings.period
             )
             if (
                 abs(new.amplitude - first.amplitude) <= amplitude
@@ -200,8 +197,7 @@ class Regularity:
     def _judge_own(self, new: HalfCycle) -> None:
         """Judge whether the believed servo alone makes the motion, and how that changes."""
         settings, sizes = self._settings, self._sizes
-        tuning = settings.tuning
-        low, high = tuning.lightest * settings.light, tuning.heaviest * settings.heavy
+        low, high = TUNING.lightest * settings.light, TUNING.heaviest * settings.heavy
         if self.contacts or not low < new.inertia < high:
             sizes.clear()
             self.decays = self.grows = False
@@ -212,15 +208,15 @@ class Regularity:
 
     def _grows(self) -> bool:
         """Whether the amplitudes grow evenly by enough, or have stayed for as long as is known."""
-        sizes, tuning = list(self._sizes), self._settings.tuning
+        sizes = list(self._sizes)
         step, first, grown, least = self._settings.position_step, 0.0, 0.0, math.inf
         for count in range(1, len(sizes)):
             first = sizes[-count - 1]
             grown, rounding = sizes[-1] - first, step * math.exp(-first)
             least = min(least, sizes[-count] - first + rounding)
-            enough = count >= tuning.grows_half_cycles and grown > tuning.grows
-            evenly = least > tuning.grows_evenly * grown / count
-            if enough and evenly and tuning.grows_counts * rounding < 1.0:
+            enough = count >= TUNING.grows_half_cycles and grown > TUNING.grows
+            evenly = least > TUNING.grows_evenly * grown / count
+            if enough and evenly and TUNING.grows_counts * rounding < 1.0:
                 return True
         if self._settings.acts or len(sizes) < _SIZES:
             return False  # a probe tells more

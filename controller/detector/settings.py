@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from haptic_wall.controller.detector.tuning import TUNING, Tuning
+from haptic_wall.controller.detector.tuning import TUNING
 
 Answer = Literal["report", "reduce", "trip"]
 
@@ -39,7 +39,8 @@ class WatchSettings:
     elongation: Callable[[float], float] | None = None
     """Elongation of a law that is not linear: that of a linear spring with the same energy, over
     position [rad]. Such a law holds no load while it is softened."""
-    tuning: Tuning = TUNING
+    regular_long: int = TUNING.regular_long
+    """Regular half-cycles in a row that are a sustained motion if no probe is permitted [1]"""
 
     @property
     def acts(self) -> bool:
@@ -55,11 +56,11 @@ class WatchSettings:
     @property
     def threshold(self) -> float:
         """Return the amplitude from which a motion is probed [rad]."""
-        tuning, step = self.tuning, self.position_step
-        return tuning.large_counts * step if step else tuning.large_rad
+        step = self.position_step
+        return TUNING.large_counts * step if step else TUNING.large_rad
 
     @property
     def small(self) -> float:
         """Return the amplitude from which a steady motion is probed [rad]."""
-        tuning, step = self.tuning, self.position_step
-        return tuning.small_counts * step if step else tuning.small_rad
+        step = self.position_step
+        return TUNING.small_counts * step if step else TUNING.small_rad

@@ -8,16 +8,29 @@ whether or not it saturates; friction cancels. So what is held follows the load,
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 
 from haptic_wall.controller.detector.half_cycles import HalfCycles
 from haptic_wall.controller.detector.settings import WatchSettings
+from haptic_wall.controller.detector.tuning import TUNING
 from haptic_wall.controller.laws.wall import Derating, held_torque
 
 
+class Phase(IntEnum):
+    """What is done with a wall."""
+
+    WHOLE = 0
+    PROBED = 1
+    REDUCED = 2
+    RETURNING = 3
+    """The gains return as soon as the wall's spring is at rest."""
+
+
 class SoftWall:
-    """One wall, whole or softened.
+    """One wall, whole or softened; it alone changes its phase and its derating.
 
     Attributes:
+        phase: What is done with it.
         derating: What is left of the law, which shares it, and the torque that holds the load.
         inside: The load's motion has stayed clear of the surface.
         permitted: The law is one linear spring: nothing is held by another one.
@@ -32,7 +45,8 @@ class SoftWall:
             motion: Of the shaft.
             settings: Those of the watch.
         """
-        self._motion, self._tuning = motion, settings.tuning
+        self._motion = motion
+        self.phase = Phase.WHOLE
         self.derating = Derating()
         self.inside = False
         self.stiffness = self.damping = 0.0
@@ -45,7 +59,7 @@ class SoftWall:
         """Soften another law from now on."""
         self._settings = settings
         self._limit = settings.torque_limit
-        self._least = settings.tuning.hold_least * self._limit
+        self._least = TUNING.hold_least * self._limit
         self.permitted = settings.elongation is None
 
     def take(self, away: float, torque: float, stiffness: float, damping: float) -> None:
@@ -54,31 +68,60 @@ class SoftWall:
         self.stiffness, self.damping = stiffness, damping
         self._last, self._elongation = self._elongation, self._settings.elongated(away)
 
-    def scale(self, stiffness: float, damping: float) -> None:
-        """Set the scales of the wall [1]."""
+    @property
+    def reduced(self) -> tuple[float, float]:
+        """Return the scales of stiffness and damping, without those of a probe that goes on [1]."""
+        if self.phase == Phase.PROBED:
+            return 1.0, 1.0
+        return self.derating.scale, self.derating.damping_scale
+
+    def gives_way(self, load: float, steps: int, *, contacts: bool) -> bool:
+        """Whether a load would push through the wall.
+
+        Args:
+            load: Torque [N·m].
+            steps: Number of steps by which the wall is reduced; 0: it is probed.
+            contacts: The load bounces on the wall, which then holds none.
+        """
+        limit = self._limit
+        if self.permitted and not contacts:
+            return abs(load) > TUNING.loaded * limit
+        return abs(load) > TUNING.loaded_contacts * TUNING.scale**steps * limit
+
+    def reduce(self, stiffness: float, damping: float, *, moves: bool) -> None:
+        """Reduce the wall to these scales [1]; ``moves`` as of ``hold``, for a whole wall."""
+        if self.phase == Phase.WHOLE:
+            self.hold(moves=moves)
+        self.phase = Phase.REDUCED
+        self._scale(stiffness, damping)
+
+    def let_return(self) -> None:
+        """Let the wall return as soon as its spring is at rest."""
+        self.phase = Phase.RETURNING
+
+    def _scale(self, stiffness: float, damping: float) -> None:
         now = self.derating
         now.scale, now.damping_scale = stiffness, damping
         now.elastic_limit = stiffness * self._limit
         if stiffness == 1.0:
             self.drop()
 
-    def soften_for(self, cycle: float, *, moves: bool) -> None:
+    def probe(self, cycle: float, *, moves: bool) -> None:
         """Soften the wall for the probe of a motion.
 
         Args:
             cycle: Period of the motion [s].
             moves: The motion is certainly that of this shaft.
         """
-        tuning = self._tuning
+        self.phase = Phase.PROBED
         rests = not self.hold(moves=moves)
-        loaded = abs(self._torque) > tuning.loaded_contacts * self._limit
-        if rests and loaded and not self.permitted:
+        if rests and not self.permitted and self.gives_way(self._torque, 0, contacts=False):
             return  # the load would push through: this wall holds none
         # Damping that acts late stiffens the wall by up to B w, and would hide the softer spring.
         # Whole, it slows down a shaft whose load is let go.
         stiffens = self.damping * math.tau > self.stiffness * cycle
         holds = self.derating.carried != 0.0
-        self.scale(tuning.scale, 1.0 if holds and not stiffens else tuning.scale)
+        self._scale(TUNING.scale, 1.0 if holds and not stiffens else TUNING.scale)
 
     def hold(self, *, moves: bool) -> bool:
         """Hold the load of the last cycle, or that at rest, from now on; return whether it moves.
@@ -90,7 +133,7 @@ class SoftWall:
             moves: The shaft certainly moves.
         """
         motion = self._motion
-        moves = moves or motion.settled <= self._tuning.hold_settled
+        moves = moves or motion.settled <= TUNING.hold_settled
         last = list(motion.last)[-2:]
         turned = [place for one in last for place in (one.start, one.end)] or [0.0]
         if moves:
@@ -110,23 +153,23 @@ class SoftWall:
         self._carry(load)
         return moves
 
-    def follow(self, span: float, *, ended: bool, returning: bool) -> None:
+    def follow(self, span: float, *, ended: bool) -> None:
         """Change what is held toward the load.
 
         Args:
             span: Time since the last sample [s].
             ended: A half-cycle has ended.
-            returning: The wall waits to come back, which it does where it holds the whole load.
         """
         if not self.permitted:
             return
         motion, away, carried = self._motion, self._away, self.derating.carried
-        tuning, scale = self._tuning, self.derating.scale
+        scale = self.derating.scale
+        returning = self.phase == Phase.RETURNING  # where it holds the whole load
         self._rested += span
         if self.stiffness * abs(away - self._place) > self._least:
             self._place, self._rested = away, 0.0
-        rests = self._rested * math.sqrt(scale) > tuning.hold_rests_s  # it swings slower
-        if rests and motion.settled > tuning.hold_settled:
+        rests = self._rested * math.sqrt(scale) > TUNING.hold_rests_s  # it swings slower
+        if rests and motion.settled > TUNING.hold_settled:
             self._load = self._torque
             self._since_rest = -1  # the half-cycle with the rest in it is no part of a motion
             self._low = self._high = away
@@ -140,15 +183,15 @@ class SoftWall:
         elif self.inside and away * carried > 0.0:
             self._load = 0.0  # the load has gone, or the next cycle tells its torque
         change = self._load - carried
-        if not (returning or abs(change) > tuning.hold_slack * self._limit * scale):
+        if not (returning or abs(change) > TUNING.hold_slack * self._limit * scale):
             change = 0.0  # the spring about what is held carries it
-        share = min(span / tuning.hold_follows_s, 1.0)
+        share = min(span / TUNING.hold_follows_s, 1.0)
         self._carry(carried + share * change)
 
     @property
     def _room(self) -> float:
         last = list(self._motion.last)[-2:]
-        return self._tuning.hold_room * max((one.amplitude for one in last), default=0.0)
+        return TUNING.hold_room * max((one.amplitude for one in last), default=0.0)
 
     def _extend(self) -> None:
         """Let the motion since the last rest reach to the last turning point.
@@ -169,7 +212,7 @@ class SoftWall:
         if self.stiffness <= 0.0:
             return
         now, place = self.derating, -torque / self.stiffness
-        spare = 0.5 * self._tuning.hold_room * (self._high - self._low)
+        spare = 0.5 * TUNING.hold_room * (self._high - self._low)
         now.carried = torque
         if torque > 0.0:
             now.carried_to = max(place, self._high) + spare
@@ -181,17 +224,14 @@ class SoftWall:
         """Hold nothing any more."""
         self.derating.carried = self.derating.carried_to = self._load = 0.0
 
-    def loses_load(self, *, soft: bool) -> bool:
+    def loses_load(self) -> bool:
         """Drop a load that has gone; return whether it has just gone.
 
         It has where the shaft is past the surface: outside a one-sided wall, and where the load's
         motion has not come near before if the whole wall comes back now. The motion until then was
         the load's.
-
-        Args:
-            soft: The wall stays soft.
         """
-        carried = self.derating.carried
+        carried, soft = self.derating.carried, self.phase == Phase.REDUCED
         ends = (self.inside and not soft) or self._settings.side != 0
         gone = carried != 0.0 and ends and self._elongation * carried >= 0.0
         if gone:
@@ -205,14 +245,15 @@ class SoftWall:
         A fast motion is at rest between two samples.
         """
         missing = self._missing(self._elongation)
-        most, tuning = self._settings.rest_torque, self._tuning
+        most = self._settings.rest_torque
         if missing * self._missing(self._last) < 0.0:
-            most *= tuning.rest_between
-        least = tuning.rest_counts * self._settings.position_step
+            most *= TUNING.rest_between
+        least = TUNING.rest_counts * self._settings.position_step
         softer = 1.0 - self.derating.scale
         rests = abs(missing) <= max(most, least * softer * self.stiffness)
         if rests:
-            self.scale(1.0, 1.0)
+            self.phase = Phase.WHOLE
+            self._scale(1.0, 1.0)
         return rests
 
     def _missing(self, elongation: float) -> float:

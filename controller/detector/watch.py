@@ -45,7 +45,7 @@ class Watch:
         """Start to watch an axis; ``shared``: with the watches of the run's other axes."""
         self._settings = settings
         self._period = settings.period
-        self._acting = ActingTorque(0.0)
+        self._acting = ActingTorque()
         self.sent = self._acting.send
         self.backstop = Backstop(settings, shared)
         self._mean = 0.0
@@ -59,7 +59,7 @@ class Watch:
 
     def set_age(self, age_s: float) -> None:
         """Set the age of a sample when its torque is sent [s]."""
-        self._acting.lag = (age_s + self._settings.lag) / self._period
+        self._acting.delay_by((age_s + self._settings.lag) / self._period)
 
     def passed(self, periods: int) -> None:
         """Count a tick without a new position, ``periods`` after the last one."""
@@ -166,7 +166,7 @@ def oscillation_report(watch: Watch) -> dict[str, object]:
     """Return the observations for the report: None for missing ones."""
     seen = watch.state > State.QUIET
     known = seen and math.isfinite(watch.frequency_hz)
-    reduced = watch.backstop.reduced
+    reduced = watch.backstop.wall.reduced
     return {
         "state": watch.state.name.lower(),
         "frequency_hz": watch.frequency_hz if known else None,

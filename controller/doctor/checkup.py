@@ -22,7 +22,6 @@ from haptic_wall.controller.doctor.report import Consent, Report, Tell, not_appl
 from haptic_wall.controller.doctor.search import FoundServo, opened
 from haptic_wall.controller.doctor.timing import Timing, judge_lateness, judge_rights
 from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments
-from haptic_wall.controller.runtime.machine_setup import machine_setup
 from haptic_wall.controller.runtime.realtime import pick_cores
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.clock import MonotonicClock
@@ -118,9 +117,7 @@ class _Checkup:
         self.report.axis = ""
         if measured is None:
             if "used by" in (check.name for check in self.report.wrong):
-                # A measurement would take the core from the program that drives the servo there.
-                self._core()
-                return
+                return  # a measurement would take the core from the program that drives the servo
             measured = measure(self._config, None)
         self.machine(measured)
 
@@ -225,11 +222,6 @@ class _Checkup:
         settings = [Check(**setting) for setting in measured["realtime"]]
         self._add(lateness)
         self._add(*judge_rights(settings, config.realtime.profile))
-        self._core()
-
-    def _core(self) -> None:
-        core, _ = pick_cores(self._config.realtime.core)
-        self._add(*machine_setup(core))
 
     def _timing(self, replies: Replies, stalls: bool) -> None:
         config = self._config

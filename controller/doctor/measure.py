@@ -58,7 +58,6 @@ def measure(
         "read": read,
         "period_ns": config.period_ns,
         "profile": wishes.profile,
-        "priority": wishes.priority,
         "core": realtime.pick_cores(wishes.core)[0],
         "parent": os.getpid(),
     }
@@ -81,7 +80,7 @@ def main() -> None:
     core, period_ns = {orders["core"]}, orders["period_ns"]
     os.sched_setaffinity(0, core)
     realtime.freeze_garbage()
-    settings = realtime.apply(orders["profile"], orders["priority"], core)
+    settings = realtime.apply(orders["profile"], realtime.LOOP_PRIORITY, core)
     clock = MonotonicClock()
     answer: dict[str, Any] = {
         "realtime": [asdict(setting) for setting in settings],

@@ -25,6 +25,7 @@ from haptic_wall.controller.experiments.identify.identification import (
 )
 from haptic_wall.controller.experiments.testbed import Played
 from haptic_wall.controller.guard.delay_parts import ms
+from haptic_wall.controller.runtime.assembly import AGE_PERCENTILE
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory.checks import IntArray
 
@@ -106,16 +107,16 @@ def measure_delay(
         wait=_waiting(played.rows, config.delay.steps),
         inserted=config.delay.steps * bounds.period,
         age_median=float(np.median(played.rows["age_ns"])) * 1e-9,
-        age_high=high_age(played, config),
+        age_high=high_age(played),
         residual=fit.residual,
         log=played.log,
         notes=notes,
     )
 
 
-def high_age(played: Played, config: Config) -> float:
+def high_age(played: Played) -> float:
     """Return the percentile that the guard uses of the samples' ages when a torque is sent [s]."""
-    return float(np.percentile(played.rows["age_ns"], config.guard.delay_percentile)) * 1e-9
+    return float(np.percentile(played.rows["age_ns"], AGE_PERCENTILE)) * 1e-9
 
 
 def _waiting(rows: NDArray[np.void], steps: int) -> float:

@@ -10,13 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from haptic_wall.controller.detector.detection import (
-    NO_WALL,
-    DetectionRecord,
-    Known,
-    KnownWall,
-    detect,
-)
+from haptic_wall.controller.detector.detection import DetectionRecord, Known, detect
 from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.csv_recording import recording_of_csv
@@ -74,7 +68,11 @@ def read_recording(path: Path, axis: str | None = None) -> Recording:
 
 
 def detect_all(
-    recording: Recording, given: Mapping[str, float | None], wall: KnownWall = NO_WALL
+    recording: Recording,
+    given: Mapping[str, float | None],
+    *,
+    stiffness: float = math.nan,
+    virtual_damping: float = 0.0,
 ) -> Detected:
     """Run the detector over a recording.
 
@@ -82,7 +80,8 @@ def detect_all(
         recording: The motion, of one part or more.
         given: ``inertia``, ``damping``, ``coulomb``, ``lag`` in place of the recording's values;
             None: use its own.
-        wall: What is known of the rendered wall.
+        stiffness: Of the wall, where its torque is not recorded [N·m/rad]; NaN: not known.
+        virtual_damping: The same [N·m·s/rad].
     """
     known = {
         name: float(getattr(recording, name) if value is None else value)
@@ -90,8 +89,15 @@ def detect_all(
     }
     if not math.isnan(known["inertia"]) and math.isnan(known["lag"]):
         known["lag"] = 0.0
-    settings = Known(recording.period, known["inertia"], recording.position_step)
-    records = tuple(_seen(part, settings, known["lag"], wall) for part in recording.parts)
+    settings = Known(
+        recording.period,
+        known["inertia"],
+        recording.position_step,
+        known["lag"],
+        stiffness,
+        virtual_damping,
+    )
+    records = tuple(_seen(part, settings) for part in recording.parts)
     worst = max(records, key=lambda each: (each.worst, each.amplitude[each.worst_at]))
     at, quiet = worst.worst_at, worst.worst == State.QUIET
     alarms = [each.first_alarm_s for each in records if not math.isnan(each.first_alarm_s)]
@@ -106,14 +112,14 @@ def detect_all(
     )
 
 
-def _seen(part: Part, settings: Known, lag: float, wall: KnownWall) -> DetectionRecord:
+def _seen(part: Part, settings: Known) -> DetectionRecord:
     """Return the detector's result at every sample of a part, found window by window."""
     records = []
     for start in range(0, part.times.size, WINDOW):
         since = int(np.searchsorted(part.times, part.times[start] - BEFORE_S))
         since = max(since, start - WINDOW)
         some = part.sliced(slice(since, start + WINDOW))
-        found = detect(some.times, some.positions, some.torques, settings, lag=lag, wall=wall)
+        found = detect(some.times, some.positions, some.torques, settings)
         records.append((found, start - since))
     names = ("state", "frequency_hz", "amplitude", "growth", "alarm")
     columns = [[getattr(record, name)[skip:] for record, skip in records] for name in names]

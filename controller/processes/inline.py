@@ -7,7 +7,8 @@ from pathlib import Path
 
 from haptic_wall.controller.processes.plan import Ended, Plan, Tell
 from haptic_wall.controller.processes.recorder import Recorder, rows_lacking
-from haptic_wall.controller.runtime.session import Surroundings, run_session
+from haptic_wall.controller.runtime.session import run_session
+from haptic_wall.controller.runtime.session_start import Surroundings
 from haptic_wall.controller.runtime.statistics import RunStatistics
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.hw.clock import SimulatedClock

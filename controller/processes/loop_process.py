@@ -17,8 +17,9 @@ from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.processes.hold import key_reader
 from haptic_wall.controller.runtime import realtime
-from haptic_wall.controller.runtime.machine_setup import machine_setup, start_text
-from haptic_wall.controller.runtime.session import Surroundings, defect_text, run_session
+from haptic_wall.controller.runtime.session import run_session
+from haptic_wall.controller.runtime.session_result import defect_text
+from haptic_wall.controller.runtime.session_start import Surroundings
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.config import RUNS, Config
 from haptic_wall.controller.system.orders import read_orders, say
@@ -129,9 +130,9 @@ def _prepare(config: Config, core: int) -> None:
         PlatformError: The profile is strict, and a setting it needs was not granted.
     """
     wishes = config.realtime
-    settings = realtime.apply(wishes.profile, wishes.priority, {core})
+    settings = realtime.apply(wishes.profile, realtime.LOOP_PRIORITY, {core})
     _tell("realtime", settings=[asdict(setting) for setting in settings])
-    _tell("tell", text=start_text(settings, machine_setup(core)))
+    _tell("tell", text=realtime.start_text(settings))
     missing = realtime.missing_for_strict(settings)
     if missing and wishes.profile == "strict":
         raise PlatformError(_strict(missing))

@@ -44,6 +44,10 @@ from haptic_wall.hw.servo import Facts
 
 RAMP_S = 0.05
 """Duration of a ramp to a lower stiffness [s]; a step would be felt as a knock."""
+AGE_PERCENTILE = 90.0
+"""Percentile of the sample ages in a window that counts as delay [%]"""
+AGE_WINDOW_S = 1.0
+"""That window [s]"""
 _BEFORE = 0.999
 """Fraction of a damping from which the critical stiffness must still rise to it"""
 SLOWEST = 0.05
@@ -236,8 +240,8 @@ def assembled(
         decided.table,
         decided.ages_ns,
         decided.intervals_ns,
-        config.guard.delay_percentile,
-        max(1, round(config.guard.window_s / period)),
+        AGE_PERCENTILE,
+        max(1, round(AGE_WINDOW_S / period)),
         max(RUN, round(RUN_S / period)),
     )
     belief = config.belief()

@@ -164,7 +164,7 @@ class Axis:
         Ramps count as complete. Probes are excluded: one takes most of K for a cycle.
         """
         gains = self.gains
-        scale, damping_scale = self.watch.backstop.reduced
+        scale, damping_scale = self.watch.backstop.wall.reduced
         return gains.stiffness * scale, gains.damping * damping_scale
 
     def torque(  # noqa: PLR0912 - in one piece for speed

@@ -15,7 +15,7 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import Final
 
-from haptic_wall.controller.detector.backstop import Phase
+from haptic_wall.controller.detector.soft_wall import Phase
 from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.guard.schedule import Allowed
 from haptic_wall.controller.laws.delay import DelayRing
@@ -72,10 +72,10 @@ class Changeover:
 
     def watched(self, watch: Watch, softer: bool) -> Obstacle:
         """Return the obstacle that the oscillation watch is, if it is one."""
-        backstop, found = watch.backstop, Obstacle.NONE
-        if not softer and min(backstop.reduced) < 1.0:
+        wall, found = watch.backstop.wall, Obstacle.NONE
+        if not softer and min(wall.reduced) < 1.0:
             found = Obstacle.REDUCED
-        elif backstop.phase == Phase.PROBING or (not softer and watch.current):
+        elif wall.phase == Phase.PROBED or (not softer and watch.current):
             found = Obstacle.PROBED
         if found is not Obstacle.NONE:
             self.restart()  # of the ticks from here on no position is known

@@ -63,7 +63,7 @@ def _besides_the_guard(
     watch, (stiffness, damping) = axis.watch, axis.commanded
     if decision.period > config.period_ns * 1e-9:
         yield _slower(config, decision, missed, bus)
-    reduced = watch.backstop.reduced[0]
+    reduced = watch.backstop.wall.reduced[0]
     if reduced < 1.0 and math.isfinite(watch.first_alarm_s):
         yield (
             f"an oscillation of {watch.frequency_hz:.3g} Hz was found after "
@@ -81,22 +81,14 @@ def _besides_the_guard(
 
 def _slower(config: Config, decision: Decision, missed: int, bus: Mapping[str, Any] | None) -> str:
     """Say that the guard counts a longer period than the grid's, and why."""
-    start = (
-        f"the guard counts a period of {ms(decision.period)} instead of "
-        f"{ms(config.period_ns * 1e-9)}"
-    )
-    failed = bus["lost"] + bus["corrupt"] + bus["refused"] if bus else 0
-    if not (bus and failed):
-        return f"{start}, because ticks were late"
-    check = "cable, power, baud rate and adapter"
-    if config.servo.is_emulated:
-        check = "the emulator's processor time, and injected faults"
-    replies = f"{failed} of {bus['cycles']} replies were lost or broken"
-    if not missed:
-        return f"{start}: {replies}; check {check}"
+    failed, causes = bus["lost"] + bus["corrupt"] + bus["refused"] if bus else 0, []
+    if bus and failed:
+        causes.append(f"{failed} of {bus['cycles']} replies were lost or broken")
+    if missed or not failed:
+        causes.append("ticks were late")
     return (
-        f"{start}: {replies} (check {check}), and {missed} periods were missed"
-        " because ticks were late"
+        f"the guard counts a period of {ms(decision.period)} instead of "
+        f"{ms(config.period_ns * 1e-9)}, because {' and '.join(causes)}"
     )
 
 

@@ -116,7 +116,6 @@ class Realtime(Section):
         "off: request nothing; best-effort: use the granted settings and report the others; "
         "strict: refuse to start without all of them (default on real hardware)",
     )
-    priority: Whole = setting(80, "SCHED_FIFO priority of the loop", ge=1, le=98)
     core: Whole | None = setting(
         None, "Processor core of the loop; null: chosen at the start", ge=0, le=1023
     )
@@ -298,10 +297,6 @@ class Guard(Section):
     quantisation_share: float = setting(
         0.1, "Fraction of the torque limit that one encoder count may command", gt=0, le=1
     )
-    delay_percentile: float = setting(
-        90.0, "Percentile of the measured sample age that counts as delay", "%", ge=50, le=100
-    )
-    window_s: float = setting(1.0, "Window of that percentile", "s", ge=0.05, le=60)
     sample_age: BelievedLag = setting(
         0.0,
         "Least sample age that the guard counts, even if a smaller one is measured",

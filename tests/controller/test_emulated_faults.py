@@ -6,7 +6,8 @@ import pytest
 
 from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.processes.emulator import emulator_arguments
-from haptic_wall.controller.runtime.session import Result, run_session
+from haptic_wall.controller.runtime.session import run_session
+from haptic_wall.controller.runtime.session_result import Result
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config

@@ -16,7 +16,9 @@ from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.runtime.changeover import Obstacle
 from haptic_wall.controller.runtime.changes import Changes
 from haptic_wall.controller.runtime.handover import KnownServo, Offers
-from haptic_wall.controller.runtime.session import Result, Surroundings, run_session
+from haptic_wall.controller.runtime.session import run_session
+from haptic_wall.controller.runtime.session_result import Result
+from haptic_wall.controller.runtime.session_start import Surroundings
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.settings.changes import changed
 from haptic_wall.controller.settings.config import Config

@@ -118,7 +118,7 @@ def run_identify(bench: StepContext) -> StepResult:
     """Identify the servo; return the configuration with the result, and the age of samples too."""
     found = identify(bench.config, bench.folder / LOGS, bench.reach, bench.tell)
     text = identified_config(bench.config, found, bench.name)
-    more = {"sample_age_s": high_age(found.played, bench.config), "config_text": text}
+    more = {"sample_age_s": high_age(found.played), "config_text": text}
     return StepResult({**identify_report(found), **more}, (found,))
 
 

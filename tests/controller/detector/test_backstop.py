@@ -63,8 +63,8 @@ def test_an_oscillation_at_the_torque_limit_is_seen_in_its_record(stiffness: flo
     report = "safety.on_oscillation=report"
     trial = run(truth, 0.0, report, stiffness=stiffness, kick=0.2, duration_s=3.0)
     times = np.arange(float(trial.measured.size)) * trial.period
-    known = Known(trial.period, VALUE.inertia, math.tau / 4096)
-    found = detect(times, trial.measured, trial.torque, known, lag=truth.delay)
+    known = Known(trial.period, VALUE.inertia, math.tau / 4096, truth.delay)
+    found = detect(times, trial.measured, trial.torque, known)
     assert found.worst == State.GROWING
     assert found.first_alarm_s == pytest.approx(trial.first_alarm_s, abs=0.05)
 

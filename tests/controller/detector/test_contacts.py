@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator
 import pytest
 
 from haptic_wall.controller.detector.contacts import Contacts
-from haptic_wall.controller.detector.tuning import TUNING
 
 PERIOD = 1e-3
 COUNT = math.tau / 4096
@@ -55,7 +54,7 @@ def bounces(
 def watched(
     samples: Iterable[tuple[float, float]], count: float = 0.0, span: float = PERIOD
 ) -> Contacts:
-    seen = Contacts(count, TUNING)
+    seen = Contacts(count)
     for depth, torque in samples:
         seen.update(depth, torque, span)
     return seen

@@ -11,7 +11,6 @@ import pytest
 
 from haptic_wall.controller.detector.half_cycles import HalfCycles
 from haptic_wall.controller.detector.regularity import lasts, same_period
-from haptic_wall.controller.detector.tuning import TUNING
 from haptic_wall.controller.theory.checks import FloatArray
 
 PERIOD = 1e-3
@@ -26,7 +25,7 @@ def watched(
 ) -> tuple[HalfCycles, FloatArray]:
     """The watcher after all samples, and a row (duration, amplitude) for each half-cycle."""
     found = []
-    seen = HalfCycles(PERIOD, count, TUNING)
+    seen = HalfCycles(PERIOD, count)
     for k, position in enumerate(positions):
         torque = 0.0 if torques is None else torques[k]
         if seen.update(position, torque, PERIOD if spans is None else spans[k]):
@@ -48,8 +47,8 @@ def test_a_sinusoid_is_cut_at_its_turning_points(hertz: float) -> None:
     # A turning point lies at most half a period beside a sample.
     lost = 1.0 - math.cos(math.pi * hertz * PERIOD)
     assert found[:, 1] == pytest.approx(0.1, abs=0.1 * lost + 1e-9)
-    assert lasts(seen.last, TUNING)
-    assert same_period(seen.last, TUNING)
+    assert lasts(seen.last)
+    assert same_period(seen.last)
 
 
 @pytest.mark.parametrize("counts", [4, 10, 100])

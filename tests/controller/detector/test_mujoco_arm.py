@@ -110,7 +110,7 @@ def test_walls_at_six_joints_let_the_arm_come_to_rest(side: Side) -> None:
         assert np.ptp(angles[-500:], axis=0).max() < 2.0 * COUNT
     assert np.abs(angles).max() < 0.2 or side != "both"
     assert all(math.isnan(watch.first_alarm_s) for watch in watches)
-    assert all(watch.backstop.reduced == (1.0, 1.0) for watch in watches)
+    assert all(watch.backstop.wall.reduced == (1.0, 1.0) for watch in watches)
 
 
 def test_a_lag_of_four_times_the_belief_is_found_and_the_arm_is_held() -> None:
@@ -119,5 +119,5 @@ def test_a_lag_of_four_times_the_belief_is_found_and_the_arm_is_held() -> None:
     angles, watches = run("both", 0.004, 3.0, start=0.05)
     assert not any(watch.failed for watch in watches)
     assert np.ptp(angles[-1000:], axis=0).max() < 0.03
-    assert 0.0 < watches[0].backstop.reduced[0] < 1.0
+    assert 0.0 < watches[0].backstop.wall.reduced[0] < 1.0
     assert np.abs(angles[-1]).max() < 0.1, "the load stays"

@@ -7,7 +7,8 @@ import pytest
 
 from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.experiments.maps.walls import Loop, wall_of
-from haptic_wall.controller.runtime.session import Result, run_session
+from haptic_wall.controller.runtime.session import run_session
+from haptic_wall.controller.runtime.session_result import Result
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness

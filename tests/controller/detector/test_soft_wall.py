@@ -7,8 +7,7 @@ import pytest
 
 from haptic_wall.controller.detector.half_cycles import HalfCycles
 from haptic_wall.controller.detector.settings import WatchSettings
-from haptic_wall.controller.detector.soft_wall import SoftWall
-from haptic_wall.controller.detector.tuning import TUNING
+from haptic_wall.controller.detector.soft_wall import Phase, SoftWall
 from haptic_wall.controller.laws.wall import held_torque
 
 STIFFNESS, LIMIT = 10.0, 4.0
@@ -16,7 +15,7 @@ STIFFNESS, LIMIT = 10.0, 4.0
 
 def swung(place: float, amplitude: float, cycles: float = 3.2, friction: float = 0.0) -> HalfCycles:
     """The half-cycles of a swing at 5 Hz about a place, that the spring alone moves."""
-    seen = HalfCycles(1e-3, 0.0, TUNING)
+    seen = HalfCycles(1e-3, 0.0)
     for k in range(round(200 * cycles)):
         phase = math.tau * 5.0 * k * 1e-3
         away = place + amplitude * math.cos(phase)
@@ -56,7 +55,8 @@ def test_it_ends_a_quarter_of_the_swing_beyond_the_turning_points() -> None:
 
 def loses_load(wall: SoftWall, away: float, *, soft: bool = False) -> bool:
     wall.take(away, 0.0, STIFFNESS, 0.0)
-    return wall.loses_load(soft=soft)
+    wall.phase = Phase.REDUCED if soft else Phase.PROBED
+    return wall.loses_load()
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -75,9 +75,10 @@ def followed(
 ) -> float:
     """What is held after a time at rest, on a wall with a sixteenth of its stiffness [N·m]."""
     wall.derating.scale = 1 / 16
+    wall.phase = Phase.RETURNING if returning else Phase.REDUCED
     for _ in range(round(1e3 * seconds)):
         wall.take(away, torque, STIFFNESS, 0.0)
-        wall.follow(1e-3, ended=False, returning=returning)
+        wall.follow(1e-3, ended=False)
     return wall.derating.carried
 
 
@@ -102,11 +103,11 @@ def test_a_heavy_load_that_begins_to_swing_slowly_does_not_rest_where_it_turns(
     """What is held followed the torque there, and fed the swing."""
     hold = holding(seen := swung(0.2, 0.1))
     last, rate = hold.derating.carried, 8.0 * math.sqrt(scale)
-    hold.derating.scale = scale
+    hold.derating.scale, hold.phase = scale, Phase.RETURNING
     for k in range(round(1e3 * math.pi / rate)):
         swing = 0.2 * math.cos(rate * k * 1e-3)
         torque = -2.0 - scale * STIFFNESS * swing
         ended = seen.update(0.2 + swing, torque, 1e-3)
         hold.take(0.2 + swing, torque, STIFFNESS, 0.0)
-        hold.follow(1e-3, ended=ended, returning=True)
+        hold.follow(1e-3, ended=ended)
     assert abs(hold.derating.carried - last) < 0.02

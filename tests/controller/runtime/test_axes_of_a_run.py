@@ -21,8 +21,9 @@ from haptic_wall.controller.processes.run import _finished_log
 from haptic_wall.controller.processes.run_report import run_report
 from haptic_wall.controller.runtime.cycle import Cycle
 from haptic_wall.controller.runtime.safety import Trip
-from haptic_wall.controller.runtime.session import Surroundings, run_session
+from haptic_wall.controller.runtime.session import run_session
 from haptic_wall.controller.runtime.session_report import all_axes
+from haptic_wall.controller.runtime.session_start import Surroundings
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config

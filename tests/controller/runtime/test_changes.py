@@ -11,7 +11,7 @@ from haptic_wall.controller.runtime.changeover import (
     Changeover,
     Obstacle,
 )
-from haptic_wall.controller.runtime.session import Result
+from haptic_wall.controller.runtime.session_result import Result
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_CHANGED,
     FLAG_CONTACT,

@@ -16,7 +16,9 @@ from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.runtime.cycle import Cycle
 from haptic_wall.controller.runtime.gains import Gains
-from haptic_wall.controller.runtime.session import Result, Surroundings, run_session
+from haptic_wall.controller.runtime.session import run_session
+from haptic_wall.controller.runtime.session_result import Result
+from haptic_wall.controller.runtime.session_start import Surroundings
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_OFF,
     FLAG_SATURATED,

@@ -6,9 +6,11 @@ from typing import Any, NoReturn
 
 import pytest
 
-from haptic_wall.controller.runtime import session
+from haptic_wall.controller.runtime import session_result, session_start
 from haptic_wall.controller.runtime.safety import Trip
-from haptic_wall.controller.runtime.session import Result, Surroundings, run_session
+from haptic_wall.controller.runtime.session import run_session
+from haptic_wall.controller.runtime.session_result import Result
+from haptic_wall.controller.runtime.session_start import Surroundings
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
@@ -146,7 +148,7 @@ def test_an_error_before_the_start_touches_no_servo(
     def broken(*_: object, **__: object) -> NoReturn:
         raise ZeroDivisionError("boom")
 
-    monkeypatch.setattr(session, "guard_decisions", broken)
+    monkeypatch.setattr(session_start, "guard_decisions", broken)
     with pytest.raises(ZeroDivisionError):
         scene.run()
     assert scene.words[Word.STATE] == LoopState.PREPARING
@@ -161,7 +163,7 @@ def broken_report(*_: object) -> NoReturn:
 def test_a_defect_after_the_run_costs_no_more_than_what_it_was_to_tell(
     scene: Scene, part: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(session, part, broken_report)
+    monkeypatch.setattr(session_result, part, broken_report)
     result = scene.run()
     assert result.stop_reason == Trip.INTERNAL_ERROR
     assert "ZeroDivisionError: boom (in broken_report, test_session_ends.py line" in result.message
