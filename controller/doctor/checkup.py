@@ -117,7 +117,9 @@ class _Checkup:
         self.report.axis = ""
         if measured is None:
             if "used by" in (check.name for check in self.report.wrong):
-                return  # a measurement would take the core from the program that drives the servo
+                # A measurement would take the core from the program that drives the servo there.
+                self._core()
+                return
             measured = measure(self._config, None)
         self.machine(measured)
 
