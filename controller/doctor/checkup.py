@@ -22,6 +22,7 @@ from haptic_wall.controller.doctor.report import Consent, Report, Tell, not_appl
 from haptic_wall.controller.doctor.search import FoundServo, opened
 from haptic_wall.controller.doctor.timing import Timing, judge_lateness, judge_rights
 from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments
+from haptic_wall.controller.runtime.machine_setup import machine_setup
 from haptic_wall.controller.runtime.realtime import pick_cores
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.clock import MonotonicClock
@@ -224,6 +225,11 @@ class _Checkup:
         settings = [Check(**setting) for setting in measured["realtime"]]
         self._add(lateness)
         self._add(*judge_rights(settings, config.realtime.profile))
+        self._core()
+
+    def _core(self) -> None:
+        core, _ = pick_cores(self._config.realtime.core)
+        self._add(*machine_setup(core))
 
     def _timing(self, replies: Replies, stalls: bool) -> None:
         config = self._config

@@ -22,7 +22,7 @@ from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.processes.plan import Ended, LogState, Plan
 from haptic_wall.controller.processes.run import run
 from haptic_wall.controller.processes.run_report import explained
-from haptic_wall.controller.runtime.realtime import START
+from haptic_wall.controller.runtime.machine_setup import START
 from haptic_wall.controller.runtime.safety import AFTER_STALL, End, StopReason, Trip
 from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP, ROW
 from haptic_wall.controller.settings.config import Config

@@ -17,6 +17,7 @@ from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.processes.hold import key_reader
 from haptic_wall.controller.runtime import realtime
+from haptic_wall.controller.runtime.machine_setup import machine_setup, start_text
 from haptic_wall.controller.runtime.session import run_session
 from haptic_wall.controller.runtime.session_result import defect_text
 from haptic_wall.controller.runtime.session_start import Surroundings
@@ -132,7 +133,7 @@ def _prepare(config: Config, core: int) -> None:
     wishes = config.realtime
     settings = realtime.apply(wishes.profile, realtime.LOOP_PRIORITY, {core})
     _tell("realtime", settings=[asdict(setting) for setting in settings])
-    _tell("tell", text=realtime.start_text(settings))
+    _tell("tell", text=start_text(settings, machine_setup(core)))
     missing = realtime.missing_for_strict(settings)
     if missing and wishes.profile == "strict":
         raise PlatformError(_strict(missing))

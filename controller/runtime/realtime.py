@@ -14,8 +14,6 @@ from haptic_wall.hw.servo import Check
 
 LOOP_PRIORITY = 80
 """Priority of the loop under SCHED_FIFO"""
-START = "real time:"
-"""Beginning of what is told at the start"""
 Profile = Literal["off", "best-effort", "strict"]
 
 _PR_SET_PDEATHSIG = 1
@@ -110,6 +108,14 @@ def _attempt(name: str, wanted: str, action: Callable[[], str], remedy: str) -> 
         return Check(name, False, f"refused: {error.strerror}", wanted, remedy)
 
 
+def text_of(path: Path) -> str:
+    """Return the content of a file of the kernel; empty: there is none."""
+    try:
+        return path.read_text(encoding="utf-8", errors="replace").strip()
+    except OSError:
+        return ""
+
+
 def apply(profile: Profile, priority: int, cores: set[int]) -> list[Check]:
     """Apply the settings of a profile to this process, as far as they are granted.
 
@@ -153,20 +159,6 @@ def apply(profile: Profile, priority: int, cores: set[int]) -> list[Check]:
 def missing_for_strict(settings: Sequence[Check]) -> list[Check]:
     """Return the settings that a strict profile requires and did not get."""
     return [s for s in settings if s.name in ("scheduler", "memory") and not s.ok]
-
-
-def start_text(settings: Sequence[Check]) -> str:
-    """Return what was granted, and a line for each setting that was not."""
-    granted = [each for each in settings if each.ok]
-    head = f"{START} {len(granted)} of {len(settings)} granted"
-    if len(granted) == len(settings):
-        head += f" ({', '.join(each.found for each in settings)})"
-    lines = [head]
-    for each in settings:
-        if not each.ok:
-            fix = f"; to grant it: {each.fix}" if each.fix else ""
-            lines.append(f"  {each.name}: wanted {each.wanted}, {each.found}{fix}")
-    return "\n".join(lines)
 
 
 def freeze_garbage() -> None:
