@@ -34,8 +34,8 @@ REPORT_KEYS: Final[Mapping[str, str]] = {
     "guard.commanded.damping": "B, likewise [N·m·s/rad]",
     "guard.limit": "limits of K at the commanded B, by name [N·m/rad]; null: does not apply",
     "guard.damping_ceiling": (
-        "above it no stiffness is stable; with a fast link a lower bound of that, lower at a small B"
-        " [N·m·s/rad]"
+        "above it no stiffness is stable; with a fast link a lower bound of that, lower at a small"
+        " B [N·m·s/rad]"
     ),
     "guard.encoder_damping": "above it one encoder count commands too much [N·m·s/rad]",
     "guard.margin": "fraction of the smallest limit that K may reach",
