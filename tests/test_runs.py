@@ -371,20 +371,6 @@ def on(port: str, *more: str) -> list[str]:
     return ["xm430-w350", *PATIENT, *BELIEF, *(w for s in words for w in ("--set", s))]
 
 
-def test_hardware_that_is_not_there_or_unfit_is_named(
-    tmp_path: Path, refused: Refused, wholly: bool
-) -> None:
-    """A kind of refusal each; tests/hw/dynamixel/test_startup.py has the others."""
-    assert "/dev/ttyNONE does not exist" in refused(*on("/dev/ttyNONE"))
-    limp = refused(*on("/dev/ttyNONE", "servo.model=XL430-W250"), status=2)
-    assert "servo.model" in limp and "did you mean XM430-W350" in limp
-    with emulator(tmp_path) as (_, port):
-        assert "id 7" in refused(*on(port, "servo.id=7"))
-        if wholly:
-            wrong_model = refused(*on(port, "servo.model=XM540-W270"))
-            assert "XM430-W350" in wrong_model and "XM540-W270" in wrong_model
-
-
 @pytest.mark.whole
 def test_another_run_finds_the_port_busy(tmp_path: Path, refused: Refused) -> None:
     with emulator(tmp_path) as (bus, port):
@@ -541,14 +527,6 @@ def test_a_run_without_its_dead_man_never_comes_on(tmp_path: Path, servo: str) -
     assert report["wall_came_on"] is False
     assert report["waited_for"] == "the dead man is not held; the wall comes on when it is"
     assert report["waited_for"] in said
-
-
-def test_a_dead_man_that_cannot_be_opened_is_said_before_torque_is_on(tmp_path: Path) -> None:
-    with started(*run_arguments("--hold", "nowhere"), cwd=tmp_path) as process:
-        _, said = process.communicate()
-    assert process.returncode == 2
-    assert "--hold: nowhere cannot be opened" in said
-    assert "torque is on" not in said
 
 
 @pytest.mark.whole

@@ -14,7 +14,7 @@ from haptic_wall.controller.experiments.identify.identification import Identifie
 from haptic_wall.controller.experiments.testbed import Played, Testbed
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.settings.load import load_config
-from tests.cli.caller import Cli, call
+from tests.support.program import Cli, call
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -98,24 +98,6 @@ def test_figures_are_printed_though_a_file_cannot_be_written(
     assert report["inertia"]["value"] == pytest.approx(0.0018142, rel=0.05)
     assert (report["plot"], report["config"]) == (None, "mine.yaml")
     assert "--plot fit.png: cannot be written: No space left" in said.err
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["--reach=0.001"], "--reach: found 0.001"),
-        (["--plot=x.pdf"], "--plot x.pdf"),
-        (["--out=."], "--out: . is a folder"),
-        (["--out=/proc/mine.yaml"], "--out /proc/mine.yaml: cannot be written"),
-        (["--plot=/proc/mine.png"], "--plot /proc/mine.png: cannot be written"),
-    ],
-)
-def test_wrong_input_is_told_before_anything_moves(
-    words: list[str], said: str, cli: Cli, folder: Path
-) -> None:
-    err = cli.refused("identify", "simulated", *QUICK, *words)
-    assert said in err and "pulses" not in err
-    assert not (folder / "runs").exists()
 
 
 def test_ctrl_c_ends_it(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:

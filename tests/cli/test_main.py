@@ -12,7 +12,7 @@ import pytest
 from haptic_wall.controller.cli import main as program
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.hw.errors import PortBusyError
-from tests.cli.caller import Cli
+from tests.support.program import Cli
 
 PYTHON = shlex.quote(sys.executable)
 
@@ -67,11 +67,6 @@ def test_every_command_has_help(cli: Cli, name: str) -> None:
     assert status == 0
     assert "Usage: haptic-wall " + name in out
     assert "\\b" not in out, "click's mark for lines to be left alone, shown as text"
-
-
-def test_no_command_is_one_clear_message(cli: Cli) -> None:
-    text = "haptic-wall: Missing command; `haptic-wall --help` lists options and arguments\n"
-    assert cli.refused() == text
 
 
 def test_short_version_and_help(cli: Cli) -> None:

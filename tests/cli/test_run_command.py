@@ -21,7 +21,7 @@ from haptic_wall.controller.processes.run_report import exit_status
 from haptic_wall.controller.report.run_text import report_text
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip
 from haptic_wall.controller.runtime.telemetry import ROW
-from tests.cli.caller import Cli
+from tests.support.program import Cli
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -32,33 +32,6 @@ BRIEF = ("--set=loop.clock=simulated", "--duration=0.1", "--json")
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--log", "a", "--plot", "./a"], "--log and --plot both name a"),
-        (
-            ["--set=loop.clock=monotonic", "--hold", "a", "--hold", "b"],
-            "--hold: found two sources, wanted one",
-        ),
-        (["--set=loop.clock=monotonic", "--hold", "page"], "add --live --live-control"),
-        (["--plot", "a.png", "--no-plot"], "found both --plot and --no-plot"),
-        (["--plot", "a.svg"], "--plot a.svg: found a name ending in .svg"),
-        (["--log", "."], "--log: . is a folder"),
-        (["--log", 300 * "x"], "File name too long; name another place"),
-        (["--plot", 300 * "x"], "File name too long; name another place"),
-        (["--duration", "-1"], "--duration: found -1"),
-        (["--witness", "a"], "--witness: only an emulated bus"),
-    ],
-)
-def test_a_wrong_place_or_time_is_refused_before_the_start(
-    cli: Cli, folder: Path, arguments: list[str], message: str
-) -> None:
-    status, out, err = cli("run", *BRIEF, *arguments)
-    assert (status, json.loads(out)["exit_status"]) == (2, 2)
-    assert message in err
-    assert list(folder.iterdir()) == []
 
 
 @pytest.mark.parametrize(

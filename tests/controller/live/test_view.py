@@ -5,14 +5,11 @@ from __future__ import annotations
 import itertools
 import json
 import socket
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
-import pytest
 
-from haptic_wall.controller import live as room
 from haptic_wall.controller.live.client import Client
 from haptic_wall.controller.live.dead_man import SILENCE_NS, DeadMan
 from haptic_wall.controller.live.relay import OFFERED, sets_of
@@ -23,10 +20,8 @@ from haptic_wall.controller.runtime.telemetry import FLAG_OFF, ROW, Telemetry, W
 from haptic_wall.controller.settings.changes import changed
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.hand import SharedHand
-from tests.support.rows import row
 from tests.typed import not_none
 
-PAGE = Path(str(room.__file__)).parent / "page"
 CONFIG = load_config("simulated", ()).config
 ELSEWHERE = changed(CONFIG, ["wall.position=0.4"])
 STOPS = changed(CONFIG, ["wall.law=stops", "wall.low=-0.5", "wall.high=0.3"])
@@ -49,20 +44,6 @@ def greeted(view: View) -> Page:
     page = Page()
     view.welcome(cast("Client", page), {"controls": True})
     return page
-
-
-@pytest.fixture
-def running() -> tuple[View, Telemetry]:
-    telemetry = Telemetry.create()
-    telemetry.words[Word.BEGAN_NS] = 1
-    return View(CONFIG, "a", RunningSource(telemetry, 1_000_000), recorded=False), telemetry
-
-
-def move(view: View, telemetry: Telemetry, *positions: float, stiffness: float = 8.0) -> None:
-    for position in positions:
-        telemetry.write(*row(deadline_ns=1, position=position, stiffness=stiffness))
-    view.look(1000)
-    view.draw_law()
 
 
 def test_hand_and_dead_man_are_on_the_clock_of_the_loop() -> None:

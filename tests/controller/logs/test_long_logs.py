@@ -23,7 +23,6 @@ from tests.typed import not_none
 CONFIG = load_config("simulated").config
 SERVO = CONFIG.servo
 METADATA = {"name": "a", "config": CONFIG.model_dump(mode="json")}
-NOTHING = {"inertia": None, "damping": None, "coulomb": None, "lag": None}
 STEP = math.tau / 4096
 
 

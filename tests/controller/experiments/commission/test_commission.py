@@ -23,7 +23,7 @@ from haptic_wall.controller.experiments.testbed import (
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.errors import ServoLostError
-from tests.cli.caller import call
+from tests.support.program import call
 from tests.typed import not_none
 
 ROOT = Path(__file__).parents[4]
@@ -260,11 +260,6 @@ def test_a_configuration_of_somebody_else_is_not_written_over(
     assert call("commission", mine, "--out", tmp_path) == 2
     assert "config.yaml" in capsys.readouterr().err
     assert mine.read_text() == before
-
-
-def test_a_folder_is_wanted(capsys: pytest.CaptureFixture[str]) -> None:
-    assert call("commission", *SIMULATED) == 2
-    assert "--out" in capsys.readouterr().err
 
 
 # A real servo, of which only the port is missing

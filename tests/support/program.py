@@ -1,13 +1,23 @@
-"""Calls the command in this process."""
+"""The command ``haptic-wall``: called in this process, or started as a program."""
 
+import contextlib
 import gc
 import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 
 from haptic_wall.controller.cli.main import main
-from tests.typed import status_of
+from tests.typed import not_none, status_of
+
+Process = subprocess.Popen[str]
+PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
 
 
 def call(*words: object) -> int:
@@ -53,3 +63,25 @@ class Cli:
         assert json.loads(out)["exit_status"] == 2 if "--json" in words else out == ""
         assert "Traceback" not in err
         return err
+
+
+@contextlib.contextmanager
+def started(*words: object, cwd: Path | None = None, **more: Any) -> Iterator[Process]:
+    """The command in a session of its own, which is killed at the end."""
+    process = subprocess.Popen(
+        [*PROGRAM, *map(str, words)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=cwd,
+        start_new_session=True,
+        **more,
+    )
+    try:
+        yield process
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        not_none(process.stdout).close()
+        not_none(process.stderr).close()
