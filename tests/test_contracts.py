@@ -12,11 +12,6 @@ import pytest
 from importlinter.cli import lint_imports
 
 ROOT = Path(__file__).parents[1]
-DRIVER = sorted(
-    f"haptic_wall.hw.dynamixel.{module.stem}"
-    for module in (ROOT / "hw" / "dynamixel").glob("*.py")
-    if module.stem != "__init__"
-)
 SIMULATED = (
     "haptic_wall.hw.plant",
     "haptic_wall.hw.simulated",
@@ -51,12 +46,6 @@ def test_the_configured_import_contracts_hold(
     assert status == 0, capfd.readouterr().out
 
 
-def test_the_driver_loads_nothing_simulated_and_nothing_of_the_controller() -> None:
-    loaded = loaded_by(f"import {', '.join(DRIVER)}")
-    assert {*DRIVER} <= loaded
-    assert within(loaded, *SIMULATED, "haptic_wall.controller") == []
-
-
 def test_opening_loads_only_what_is_opened() -> None:
     assert (
         within(
@@ -87,15 +76,6 @@ def test_opening_loads_only_what_is_opened() -> None:
     )
     assert "haptic_wall.hw.simulated" in simulated
     assert within(simulated, "haptic_wall.hw.dynamixel", "serial", "dynamixel_sdk") == []
-
-
-def test_the_theory_loads_nothing_of_the_hardware() -> None:
-    loaded = loaded_by("import haptic_wall.controller.theory")
-    assert within(loaded, "haptic_wall.hw", "serial", "dynamixel_sdk") == []
-    outside = within(loaded, "haptic_wall.controller")
-    assert [
-        module for module in outside if not module.startswith("haptic_wall.controller.theory")
-    ] == ["haptic_wall.controller"]
 
 
 def test_only_tests_of_the_scripts_import_scripts() -> None:

@@ -4,7 +4,6 @@ Runs go by the simulated clock, for a moment: what is held here is that the comm
 what is shown. Nothing is asserted about time.
 """
 
-import gc
 import os
 import re
 import sqlite3
@@ -19,7 +18,6 @@ from typing import NoReturn
 
 import pytest
 
-from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.experiments import cluster
 from haptic_wall.controller.experiments.maps import maps
 from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError, Testbed
@@ -28,11 +26,11 @@ from haptic_wall.controller.settings.changes import changed, difference
 from haptic_wall.controller.settings.load import load_config
 from tests.cases import whole_only
 from tests.docs.pages import ROOT, commands, text_of
-from tests.typed import not_none, status_of
+from tests.support.program import PROGRAM, call
+from tests.typed import not_none
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
-PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
 RUNS = [(page, words) for page, words in commands() if words[0] in ("haptic-wall", "scripts/run")]
 OTHERS = [(page, words) for page, words in commands() if (page, words) not in RUNS]
 BUSES = [words for _, words in RUNS if words[1:2] == ("emulate",)]
@@ -42,7 +40,7 @@ NOTHING = {"rows": [], "notes": [], "seconds": 0.0}
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with what the pages' commands find: the presets' files, a testbed's, a log."""
     monkeypatch.chdir(tmp_path)
     # What is measured has tests of its own, and takes minutes.
@@ -56,8 +54,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (tmp_path / "docs" / "examples").symlink_to(ROOT / "docs" / "examples")
     (tmp_path / "my-testbed.yaml").write_text((ROOT / "config" / "xm430-w350.yaml").read_text())
     (tmp_path / "leader.yaml").write_text((ROOT / "config" / "xl330-m288.yaml").read_text())
-    yield tmp_path
-    gc.enable()  # a run switches it off
+    return tmp_path
 
 
 MEASURING = ("delay", "identify", "map", "sweep")
@@ -98,13 +95,6 @@ class Nobody(Executor):
         raise KeyboardInterrupt
 
 
-def call(words: Sequence[str]) -> int:
-    try:
-        return cli.main(words)
-    except SystemExit as ended:
-        return status_of(ended)
-
-
 def shown(found: tuple[str, tuple[str, ...]]) -> str:
     page, words = found
     return f"{page}: {' '.join(words)}"
@@ -123,15 +113,15 @@ def run_quickly(
         words = words[:at] + words[at + 2 :]
     config = words[0] if words and not words[0].startswith("-") else "simulated"
     sets = [words[i + 1] for i, word in enumerate(words) if word == "--set"]
-    wrong = call(["config", config, *(f"--set={s}" for s in sets)])
+    wrong = call("config", config, *(f"--set={s}" for s in sets))
     capsys.readouterr()
     if wrong:
-        return call(words), 2
+        return call(*words), 2
     extra = ["--duration=0.1"]
     if load_config(config, sets).config.servo.kind == "hardware":
         # Another port than the one named: where the tests run, a servo may be at that one.
         nowhere = folder / "ttyUSB0"
-        status = call(["run", *words, *extra, "--set", f"servo.port={nowhere}"])
+        status = call("run", *words, *extra, "--set", f"servo.port={nowhere}")
         assert f"Port {nowhere} does not exist" in capsys.readouterr().err
         return status, 4
     # A record is kept by an emulator in its own process only; what is watched runs in real time.
@@ -141,18 +131,18 @@ def run_quickly(
     words = [word for word in words if word not in ("--live", "--live-control")]
     tripping = "safety.max_speed=0.5" in sets
     extra = [] if tripping else extra
-    return call(["run", *words, *extra, "--set", "loop.clock=simulated"]), 3 if tripping else 0
+    return call("run", *words, *extra, "--set", "loop.clock=simulated"), 3 if tripping else 0
 
 
 def look(words: list[str], folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A ``scan`` or ``doctor``, at a port where nothing is unless it brings its own bus."""
     nowhere = folder / "ttyUSB0"
     if words[0] == "scan":
-        assert call([*words, "--port", str(nowhere)]) == 4
+        assert call(*words, "--port", str(nowhere)) == 4
     elif load_config(words[1]).config.servo.kind == "emulated":
-        assert call([*words, "--set", "realtime.profile=off"]) in (0, 1)  # it also judges time
+        assert call(*words, "--set", "realtime.profile=off") in (0, 1)  # it also judges time
     else:
-        assert call([*words, "--set", f"servo.port={nowhere}"]) == 4
+        assert call(*words, "--set", f"servo.port={nowhere}") == 4
     assert "Traceback" not in capsys.readouterr().err
 
 
@@ -223,8 +213,8 @@ def test_commands_of_the_program(
     if words[0] in ("log", "live"):
         seconds = float(value_of(words, "--from") or -0.9) + 1.0
         quick = [f"--duration={seconds}", "--set=loop.clock=simulated", "--set=loop.rate_hz=250"]
-        assert call(["run", "--log", words[1], *quick]) == 0
-    assert call(words) == (0 if thorough or words[0] not in MEASURING else 130)
+        assert call("run", "--log", words[1], *quick) == 0
+    assert call(*words) == (0 if thorough or words[0] not in MEASURING else 130)
     if (csv := value_of(words, "--csv")) is not None:
         assert (folder / csv).read_text().startswith("time_s,position_rad,torque_nm,")
 
@@ -238,7 +228,7 @@ def test_other_commands(found: tuple[str, tuple[str, ...]]) -> None:
             assert activate == ".venv/bin/activate"
         case ("sqlite3", log, query):
             quick = ["--duration=0.1", "--set=loop.clock=simulated", "--no-plot"]
-            assert call(["run", "--log", log, *quick]) == 0
+            assert call("run", "--log", log, *quick) == 0
             with closing(sqlite3.connect(log)) as db:
                 assert len(db.execute(query).fetchall()) == 10
         case ("dask", command, *_):
