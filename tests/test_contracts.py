@@ -4,28 +4,21 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from importlinter.cli import lint_imports
 
+from tests.support.program import python
+
 ROOT = Path(__file__).parents[1]
-SIMULATED = (
-    "haptic_wall.hw.plant",
-    "haptic_wall.hw.simulated",
-    "haptic_wall.hw.emulated",
-)
+SIMULATED = ("haptic_wall.hw.plant", "haptic_wall.hw.simulated", "haptic_wall.hw.emulated")
 
 
 def loaded_by(statement: str) -> set[str]:
     """The modules in a fresh interpreter after ``statement``."""
     program = f"{statement}\nimport json, sys\nprint(json.dumps(sorted(sys.modules)))"
-    done = subprocess.run(
-        [sys.executable, "-c", program], check=True, capture_output=True, text=True, cwd=ROOT
-    )
-    return set(json.loads(done.stdout))
+    return set(json.loads(python("-c", program, cwd=ROOT).stdout))
 
 
 def within(modules: set[str], *packages: str) -> list[str]:
@@ -47,15 +40,8 @@ def test_the_configured_import_contracts_hold(
 
 
 def test_opening_loads_only_what_is_opened() -> None:
-    assert (
-        within(
-            loaded_by("import haptic_wall.hw.open"),
-            *SIMULATED,
-            "haptic_wall.hw.dynamixel",
-            "serial",
-        )
-        == []
-    )
+    none = loaded_by("import haptic_wall.hw.open")
+    assert within(none, *SIMULATED, "haptic_wall.hw.dynamixel", "serial") == []
     real = loaded_by(
         "import contextlib\n"
         "from haptic_wall.hw.clock import MonotonicClock\n"

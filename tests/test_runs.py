@@ -10,7 +10,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -24,7 +23,7 @@ from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP, ROW, Telemetry, Word
 from tests.cases import sampled
-from tests.support.program import PROGRAM, Cli, started
+from tests.support.program import PROGRAM, Cli, python, started
 from tests.typed import not_none
 
 T = TypeVar("T")
@@ -372,10 +371,8 @@ os.execv(sys.executable, [sys.executable, *sys.argv[1:]])
 
 def without_rights(tmp_path: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """A run as a user without real-time rights would have it."""
-    command = [sys.executable, "-c", WITHOUT_RIGHTS, *PROGRAM[1:], "run", "simulated", *arguments]
-    return subprocess.run(
-        command, capture_output=True, text=True, cwd=tmp_path, timeout=120, check=False
-    )
+    words = [WITHOUT_RIGHTS, *PROGRAM[1:], "run", "simulated", *arguments]
+    return python("-c", *words, cwd=tmp_path, timeout=120)
 
 
 @pytest.mark.whole

@@ -25,8 +25,13 @@ LOST = ExperimentTrippedError(Trip.SERVO_LOST, "the port is gone", Problem("3 ro
 @pytest.mark.whole
 def test_delay_reports_value_and_error_and_leaves_its_files(cli: Cli, tmp_path: Path) -> None:
     out = tmp_path / "new"
-    report = cli.json(*DELAY, "--set=servo.delay=0.0012", "--out", out)
-    assert report["value"] == pytest.approx(0.0012, abs=4 * report["stderr"])
+    report = cli.json(*DELAY, "--set=servo.delay=0.00137", "--set=delay.steps=3", "--out", out)
+    assert report["value"] == pytest.approx(0.00437, abs=3 * report["stderr"])
+    assert report["stderr"] < 2e-5
+    assert report["parts"]["inserted"] == pytest.approx(0.003, abs=1e-5)
+    device = report["parts"]["device"]
+    assert device["value"] == pytest.approx(0.00137, abs=3 * device["stderr"])
+    assert report["model_delay"]["low"] < 0.00137 < report["model_delay"]["high"]
     assert json.loads((out / "delay.json").read_text()) == report
     assert (out / "delay.hwlog").exists()
 

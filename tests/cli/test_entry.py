@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.cases import whole_only
+from tests.support.program import python
 
 INTERRUPTING = """
 import os, signal, sys
@@ -44,9 +45,7 @@ def test_a_ctrl_c_while_it_loads_is_quiet(
 ) -> None:
     given = ", ".join(f'"{word}"' for word in words)
     program = INTERRUPTING.replace('"config", "simulated"', given).format(module=module)
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=False, cwd=tmp_path
-    )
+    done = python("-c", program, cwd=tmp_path)
     assert (done.returncode, done.stdout) == (130, "")
     assert words == ("bench",) or done.stderr.strip() == ""
 

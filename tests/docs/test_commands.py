@@ -8,7 +8,6 @@ import os
 import re
 import sqlite3
 import subprocess
-import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import closing, nullcontext
@@ -26,7 +25,7 @@ from haptic_wall.controller.settings.changes import changed, difference
 from haptic_wall.controller.settings.load import load_config
 from tests.cases import whole_only
 from tests.docs.pages import ROOT, commands, text_of
-from tests.support.program import PROGRAM, call
+from tests.support.program import PROGRAM, call, python
 from tests.typed import not_none
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -283,12 +282,7 @@ def test_the_vendors_client(
     (example,) = re.findall(r"^```python\n(.*?)^```", text_of(page), re.S | re.M)
     emulator, link, there = bus(first)
     assert link in example
-    done = subprocess.run(
-        [sys.executable, "-c", example.replace(link, str(there))],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = python("-c", example.replace(link, str(there)))
     assert done.returncode == 0, done.stderr
     emulator.terminate()
     assert emulator.wait(10) == 0

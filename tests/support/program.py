@@ -1,4 +1,4 @@
-"""The command ``haptic-wall``: called in this process, or started as a program."""
+"""The command ``haptic-wall``, called in this process or started as a program; and Python."""
 
 import contextlib
 import gc
@@ -18,6 +18,13 @@ from tests.typed import not_none, status_of
 
 Process = subprocess.Popen[str]
 PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
+
+
+def python(*words: object, **more: Any) -> subprocess.CompletedProcess[str]:
+    """Run Python with these words to its end; what it says is kept."""
+    return subprocess.run(
+        [sys.executable, *map(str, words)], capture_output=True, text=True, check=False, **more
+    )
 
 
 def call(*words: object) -> int:
