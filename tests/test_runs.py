@@ -268,7 +268,9 @@ def test_a_killed_supervisor_leaves_no_torque_and_no_process(tmp_path: Path) -> 
         arguments = ["run", *on(port), "--log", "run.hwlog", "--no-plot", "--json"]
         with ticking(*arguments, cwd=tmp_path) as (process, family):
             assert set(family) == {"door", "loop_process", "recorder"}
+            words = shared_words(family["loop_process"])
             os.kill(family["loop_process"], signal.SIGSTOP)  # the kernel wakes an orphan
+            before = words[Word.HEAD]
             process.kill()
             for pid in family.values():
                 wait_for(partial(gone, pid), "the children's end")
@@ -276,6 +278,8 @@ def test_a_killed_supervisor_leaves_no_torque_and_no_process(tmp_path: Path) -> 
         bus.send_signal(signal.SIGTERM)
         bus.wait(timeout=30)
     assert_torque_off(witness(tmp_path))
+    rows = LogReader.open(tmp_path / "run.hwlog").rows()["seq"]
+    assert list(rows) == list(range(len(rows))) and len(rows) >= before, "none is missing"
 
 
 def test_a_dead_bus_is_a_lost_servo(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ import json
 import os
 import signal
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import click
@@ -77,17 +76,12 @@ def test_a_signal_while_the_picture_is_drawn_costs_the_picture_only(
     assert signal.getsignal(number) is before
 
 
-def placed(
-    log: Path | None,
-    plot: Path | None,
-    witness: Path | None,
-    name: str = "simulated",
-) -> tuple[tuple[Path, Path | None], Context]:
+def placed() -> tuple[tuple[Path, Path | None], Context]:
     """Where a run would write, and the context that keeps others from writing there."""
     names = ["-h", "--help"]  # a command keeps the first that it is asked for
     context = click.Context(run_command.command, help_option_names=names)
     with context.scope(cleanup=False):
-        return run_command._places(log, plot, witness, name, draws=True), context
+        return run_command._places(None, None, None, "simulated", draws=True), context
 
 
 def test_the_log_of_a_living_run_is_not_replaced(cli: Cli, folder: Path) -> None:
@@ -104,11 +98,11 @@ def test_the_log_of_a_living_run_is_not_replaced(cli: Cli, folder: Path) -> None
 def test_two_runs_begun_together_do_not_write_one_file(monkeypatch: pytest.MonkeyPatch) -> None:
     """Though neither has written anything yet."""
     monkeypatch.setattr(time, "strftime", lambda _: "20260101-000000")
-    first, context = placed(None, None, None)
-    second, _ = placed(None, None, None)
+    first, context = placed()
+    second, _ = placed()
     assert not set(first) & set(second)
     context.close()
-    assert placed(None, None, None)[0] == first, "and later it is free again"
+    assert placed()[0] == first, "and later it is free again"
 
 
 MINE = {"notes.txt": b"mine", "photo.png": b"\x89PNG\r\n\x1a\n" + 300 * b"x", "empty": b""}
@@ -149,31 +143,19 @@ def test_a_file_is_replaced_only_when_it_is_said(
     assert (folder / name).read_bytes() != MINE[name]
 
 
-def meanwhile(monkeypatch: pytest.MonkeyPatch, action: Callable[[], None]) -> None:
-    """Have something done to the log behind its last row."""
-    close = Recorder.close
-
-    def after(recorder: Recorder) -> None:
-        close(recorder)
-        action()
-
-    monkeypatch.setattr(Recorder, "close", after)
-
-
 @pytest.mark.parametrize(("how", "json_wanted"), [("removed", True), ("another", False)])
 def test_a_log_that_is_gone_is_the_first_that_is_said(
     cli: Cli, folder: Path, monkeypatch: pytest.MonkeyPatch, how: str, json_wanted: bool
 ) -> None:
-    log = folder / "run.hwlog"
+    log, close = folder / "run.hwlog", Recorder.close
 
-    def act() -> None:
-        moved = log.rename(folder / "moved")
-        if how == "removed":
-            moved.unlink()
+    def closed(recorder: Recorder) -> None:
+        close(recorder)
+        log.rename(folder / "moved")
         if how == "another":
             log.write_text("mine")
 
-    meanwhile(monkeypatch, act)
+    monkeypatch.setattr(Recorder, "close", closed)
     words = ["--set=loop.clock=simulated", "--duration=0.1", "--log", str(log)]
     status, out, _ = cli("run", *words, *(["--json"] if json_wanted else []))
     assert status == 5

@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from haptic_wall.controller.logs.reader import LogReader
+from haptic_wall.controller.logs.writer import identity
 from haptic_wall.controller.processes import children, recorder_monitor
 from haptic_wall.controller.processes.recorder import Recorder
 from haptic_wall.controller.processes.recorder_monitor import RecorderMonitor
@@ -144,6 +145,16 @@ def test_a_recorder_killed_before_it_could_tell_of_its_last_block_loses_nothing(
     (note,), rows = run.end()
     assert "no row is missing" in note
     np.testing.assert_array_equal(rows, np.arange(2001))
+
+
+def test_a_recorder_killed_before_its_log_was_one_is_followed_by_another(run: Run) -> None:
+    run.recorders[-1].end(-9)
+    run.path.write_bytes(b"half a log")
+    run.words[Word.LOG_FILE] = identity(run.path)
+    run.go(2.0)
+    assert len(run.recorders) == 2
+    _, rows = run.end()
+    np.testing.assert_array_equal(rows, np.arange(2000))
 
 
 def test_a_full_disk_is_told_at_once_and_only_what_memory_cannot_hold_is_lost(run: Run) -> None:
