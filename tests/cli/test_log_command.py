@@ -11,28 +11,24 @@ import pytest
 from haptic_wall.controller.logs.writer import LogWriter, append_end
 from haptic_wall.controller.report.run_text import report_text
 from haptic_wall.controller.report.sketch import Sketch
-from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_WARM_UP, ROW
+from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_WARM_UP
 from haptic_wall.controller.settings.load import load_config
 from tests.cli.test_text import REPORT
 from tests.support.program import Cli
+from tests.support.rows import rows_of
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
 
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
-    rows = np.zeros(1001, ROW)
-    rows["seq"] = np.arange(len(rows))
-    rows["deadline_ns"] = 7_000_000_000 + 1_000_000 * rows["seq"]
+    rows = rows_of(1001, torque=-0.123456789, age_ns=120_300, lateness_ns=2_000)
     rows["position"] = np.linspace(-0.1, 0.2, len(rows))
     rows["position"][0] = np.nan
-    rows["torque"] = -0.123456789
-    rows["age_ns"] = 120_300
     rows["outcome"][5] = 1
     rows["missed"][9] = 3
     rows["flags"][:101] = FLAG_WARM_UP
     rows["flags"][401:] = FLAG_CONTACT
-    rows["lateness_ns"] = 2_000
     rows["lateness_ns"][700] = 60_000
     rows["oscillation"][500:520] = 2
     metadata = {

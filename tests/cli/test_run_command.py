@@ -7,7 +7,6 @@ import time
 from pathlib import Path
 
 import click
-import numpy as np
 import pytest
 from click.core import Context
 
@@ -19,8 +18,8 @@ from haptic_wall.controller.processes.recorder import Recorder
 from haptic_wall.controller.processes.run_report import exit_status
 from haptic_wall.controller.report.run_text import report_text
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip
-from haptic_wall.controller.runtime.telemetry import ROW
 from tests.support.program import Cli
+from tests.support.rows import rows_of
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -85,10 +84,8 @@ def placed() -> tuple[tuple[Path, Path | None], Context]:
 
 
 def test_the_log_of_a_living_run_is_not_replaced(cli: Cli, folder: Path) -> None:
-    rows = np.zeros(3, ROW)
-    rows["seq"] = rows["deadline_ns"] = np.arange(3)
     with LogWriter(folder / "a.hwlog", {}) as log:
-        log.append(rows[:, None])
+        log.append(rows_of(3)[:, None])
         told = cli.refused("run", *BRIEF, "--log", "a.hwlog", "--force")
         assert "another program has a.hwlog open" in told
     assert len(LogReader.open(folder / "a.hwlog").rows()) == 3

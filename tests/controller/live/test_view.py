@@ -16,10 +16,11 @@ from haptic_wall.controller.live.relay import OFFERED, sets_of
 from haptic_wall.controller.live.running_view import News
 from haptic_wall.controller.live.source import LoggedSource, RunningSource
 from haptic_wall.controller.live.view import View
-from haptic_wall.controller.runtime.telemetry import FLAG_OFF, ROW, Telemetry, Word
+from haptic_wall.controller.runtime.telemetry import FLAG_OFF, Telemetry, Word
 from haptic_wall.controller.settings.changes import changed
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.hand import SharedHand
+from tests.support.rows import ORIGIN_NS, rows_of
 from tests.typed import not_none
 
 CONFIG = load_config("simulated", ()).config
@@ -60,11 +61,9 @@ def test_hand_and_dead_man_are_on_the_clock_of_the_loop() -> None:
 
 
 def test_a_log_shows_each_law_from_its_row_on() -> None:
-    rows = np.zeros(100, ROW)
-    rows["seq"] = np.arange(50, 150)
-    rows["deadline_ns"] = 5 + 1_000_000 * rows["seq"]
+    rows = rows_of(100, 50)
     rows["stiffness"] = np.where(rows["seq"] < 100, 8.0, 4.0)
-    log = SimpleNamespace(blocks=lambda: [rows[:30], rows[30:]], origin_ns=5)
+    log = SimpleNamespace(blocks=lambda: [rows[:30], rows[30:]], origin_ns=ORIGIN_NS)
     source = LoggedSource(cast("Any", log))
     view = View(CONFIG, "a", source, recorded=True)
     begun = source.since([0, 20, 100, 150])  # the last one is behind the stretch

@@ -13,12 +13,12 @@ from haptic_wall.controller.logs.walls import made, walls_of
 from haptic_wall.controller.logs.writer import LogWriter, append_end
 from haptic_wall.controller.report.run_panels import DrawnRun
 from haptic_wall.controller.report.sketch import sketched
-from haptic_wall.controller.runtime.telemetry import ROW
 from haptic_wall.controller.settings.changes import difference
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from tests.support.changed_walls import ChangedRun
 from tests.support.program import Cli
+from tests.support.rows import rows_of
 
 METADATA: dict[str, Any] = {"config": load_config("simulated", []).config.model_dump(mode="json")}
 
@@ -115,10 +115,8 @@ def test_a_log_of_an_absent_law_says_so(
 
 def test_changes_come_in_the_order_of_their_rows(tmp_path: Path) -> None:
     path = tmp_path / "run.hwlog"
-    rows = np.zeros(20, ROW)
-    rows["seq"] = rows["deadline_ns"] = np.arange(20)
     with LogWriter(path, METADATA) as log:
-        log.append(rows[:, None])
+        log.append(rows_of(20)[:, None])
         for each in (
             event(9, {"wall.position": 0.3}),
             event(9, {"wall.position": 0.3}),

@@ -1,7 +1,6 @@
 """Whatever becomes of a recorder, another goes on: each row is in the log once, and it is told."""
 
 import errno
-import itertools
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import cast
@@ -16,14 +15,7 @@ from haptic_wall.controller.processes import children, recorder_monitor
 from haptic_wall.controller.processes.recorder import Recorder
 from haptic_wall.controller.processes.recorder_monitor import RecorderMonitor
 from haptic_wall.controller.runtime.telemetry import CAPACITY, Telemetry, Word
-from tests.support.rows import row
-
-TICKS = itertools.count()
-
-
-def next_row() -> list[float]:
-    """A row of the next period."""
-    return row(deadline_ns=next(TICKS) * 1_000_000)
+from tests.support.rows import next_row
 
 
 class Child:
