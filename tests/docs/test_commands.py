@@ -7,8 +7,7 @@ what is shown. Nothing is asserted about time.
 import os
 import re
 import sqlite3
-import subprocess
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import closing, nullcontext
 from importlib.util import find_spec
@@ -25,7 +24,7 @@ from haptic_wall.controller.settings.changes import changed, difference
 from haptic_wall.controller.settings.load import load_config
 from tests.cases import whole_only
 from tests.docs.pages import ROOT, commands, text_of
-from tests.support.program import PROGRAM, call, python
+from tests.support.program import call, python, started
 from tests.typed import not_none
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -240,51 +239,21 @@ def test_other_commands(found: tuple[str, tuple[str, ...]]) -> None:
             )
 
 
-@pytest.fixture
-def bus(
-    tmp_path: Path,
-) -> Iterator[Callable[[Sequence[str]], tuple[subprocess.Popen[str], str | None, Path]]]:
-    """Starts emulated buses by the pages' words, files apart; ends them."""
-    started = []
-
-    def start(words: Sequence[str]) -> tuple[subprocess.Popen[str], str | None, Path]:
-        link = value_of(words, "--link")
-        place = {
-            link: str(tmp_path / "bus"),
-            value_of(words, "--record"): str(tmp_path / "truth.csv"),
-        }
-        emulator = subprocess.Popen(
-            [*PROGRAM, *(place.get(word, word) for word in words[1:])],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        started.append(emulator)
-        path = not_none(emulator.stdout).readline().strip()
-        if not path.startswith("/dev/pts/"):
-            said = emulator.communicate(timeout=10)
-            pytest.fail(f"the bus did not start: {path!r}, {said}, status {emulator.returncode}")
-        return emulator, link, tmp_path / "bus"
-
-    yield start
-    for emulator in started:
-        emulator.kill()
-        emulator.communicate()
-
-
 @pytest.mark.realtime
-def test_the_vendors_client(
-    bus: Callable[[Sequence[str]], tuple[subprocess.Popen[str], str | None, Path]], tmp_path: Path
-) -> None:
+def test_the_vendors_client(tmp_path: Path) -> None:
     """The example with dynamixel-sdk speaks to the bus that the same page starts."""
     page = "docs/how-to/emulated-bus.md"
-    first = next(words for found, words in RUNS if words in BUSES and found == page)
+    words = next(words for found, words in RUNS if words in BUSES and found == page)
     (example,) = re.findall(r"^```python\n(.*?)^```", text_of(page), re.S | re.M)
-    emulator, link, there = bus(first)
+    link, record = not_none(value_of(words, "--link")), value_of(words, "--record")
     assert link in example
-    done = python("-c", example.replace(link, str(there)))
-    assert done.returncode == 0, done.stderr
-    emulator.terminate()
-    assert emulator.wait(10) == 0
+    here = {link: str(tmp_path / "bus"), record: str(tmp_path / "truth.csv")}
+    with started(*(here.get(word, word) for word in words[1:])) as emulator:
+        path = not_none(emulator.stdout).readline()
+        assert path.startswith("/dev/pts/"), not_none(emulator.stderr).read()
+        done = python("-c", example.replace(link, here[link]))
+        assert done.returncode == 0, done.stderr
+        emulator.terminate()
+        assert emulator.wait(10) == 0
     heard = (tmp_path / "truth.csv").read_text()
     assert ",rx,1,1," in heard  # the ping has arrived
