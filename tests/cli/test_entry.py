@@ -3,14 +3,13 @@
 import os
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
 
 from tests.cases import whole_only
-from tests.support.program import python
+from tests.support.program import LAUNCHER, python
 
 INTERRUPTING = """
 import os, signal, sys
@@ -50,15 +49,13 @@ def test_a_ctrl_c_while_it_loads_is_quiet(
     assert words == ("bench",) or done.stderr.strip() == ""
 
 
-# The launcher, as it is installed
-
-COMMAND = Path(sys.executable).with_name("haptic-wall")
-
-
 def test_a_ctrl_c_at_any_time_of_its_start_is_quiet() -> None:
     for pause_s in (0.002, 0.006, 0.012, 0.018, 0.025, 0.035):
         started = subprocess.Popen(
-            [COMMAND, "run"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
+            [LAUNCHER, "run"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            start_new_session=True,
         )
         time.sleep(pause_s)
         os.killpg(started.pid, signal.SIGINT)

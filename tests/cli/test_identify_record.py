@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.controller.experiments.recorded.made import Truth, rounded, swing, table
-from tests.support.program import Cli, started
+from tests.support.program import LAUNCHER, Cli, started
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -100,7 +100,8 @@ def test_gaps_and_disorder_are_told(tmp_path: Path, cli: Cli) -> None:
 @pytest.mark.realtime
 def test_an_interrupted_fit_ends_with_130(tmp_path: Path) -> None:
     path = REAL / "kp400_lift_and_drop.csv"
-    with started("identify", "--record", path, *PENDULUM, "--json", cwd=tmp_path) as run:
+    words = ("identify", "--record", path, *PENDULUM, "--json")
+    with started(*words, cwd=tmp_path, program=[LAUNCHER]) as run:
         clock.sleep(1.0)
         os.kill(run.pid, signal.SIGINT)
         run.communicate(timeout=30)

@@ -7,7 +7,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,6 +18,10 @@ from tests.typed import not_none, status_of
 
 Process = subprocess.Popen[str]
 PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
+
+
+LAUNCHER = str(Path(sys.executable).with_name("haptic-wall"))
+"""The command as it is installed: it heeds a Ctrl-C from its first instant"""
 
 
 def python(*words: object, **more: Any) -> subprocess.CompletedProcess[str]:
@@ -73,10 +77,12 @@ class Cli:
 
 
 @contextlib.contextmanager
-def started(*words: object, cwd: Path | None = None, **more: Any) -> Iterator[Process]:
+def started(
+    *words: object, cwd: Path | None = None, program: Sequence[str] = PROGRAM, **more: Any
+) -> Iterator[Process]:
     """The command in a session of its own, which is killed at the end."""
     process = subprocess.Popen(
-        [*PROGRAM, *map(str, words)],
+        [*program, *map(str, words)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
