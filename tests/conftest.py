@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 # Before NumPy is imported: pole searches over small matrices are slower on many threads.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -16,6 +16,9 @@ import hypothesis
 import pytest
 
 from tests.cases import is_left_to_whole
+
+if TYPE_CHECKING:
+    from tests.support.program import Cli
 
 # What is said is as wide on every terminal.
 os.environ["COLUMNS"] = "98"
@@ -115,6 +118,14 @@ def pytest_collection_finish() -> None:
 def pytest_xdist_auto_num_workers() -> int:
     """One more than there are cores: one works at tests that wait more than they compute."""
     return len(os.sched_getaffinity(0)) + 1
+
+
+@pytest.fixture
+def cli(capsys: pytest.CaptureFixture[str]) -> "Cli":
+    """``haptic-wall``, called in this process."""
+    from tests.support.program import Cli
+
+    return Cli(capsys)
 
 
 @pytest.fixture(scope="session")

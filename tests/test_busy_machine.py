@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.test_runs import PROGRAM
+from tests.support.program import PROGRAM
 
 RUNS = 20
 WITHOUT_RIGHTS = ["prlimit", "--rtprio=0", "--memlock=65536", "setpriv"]

@@ -4,33 +4,21 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from importlinter.cli import lint_imports
 
+from tests.support.program import python
+
 ROOT = Path(__file__).parents[1]
-DRIVER = sorted(
-    f"haptic_wall.hw.dynamixel.{module.stem}"
-    for module in (ROOT / "hw" / "dynamixel").glob("*.py")
-    if module.stem != "__init__"
-)
-SIMULATED = (
-    "haptic_wall.hw.plant",
-    "haptic_wall.hw.simulated",
-    "haptic_wall.hw.emulated",
-)
+SIMULATED = ("haptic_wall.hw.plant", "haptic_wall.hw.simulated", "haptic_wall.hw.emulated")
 
 
 def loaded_by(statement: str) -> set[str]:
     """The modules in a fresh interpreter after ``statement``."""
     program = f"{statement}\nimport json, sys\nprint(json.dumps(sorted(sys.modules)))"
-    done = subprocess.run(
-        [sys.executable, "-c", program], check=True, capture_output=True, text=True, cwd=ROOT
-    )
-    return set(json.loads(done.stdout))
+    return set(json.loads(python("-c", program, cwd=ROOT).stdout))
 
 
 def within(modules: set[str], *packages: str) -> list[str]:
@@ -51,22 +39,9 @@ def test_the_configured_import_contracts_hold(
     assert status == 0, capfd.readouterr().out
 
 
-def test_the_driver_loads_nothing_simulated_and_nothing_of_the_controller() -> None:
-    loaded = loaded_by(f"import {', '.join(DRIVER)}")
-    assert {*DRIVER} <= loaded
-    assert within(loaded, *SIMULATED, "haptic_wall.controller") == []
-
-
 def test_opening_loads_only_what_is_opened() -> None:
-    assert (
-        within(
-            loaded_by("import haptic_wall.hw.open"),
-            *SIMULATED,
-            "haptic_wall.hw.dynamixel",
-            "serial",
-        )
-        == []
-    )
+    none = loaded_by("import haptic_wall.hw.open")
+    assert within(none, *SIMULATED, "haptic_wall.hw.dynamixel", "serial") == []
     real = loaded_by(
         "import contextlib\n"
         "from haptic_wall.hw.clock import MonotonicClock\n"
@@ -87,15 +62,6 @@ def test_opening_loads_only_what_is_opened() -> None:
     )
     assert "haptic_wall.hw.simulated" in simulated
     assert within(simulated, "haptic_wall.hw.dynamixel", "serial", "dynamixel_sdk") == []
-
-
-def test_the_theory_loads_nothing_of_the_hardware() -> None:
-    loaded = loaded_by("import haptic_wall.controller.theory")
-    assert within(loaded, "haptic_wall.hw", "serial", "dynamixel_sdk") == []
-    outside = within(loaded, "haptic_wall.controller")
-    assert [
-        module for module in outside if not module.startswith("haptic_wall.controller.theory")
-    ] == ["haptic_wall.controller"]
 
 
 def test_only_tests_of_the_scripts_import_scripts() -> None:

@@ -10,25 +10,23 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import pytest
 
-from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP, ROW, Telemetry, Word
 from tests.cases import sampled
-from tests.typed import not_none, status_of
+from tests.support.program import PROGRAM, Cli, python, started
+from tests.typed import not_none
 
 T = TypeVar("T")
-PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
 PATIENT = [
     word
     for setting in (
@@ -44,26 +42,6 @@ PATIENT = [
 BELIEF = ["--set", "wall.side=both", "--set", "wall.position=3.14159", "--set", "model.delay=0"]
 
 pytestmark = pytest.mark.realtime
-
-
-@contextlib.contextmanager
-def started(*arguments: str, cwd: Path) -> Iterator[subprocess.Popen[str]]:
-    process = subprocess.Popen(
-        [*PROGRAM, *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=cwd,
-        start_new_session=True,
-    )
-    try:
-        yield process
-    finally:
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-        not_none(process.stdout).close()
-        not_none(process.stderr).close()
 
 
 @contextlib.contextmanager
@@ -108,12 +86,16 @@ STALLED = {
 """Trips of a loop that gets no processor time"""
 
 
+def spoiled(process: subprocess.Popen[str], output: str) -> bool:
+    """Whether a stalled machine has ended the run, in its start or by a trip."""
+    return process.returncode == 4 or json.loads(output)["stop_reason"] in STALLED
+
+
 @contextlib.contextmanager
 def ticking(*arguments: str, cwd: Path) -> Iterator[tuple[subprocess.Popen[str], dict[str, int]]]:
     """A run whose log holds more rows than the warm-up has, the wall is on; and its family.
 
-    A run that a stalled machine has spoiled is tried again, whether the servo's start-up was late
-    (4) or a trip was of those in STALLED; one that ends otherwise fails at once.
+    A run that a stalled machine has spoiled is tried again; one that ends otherwise fails at once.
     """
     path = cwd / "run.hwlog"
     enough = 300 * ROW.itemsize
@@ -129,8 +111,7 @@ def ticking(*arguments: str, cwd: Path) -> Iterator[tuple[subprocess.Popen[str],
                 yield process, children(process.pid)
                 return
             output, said = process.communicate()
-        spoiled = process.returncode == 4 or json.loads(output)["stop_reason"] in STALLED
-        assert spoiled and attempt < 4, f"{process.returncode}: {said}"
+        assert spoiled(process, output) and attempt < 4, f"{process.returncode}: {said}"
 
 
 def shared_words(pid: int) -> memoryview:
@@ -287,7 +268,9 @@ def test_a_killed_supervisor_leaves_no_torque_and_no_process(tmp_path: Path) -> 
         arguments = ["run", *on(port), "--log", "run.hwlog", "--no-plot", "--json"]
         with ticking(*arguments, cwd=tmp_path) as (process, family):
             assert set(family) == {"door", "loop_process", "recorder"}
+            words = shared_words(family["loop_process"])
             os.kill(family["loop_process"], signal.SIGSTOP)  # the kernel wakes an orphan
+            before = words[Word.HEAD]
             process.kill()
             for pid in family.values():
                 wait_for(partial(gone, pid), "the children's end")
@@ -295,6 +278,8 @@ def test_a_killed_supervisor_leaves_no_torque_and_no_process(tmp_path: Path) -> 
         bus.send_signal(signal.SIGTERM)
         bus.wait(timeout=30)
     assert_torque_off(witness(tmp_path))
+    rows = LogReader.open(tmp_path / "run.hwlog").rows()["seq"]
+    assert list(rows) == list(range(len(rows))) and len(rows) >= before, "none is missing"
 
 
 def test_a_dead_bus_is_a_lost_servo(tmp_path: Path) -> None:
@@ -338,68 +323,30 @@ def test_an_emulated_bus_that_stays_stopped_ends_the_run(tmp_path: Path) -> None
     assert report["explanation"].startswith("the emulated bus was stopped by a signal")
 
 
-class Refused(Protocol):
-    """A run that must be refused, and its message."""
-
-    def __call__(self, *arguments: str, status: int = 4) -> str: ...
-
-
-@pytest.fixture
-def refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Refused:
-    """Makes a run that is refused, and gives the one message it leaves."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: str, status: int = 4) -> str:
-        capsys.readouterr()
-        try:
-            ended = cli.main(["run", *arguments, "--json"])
-        except SystemExit as left:
-            ended = status_of(left)
-        said = capsys.readouterr()
-        assert ended == status
-        assert json.loads(said.out)["exit_status"] == status
-        assert "Traceback" not in said.err
-        return said.err
-
-    return run
-
-
 def on(port: str, *more: str) -> list[str]:
     words = [f"servo.port={port}", *more]
     return ["xm430-w350", *PATIENT, *BELIEF, *(w for s in words for w in ("--set", s))]
 
 
-def test_hardware_that_is_not_there_or_unfit_is_named(
-    tmp_path: Path, refused: Refused, wholly: bool
-) -> None:
-    """A kind of refusal each; tests/hw/dynamixel/test_startup.py has the others."""
-    assert "/dev/ttyNONE does not exist" in refused(*on("/dev/ttyNONE"))
-    limp = refused(*on("/dev/ttyNONE", "servo.model=XL430-W250"), status=2)
-    assert "servo.model" in limp and "did you mean XM430-W350" in limp
-    with emulator(tmp_path) as (_, port):
-        assert "id 7" in refused(*on(port, "servo.id=7"))
-        if wholly:
-            wrong_model = refused(*on(port, "servo.model=XM540-W270"))
-            assert "XM430-W350" in wrong_model and "XM540-W270" in wrong_model
-
-
 @pytest.mark.whole
-def test_another_run_finds_the_port_busy(tmp_path: Path, refused: Refused) -> None:
-    with emulator(tmp_path) as (bus, port):
-        arguments = ["run", *on(port), "--log", "run.hwlog", "--no-plot", "--json"]
-        with ticking(*arguments, cwd=tmp_path) as (process, _):
-            message = refused(*on(port))
-            assert port in message
-            assert f"pid {process.pid}" in message or "is used by" in message
-            assert process.poll() is None, "and the first one was not disturbed"
-            process.send_signal(signal.SIGINT)
-            process.communicate(timeout=60)
-        assert process.returncode == 130
-        bus.send_signal(signal.SIGTERM)
-        bus.wait(timeout=30)
-    assert_torque_off(witness(tmp_path))
+def test_another_run_finds_the_port_busy(tmp_path: Path, cli: Cli) -> None:
+    for folder in map(tmp_path.joinpath, "abcde"):
+        folder.mkdir()
+        with emulator(folder) as (bus, port):
+            arguments = ["run", *on(port), "--log", "run.hwlog", "--no-plot", "--json"]
+            with ticking(*arguments, cwd=folder) as (process, _):
+                status, _, message = cli("run", *on(port), "--log", folder / "other.hwlog")
+                disturbed = process.poll() is not None
+                process.send_signal(signal.SIGINT)
+                output, _ = process.communicate(timeout=60)
+            bus.send_signal(signal.SIGTERM)
+            bus.wait(timeout=30)
+        assert status == 4 and port in message
+        assert f"pid {process.pid}" in message or "is used by" in message
+        if not spoiled(process, output):
+            break
+    assert (disturbed, process.returncode) == (False, 130)
+    assert_torque_off(witness(folder))
 
 
 @pytest.mark.whole
@@ -428,10 +375,8 @@ os.execv(sys.executable, [sys.executable, *sys.argv[1:]])
 
 def without_rights(tmp_path: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """A run as a user without real-time rights would have it."""
-    command = [sys.executable, "-c", WITHOUT_RIGHTS, *PROGRAM[1:], "run", "simulated", *arguments]
-    return subprocess.run(
-        command, capture_output=True, text=True, cwd=tmp_path, timeout=120, check=False
-    )
+    words = [WITHOUT_RIGHTS, *PROGRAM[1:], "run", "simulated", *arguments]
+    return python("-c", *words, cwd=tmp_path, timeout=120)
 
 
 @pytest.mark.whole
@@ -541,14 +486,6 @@ def test_a_run_without_its_dead_man_never_comes_on(tmp_path: Path, servo: str) -
     assert report["wall_came_on"] is False
     assert report["waited_for"] == "the dead man is not held; the wall comes on when it is"
     assert report["waited_for"] in said
-
-
-def test_a_dead_man_that_cannot_be_opened_is_said_before_torque_is_on(tmp_path: Path) -> None:
-    with started(*run_arguments("--hold", "nowhere"), cwd=tmp_path) as process:
-        _, said = process.communicate()
-    assert process.returncode == 2
-    assert "--hold: nowhere cannot be opened" in said
-    assert "torque is on" not in said
 
 
 @pytest.mark.whole

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.chromium import Tab
+from tests.support.program import PROGRAM, call
 
 pytestmark = [pytest.mark.realtime, pytest.mark.xdist_group("browser")]
 STATE = "document.getElementById('state').textContent"
@@ -21,9 +21,12 @@ SHOWN = f"{STATE}.includes(' s · K')"
 @contextmanager
 def program(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """A command of ours, and the address that it prints."""
-    command = [sys.executable, "-m", "haptic_wall.controller.cli.main", *arguments]
     child = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, process_group=0
+        [*PROGRAM, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        process_group=0,
     )
     try:
         assert child.stdout is not None
@@ -47,9 +50,8 @@ def running(folder: Path, *more: str, config: str = "simulated") -> Iterator[str
 def recorded(folder: Path) -> Path:
     """The log of a run of 3 s."""
     log = folder / "b.hwlog"
-    run = ["run", "simulated", "--no-plot", "--log", str(log), "--set", "loop.clock=simulated"]
-    command = [sys.executable, "-m", "haptic_wall.controller.cli.main", *run, "--duration", "3"]
-    subprocess.run(command, check=True, capture_output=True)
+    run = ["run", "simulated", "--no-plot", "--log", log, "--set", "loop.clock=simulated"]
+    assert call(*run, "--duration", 3) == 0
     return log
 
 
@@ -67,6 +69,19 @@ def press(tab: Tab, x: float, y: float) -> None:
     tab.mouse("mouseMoved", x, y, buttons=0)
     tab.mouse("mousePressed", x, y)
     tab.mouse("mouseReleased", x, y)
+
+
+POSITION = "parseFloat(document.querySelector('.label b').textContent)"
+
+
+def drag(tab: Tab) -> tuple[float, float]:
+    """Drag the hand into the wall, and hold it there; return where it is."""
+    box = place(tab, "#hand")
+    x, y = box["x"] + 0.9 * box["width"], box["y"] + 0.5 * box["height"]
+    tab.mouse("mousePressed", box["x"] + 0.45 * box["width"], y)
+    tab.mouse("mouseMoved", x, y)
+    tab.wait(f"{POSITION} > 0.02")
+    return x, y
 
 
 def ask(tab: Tab, path: str, value: float) -> None:
@@ -192,15 +207,9 @@ def test_a_hand_drags_the_shaft_into_the_wall_and_lets_go(tab: Tab, tmp_path: Pa
     with running(tmp_path, "--live-control", "--set", "servo.hand=none") as address:
         tab.open(address)
         tab.wait(SHOWN)
-        box = place(tab, "#hand")
         tab.wait("document.querySelectorAll('#marks li.wall').length > 0")
-        position = "parseFloat(document.querySelector('.label b').textContent)"
-        begin = box["x"] + 0.45 * box["width"], box["y"] + 0.5 * box["height"]
-        tab.mouse("mousePressed", *begin)
-        tab.mouse("mouseMoved", box["x"] + 0.9 * box["width"], begin[1])
-        tab.wait(f"{position} > 0.02")
-        tab.mouse("mouseReleased", box["x"] + 0.9 * box["width"], begin[1])
-        tab.wait(f"{position} < 0.05")
+        tab.mouse("mouseReleased", *drag(tab))
+        tab.wait(f"{POSITION} < 0.05")
 
 
 def test_the_hand_holds_the_axis_that_is_shown(tab: Tab, tmp_path: Path) -> None:
@@ -215,15 +224,10 @@ def test_the_hand_holds_the_axis_that_is_shown(tab: Tab, tmp_path: Path) -> None
         elbow, wrist = (f"document.querySelectorAll('#strip button')[{k}]" for k in (0, 1))
         tab.value(f"{wrist}.click()")
         tab.wait(f"{wrist}.getAttribute('aria-pressed') === 'true'")
-        box = place(tab, "#hand")
-        position = "parseFloat(document.querySelector('.label b').textContent)"
-        begin = box["x"] + 0.45 * box["width"], box["y"] + 0.5 * box["height"]
-        tab.mouse("mousePressed", *begin)
-        tab.mouse("mouseMoved", box["x"] + 0.9 * box["width"], begin[1])
-        tab.wait(f"{position} > 0.02")
+        held = drag(tab)
         tab.value(f"{elbow}.click()")
-        tab.wait(f"{position} < 0.01")
-        tab.mouse("mouseReleased", box["x"] + 0.9 * box["width"], begin[1])
+        tab.wait(f"{POSITION} < 0.01")
+        tab.mouse("mouseReleased", *held)
 
 
 def test_a_run_that_trips_has_no_wall(tab: Tab, tmp_path: Path) -> None:

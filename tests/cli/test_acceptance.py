@@ -11,11 +11,9 @@ import pytest
 from haptic_wall.controller.experiments import acceptance
 from haptic_wall.controller.experiments.commission import steps
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
-from haptic_wall.controller.experiments.testbed import (
-    ExperimentInterruptedError,
-)
+from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError
 from haptic_wall.hw.errors import ServoLostError
-from tests.cli.caller import call
+from tests.support.program import Cli, call
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -33,11 +31,6 @@ def named(patch: pytest.MonkeyPatch, home: Path) -> None:
     patch.setattr("platform.node", lambda: HOST)
 
 
-def quicker(patch: pytest.MonkeyPatch) -> None:
-    """Measure fewer points."""
-    patch.setattr(acceptance, "short_sweep", lambda _config: SWEPT)
-
-
 @pytest.fixture(scope="module")
 def accepted(
     whole_experiment: None,  # noqa: ARG001 - leaves it out
@@ -48,19 +41,19 @@ def accepted(
     folder = home / "bench" / "accepted"
     home.mkdir()
     with pytest.MonkeyPatch.context() as patch:
-        quicker(patch)
+        patch.setattr(acceptance, "short_sweep", lambda _config: SWEPT)
         named(patch, home)
         assert call("acceptance", *SIMULATED, "--yes", "--out", folder) == 0
     return folder
 
 
 @pytest.mark.thorough
-def test_an_emulated_servo_is_accepted_to_the_end(tmp_path: Path) -> None:
+def test_an_emulated_servo_is_accepted_to_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Down to the bytes: each step through the driver, on a bus in memory."""
-    with pytest.MonkeyPatch.context() as patch:
-        quicker(patch)
-        patch.setattr(acceptance, "short_sweep", lambda _config: SWEPT[:1])
-        assert call("acceptance", *EMULATED, "--yes", "--out", tmp_path / "out") == 0
+    monkeypatch.setattr(acceptance, "short_sweep", lambda _config: SWEPT[:1])
+    assert call("acceptance", *EMULATED, "--yes", "--out", tmp_path / "out") == 0
     report = report_of(tmp_path / "out")
     assert [s["step"] for s in report["steps"] if s["state"] != "done"] == ["doctor"]
     assert (tmp_path / "out" / "acceptance.zip").exists()
@@ -98,45 +91,14 @@ def test_the_bundle_names_nobody(accepted: Path) -> None:
     assert "python" in report_of(accepted)["versions"]
 
 
-def test_an_earlier_acceptance_is_not_replaced(
-    accepted: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    before = (accepted / "acceptance.json").read_bytes()
-    assert call("acceptance", *SIMULATED, "--yes", "--out", accepted) == 2
-    assert "give --force to replace it" in capsys.readouterr().err
-    assert (accepted / "acceptance.json").read_bytes() == before
-
-
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (("simulated",), "--out: missing"),
-        (
-            ("simulated", "--set=wall.law=spring", "--out", "{out}"),
-            "wall.law: found spring, wanted wall",
-        ),
-        (("xm430-w350", "--out", "{out}"), "give --yes when the shaft's way is free"),
-    ],
-)
-def test_what_cannot_be_is_refused_in_a_sentence(
-    words: tuple[str, ...], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert call("acceptance", *(word.format(out=tmp_path / "out") for word in words)) == 2
-    assert told in capsys.readouterr().err
-    assert not [*tmp_path.rglob("*.json")]
-
-
 def test_ctrl_c_keeps_what_is_done_and_writes_no_bundle(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli
 ) -> None:
     def interrupted(*_: object, **__: object) -> NoReturn:
         raise ExperimentInterruptedError("interrupted")
 
     monkeypatch.setitem(steps.RUN, "identify", interrupted)
-    words = ("simulated", "--set=loop.clock=simulated", "--out", tmp_path / "out")
-    assert call("acceptance", *words, "--json") == 130
-    said = capsys.readouterr()
-    answer = json.loads(said.out)
+    answer = cli.json("acceptance", *SIMULATED, "--out", tmp_path / "out", status=130)
     assert answer["error"].startswith("interrupted: finished steps are in")
     assert answer["exit_status"] == 130
     assert not (tmp_path / "out" / "acceptance.zip").exists()
@@ -150,8 +112,7 @@ def test_after_a_lost_servo_nothing_moves_and_the_bundle_says_why(
         raise ServoLostError("The servo is gone", advice="look at its cable.")
 
     monkeypatch.setitem(steps.RUN, "identify", lost)
-    words = ("simulated", "--set=loop.clock=simulated", "--out", tmp_path / "out")
-    assert call("acceptance", *words) == 4
+    assert call("acceptance", *SIMULATED, "--out", tmp_path / "out") == 4
     report = report_of(tmp_path / "out")
     reasons = {step["step"]: step["reason"] for step in report["steps"]}
     assert "The servo is gone" in reasons["identify"]

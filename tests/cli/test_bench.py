@@ -11,14 +11,10 @@ from types import SimpleNamespace
 import pytest
 
 from haptic_wall.controller.bench import array_simulation, boundary
-from haptic_wall.controller.bench.rows import (
-    Measurement,
-    Section,
-    over_rounds,
-)
+from haptic_wall.controller.bench.rows import Measurement, Section, over_rounds
 from haptic_wall.controller.cli.bench import SECTIONS
 from haptic_wall.controller.errors import PlatformError
-from tests.cli.caller import Cli
+from tests.support.program import Cli
 
 FOUND = Section(
     (
@@ -56,9 +52,7 @@ def made_up(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[..., object]]
 
 @pytest.mark.usefixtures("made_up")
 def test_the_json_holds_machine_versions_and_every_section(cli: Cli) -> None:
-    status, out, _ = cli("bench", "--json")
-    assert status == 0
-    report = json.loads(out, parse_constant=pytest.fail)
+    report = cli.json("bench")
     assert list(report["sections"]) == list(SECTIONS)
     on = {"processor", "cores", "system", "kernel"}
     assert on == set(report["machine"])

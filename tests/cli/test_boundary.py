@@ -15,7 +15,7 @@ from haptic_wall.controller.theory import (
 )
 from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling, chain_peak
 from haptic_wall.controller.theory.chain import one_mass, two_masses
-from tests.cli.caller import Cli
+from tests.support.program import Cli
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -84,47 +84,6 @@ LOADED = [
     *("--load-inertia", "0.003", "--transmission-stiffness", "200"),
     *("--transmission-damping", "0.0277"),
 ]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--delay", "2"], "--delay: found 2, wanted a number from 0, up to 1 s"),
-        (["--delay", "0.9"], "900 periods"),
-        (["--period", "1"], "--period: found 1, wanted a number above 0, up to 0.5 s"),
-        (["--period", "nan"], "--period: found nan, wanted"),
-        (["--inertia", "0"], "--inertia: found 0, wanted a number above 0"),
-        (["--virtual-damping", "0.1,,2"], "--virtual-damping: found , wanted a number"),
-        (["--inertia", "1e-300", "--damping", "1"], "inertia is too small"),
-        (["--virtual-damping", "1e308"], "period is too small"),
-        (["--servo", "MX-46"], "is not one of"),
-        (["--plot", "plane.pdf"], "pictures are PNG"),
-        (["--load-inertia=0.01"], "--transmission-stiffness: missing"),
-        (["--transmission-stiffness=100"], "--load-inertia: missing"),
-        ([*LOADED, "--damping=0", "--transmission-damping=0"], "servo and load have no damping"),
-    ],
-)
-def test_wrong_input_is_exit_status_2_and_names_the_option(
-    cli: Cli, arguments: list[str], message: str
-) -> None:
-    err = cli.refused("boundary", *LOOP, *arguments)
-    assert message in " ".join(err.split())
-    assert "Traceback" not in err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--damping", "0", "--period", "1e-3", "--delay", "0"], "--inertia: missing"),
-        (["--servo=MX-64", "--period=0.001"], "--delay: missing"),
-        (["simulated", "--inertia=1"], "--inertia: CONFIG gives this value"),
-        (["--set=a=1"], "--set: there is no CONFIG"),
-    ],
-)
-def test_numbers_are_all_given_or_all_of_a_configuration(
-    cli: Cli, arguments: list[str], message: str
-) -> None:
-    assert message in cli.refused("boundary", *arguments)
 
 
 @pytest.mark.parametrize("encoder", ["output", "motor"])

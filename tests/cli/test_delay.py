@@ -13,67 +13,62 @@ from haptic_wall.controller.experiments.testbed import (
 )
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.hw.errors import Problem
-from tests.cli.caller import Cli
+from tests.support.program import Cli
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
-QUICK = ("--set", "loop.clock=simulated")
+DELAY = ("delay", "simulated", "--set=loop.clock=simulated")
+SWEEP = ("sweep", *DELAY[1:], "--virtual-damping=0.02,0.04", "--delay-steps=0")
+LOST = ExperimentTrippedError(Trip.SERVO_LOST, "the port is gone", Problem("3 rows are missing"))
 
 
 @pytest.mark.whole
 def test_delay_reports_value_and_error_and_leaves_its_files(cli: Cli, tmp_path: Path) -> None:
     out = tmp_path / "new"
-    status, said, err = cli(
-        "delay", "simulated", *QUICK, "--set", "servo.delay=0.0012",
-        "--out", out, "--json",
-    )  # fmt: skip
-    assert status == 0
-    report = json.loads(said)
-    assert report["value"] == pytest.approx(0.0012, abs=4 * report["stderr"])
+    report = cli.json(*DELAY, "--set=servo.delay=0.00137", "--set=delay.steps=3", "--out", out)
+    assert report["value"] == pytest.approx(0.00437, abs=3 * report["stderr"])
+    assert report["stderr"] < 2e-5
+    assert report["parts"]["inserted"] == pytest.approx(0.003, abs=1e-5)
+    device = report["parts"]["device"]
+    assert device["value"] == pytest.approx(0.00137, abs=3 * device["stderr"])
+    assert report["model_delay"]["low"] < 0.00137 < report["model_delay"]["high"]
     assert json.loads((out / "delay.json").read_text()) == report
     assert (out / "delay.hwlog").exists()
-    assert "motions of about" in err
-
-
-def test_an_interrupt_ends_with_130_and_no_traceback(
-    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupted(*_: object) -> NoReturn:
-        raise ExperimentInterruptedError(
-            "interrupted", advice="steps.hwlog holds the recorded rows"
-        )
-
-    monkeypatch.setattr(Testbed, "play", interrupted)
-    status, said, err = cli("delay", "simulated", *QUICK, "--out", tmp_path)
-    assert (status, said) == (130, "")
-    assert "interrupted; steps.hwlog holds the recorded rows" in err
 
 
 @pytest.mark.parametrize(
-    ("command", "more"),
+    ("words", "error", "status", "said"),
     [
-        ("delay", ()),
-        ("sweep", ("--virtual-damping=0.02,0.04", "--delay-steps=0")),
+        (
+            DELAY,
+            ExperimentInterruptedError("interrupted", advice="a.hwlog holds the recorded rows"),
+            130,
+            "interrupted; a.hwlog holds the recorded rows",
+        ),
+        (DELAY, LOST, 4, "trip:servo_lost: the port is gone"),
+        (SWEEP, LOST, 4, "trip:servo_lost: the port is gone"),
+        (DELAY, ExperimentTrippedError(Trip.OVERSPEED, "fast"), 3, "trip:overspeed: fast"),
     ],
 )
-def test_a_servo_that_is_lost_on_the_way_ends_with_4(
-    command: str, more: tuple[str, ...], cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_what_ends_an_experiment_is_its_exit_status_and_its_answer(
+    words: tuple[str, ...],
+    error: Exception,
+    status: int,
+    said: str,
+    cli: Cli,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def lost(*_: object) -> NoReturn:
-        raise ExperimentTrippedError(
-            Trip.SERVO_LOST, "the port is gone", Problem("3 rows are missing")
-        )
+    def play(*_: object) -> NoReturn:
+        raise error
 
-    monkeypatch.setattr(Testbed, "play", lost)
-    status, _, err = cli(command, "simulated", *QUICK, "--out", tmp_path, *more)
-    assert status == 4
-    assert "trip:servo_lost: the port is gone" in err
-
-
-def test_hardware_without_a_torque_limit_is_not_moved(cli: Cli, tmp_path: Path) -> None:
-    config = tmp_path / "bed.yaml"
-    config.write_text(
-        "servo: {backend: dynamixel, port: /dev/none, baud: 4000000, model: XM430-W350}\n"
-        "model: {inertia: 0.012, damping: 0.01, coulomb: 0.09, delay: 0.001, torque_gain: 1}\n"
-    )
-    assert "servo.torque_limit: found none" in cli.refused("delay", config, "--out", tmp_path)
+    monkeypatch.setattr(Testbed, "play", play)
+    answer = cli(*words, "--out", tmp_path / "a")
+    assert answer.status == status
+    assert said in answer.err and "Traceback" not in answer.err
+    if words is SWEEP:
+        return  # it answers with the points that it has
+    assert answer.out == ""
+    found = cli.json(*words, "--out", tmp_path / "b", status=status)
+    assert set(found) == {"error", "field", "advice", "exit_status"}
+    assert (found["error"].startswith(said), found["exit_status"]) == (True, status)

@@ -1,16 +1,13 @@
 """``haptic-wall detect`` on logs of ours and on anybody's CSV."""
 
-import json
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from haptic_wall.controller.cli.detect import OWN, command
-from haptic_wall.controller.cli.main import main
+from haptic_wall.controller.cli.detect import OWN
+from tests.support.program import Cli, call
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -28,31 +25,20 @@ DECEIVED = (
 )
 
 
-def found(*arguments: str | float | Path) -> dict[str, Any]:
-    done = CliRunner().invoke(command, [*map(str, arguments), "--json"], catch_exceptions=False)
-    answer: dict[str, Any] = json.loads(done.stdout)
-    return answer
-
-
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("detect")
     path = folder / "a.hwlog"
     sets = [word for text in DECEIVED for word in ("--set", text)]
-    places = ["--log", str(path), "--plot", str(folder / "a.png"), "--json"]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        with pytest.raises(SystemExit) as ended:
-            main(["run", "simulated", *sets, "--duration", "4", *places])
-    assert ended.value.code == 0
+    assert call("run", "simulated", *sets, "--duration", 4, "--no-plot", "--log", path) == 0
     return path
 
 
-def test_a_log_says_what_the_run_saw(log: Path, tmp_path: Path) -> None:
-    own = found(log)
+def test_a_log_says_what_the_run_saw(log: Path, tmp_path: Path, cli: Cli) -> None:
+    own = cli.json("detect", log)
     assert own["state"] == "growing" and 0.0 < own["first_alarm_s"] < 3.0
     assert own["notes"] == [OWN]
-    seen = found(log, "--delay", 0.006, "--plot", tmp_path / "d.png")
+    seen = cli.json("detect", log, "--delay", 0.006, "--plot", tmp_path / "d.png")
     assert seen["state"] == "growing"
     assert seen["frequency_hz"] == pytest.approx(math.sqrt(3.743 / 0.011951) / math.tau, rel=0.03)
     # K L = b + 2 m s with the true delay of 6 ms and half a period
@@ -63,16 +49,16 @@ def test_a_log_says_what_the_run_saw(log: Path, tmp_path: Path) -> None:
     assert (tmp_path / "d.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_its_csv_says_the_same(log: Path, tmp_path: Path) -> None:
+def test_its_csv_says_the_same(log: Path, tmp_path: Path, cli: Cli) -> None:
     csv = tmp_path / "a.csv"
-    assert main(["log", str(log), "--csv", str(csv)]) == 0
+    assert cli("log", log, "--csv", csv).status == 0
     servo = ("--inertia", 0.011951, "--damping", 0.011692, "--delay", 0.006)
-    seen = found(csv, *servo)
+    seen = cli.json("detect", csv, *servo)
     assert seen["state"] == "growing"
     assert seen["frequency_hz"] == pytest.approx(2.817, rel=0.03)
 
 
-def test_a_hand_that_pushes_a_stable_wall_is_quiet(tmp_path: Path) -> None:
+def test_a_hand_that_pushes_a_stable_wall_is_quiet(tmp_path: Path, cli: Cli) -> None:
     times = np.arange(0.0, 10.0, 1e-3)
     positions = np.round(0.1 * np.sin(math.tau * 1.3 * times) / STEP) * STEP
     rows = [
@@ -80,28 +66,6 @@ def test_a_hand_that_pushes_a_stable_wall_is_quiet(tmp_path: Path) -> None:
     ]
     path = tmp_path / "hand.csv"
     path.write_text("\n".join(["time_s,position_rad,torque_nm", *rows]))
-    seen = found(path, "--inertia", 0.012, "--damping", 0.012, "--coulomb", 0.05)
+    seen = cli.json("detect", path, "--inertia", 0.012, "--damping", 0.012, "--coulomb", 0.05)
     assert seen["state"] == "quiet"
     assert seen["first_alarm_s"] is None
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["nofile.csv"], "LOG nofile.csv: cannot be read"),
-        (
-            ["{}", "--inertia", "0"],
-            "--inertia: found 0, wanted a number above 0, up to 1e+06",
-        ),
-        (["{}", "--delay", "-1"], "--delay: found -1, wanted a number from 0, up to 10"),
-        (["{}", "--coulomb", "nan"], "--coulomb: found nan, wanted a number"),
-        (["{}", "--stiffness", "0"], "--stiffness: found 0, wanted a number above 0"),
-        (["{}", "--wall-position", "inf"], "--wall-position: found inf, wanted a number"),
-        (["{}", "--plot", "a.pdf"], "wanted one ending in .png"),
-    ],
-)
-def test_wrong_input_is_told_in_a_sentence(
-    log: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
-) -> None:
-    assert main(["detect", *(text.format(log) for text in arguments)]) == 2
-    assert message in capsys.readouterr().err

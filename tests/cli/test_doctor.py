@@ -21,8 +21,8 @@ from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.errors import BaudRefusedError
 from haptic_wall.hw.serialport import port as serial_port
-from tests.cli.caller import Cli
 from tests.hw.emulated.test_emulated_server import emulate
+from tests.support.program import Cli
 
 TIMED = {
     "reply time",

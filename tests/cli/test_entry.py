@@ -3,13 +3,13 @@
 import os
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
 
 from tests.cases import whole_only
+from tests.support.program import LAUNCHER, python
 
 INTERRUPTING = """
 import os, signal, sys
@@ -44,22 +44,18 @@ def test_a_ctrl_c_while_it_loads_is_quiet(
 ) -> None:
     given = ", ".join(f'"{word}"' for word in words)
     program = INTERRUPTING.replace('"config", "simulated"', given).format(module=module)
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=False, cwd=tmp_path
-    )
+    done = python("-c", program, cwd=tmp_path)
     assert (done.returncode, done.stdout) == (130, "")
     assert words == ("bench",) or done.stderr.strip() == ""
-
-
-# The launcher, as it is installed
-
-COMMAND = Path(sys.executable).with_name("haptic-wall")
 
 
 def test_a_ctrl_c_at_any_time_of_its_start_is_quiet() -> None:
     for pause_s in (0.002, 0.006, 0.012, 0.018, 0.025, 0.035):
         started = subprocess.Popen(
-            [COMMAND, "run"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
+            [LAUNCHER, "run"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            start_new_session=True,
         )
         time.sleep(pause_s)
         os.killpg(started.pid, signal.SIGINT)

@@ -11,8 +11,8 @@ import pytest
 from click.testing import CliRunner
 
 from haptic_wall.controller.cli import experiment
-from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.settings.load import Loaded, load_config
+from tests.support.program import Cli
 from tests.typed import not_none
 
 REAL, EMULATED = load_config("xm430-w350"), load_config("emulated-ideal")
@@ -66,24 +66,9 @@ def test_every_experiment_that_moves_asks_before_it_opens_the_port(
     assert result.exit_code == 1 and isinstance(result.exception, SystemExit)
 
 
-@pytest.mark.parametrize("command", ["map", "sweep", "commission", "zwidth", "acceptance"])
-def test_what_measures_walls_refuses_another_law(
-    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = [command, "simulated", "--set", "wall.law=spring", "--out", str(tmp_path / "out")]
-    if command == "sweep":
-        words += ["--virtual-damping=0", "--delay-steps=0"]
-    assert main(words) == 2
-    said = capsys.readouterr().err
-    assert "found spring, wanted wall: only walls" in said
-    assert "give --set wall.law=wall;" in said
-    assert not (tmp_path / "out").exists()
-
-
-def test_the_law_of_an_axis_is_changed_for_that_axis(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_law_of_an_axis_is_changed_for_that_axis(cli: Cli) -> None:
     words = ["sweep", "emulated-arm", "--axis", "elbow", "--virtual-damping=0", "--delay-steps=0"]
-    assert main(words) == 2
     advice = "--set axes.elbow.wall.law=wall"
-    assert f"give {advice};" in capsys.readouterr().err
+    assert f"give {advice};" in cli.refused(*words)
     config = load_config("emulated-arm", [advice.split()[1]]).config
     assert config.each["elbow"].wall.law == "wall"

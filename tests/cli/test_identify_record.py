@@ -2,8 +2,6 @@
 
 import os
 import signal
-import subprocess
-import sys
 import time as clock
 from pathlib import Path
 from typing import Any
@@ -11,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.cli.caller import Cli
 from tests.controller.experiments.recorded.made import Truth, rounded, swing, table
+from tests.support.program import LAUNCHER, Cli, started
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -99,46 +97,12 @@ def test_gaps_and_disorder_are_told(tmp_path: Path, cli: Cli) -> None:
     assert "1 rows are left out: their time" in said
 
 
-@pytest.mark.parametrize(
-    ("arguments", "wanted"),
-    [
-        (("simulated", "--record", "a.csv"), "--record: found with CONFIG"),
-        (
-            ("--record", "a.csv", "--out", "b.yaml", "--yes"),
-            "found with --out and --yes",
-        ),
-        (("--record", "a.csv", "--pendulum-mass", "1"), "--pendulum-length: missing"),
-        (("--record", "a.csv", *PENDULUM[:3], "-1"), "--pendulum-length: found -1, wanted"),
-        (("--record", "a.csv", "--pendulum-mass", "nan", *PENDULUM[2:]), "found nan, wanted"),
-        (("--record", "nowhere.csv"), "cannot be read: No such file or directory"),
-        (("--record", "."), "cannot be read"),
-        (("simulated", *PENDULUM), "--pendulum-mass: found without --record"),
-        ((), "CONFIG: missing"),
-    ],
-)
-def test_options_that_do_not_fit_are_refused(
-    arguments: tuple[str, ...],
-    wanted: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    cli: Cli,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "a.csv").write_text("time_s,position_rad\n0,0\n")
-    assert wanted in cli.json("identify", *arguments, status=2)["error"]
-
-
 @pytest.mark.realtime
 def test_an_interrupted_fit_ends_with_130(tmp_path: Path) -> None:
     path = REAL / "kp400_lift_and_drop.csv"
-    program = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
-    entry = Path(sys.executable).with_name("haptic-wall")
-    program = [str(entry)] if entry.exists() else program
-    run = subprocess.Popen(
-        [*program, "identify", "--record", str(path), *PENDULUM, "--json"],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=tmp_path,
-    )  # fmt: skip
-    clock.sleep(1.0)
-    os.kill(run.pid, signal.SIGINT)
-    run.communicate(timeout=30)
+    words = ("identify", "--record", path, *PENDULUM, "--json")
+    with started(*words, cwd=tmp_path, program=[LAUNCHER]) as run:
+        clock.sleep(1.0)
+        os.kill(run.pid, signal.SIGINT)
+        run.communicate(timeout=30)
     assert run.returncode == 130

@@ -6,45 +6,22 @@ import json
 import os
 import signal
 import socket
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 from websockets.sync.client import connect
 
-from haptic_wall.controller.cli import run
-from haptic_wall.controller.errors import HapticWallError
 from haptic_wall.controller.live.place import live_at
 from haptic_wall.controller.live.run_socket import MODULE
 from tests.controller.live import strangers
+from tests.support.program import Cli, started
 
 
-def refusal(command: object, *arguments: str) -> str:
-    names = {"help_option_names": ["-h", "--help"]}  # a command keeps the first it is asked for
-    done = CliRunner().invoke(command, [*arguments], **names)  # type: ignore[arg-type]
-    assert isinstance(done.exception, HapticWallError), done.output
-    return str(done.exception)
-
-
-@pytest.mark.parametrize("place", ["simulated", "localhost", "localhost:70000", "a b:1"])
-def test_a_place_that_is_none_is_refused(place: str) -> None:
-    assert refusal(run.command, "--live", place).startswith("--live")
-
-
-def test_a_taken_port_is_refused_before_anything_starts() -> None:
+def test_a_taken_port_is_refused_before_anything_starts(cli: Cli) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        said = refusal(run.command, "--live", f"127.0.0.1:{taken.getsockname()[1]}")
+        said = cli.refused("run", "--live", f"127.0.0.1:{taken.getsockname()[1]}")
     assert "Address already in use" in said
     assert "localhost:0 for a free one" in said
-
-
-def test_control_without_a_page_and_a_page_without_time_are_refused() -> None:
-    assert "add --live" in refusal(run.command, "--live-control")
-    assert "before it can be watched" in refusal(
-        run.command, "--live", "localhost:0", "--set", "loop.clock=simulated"
-    )
 
 
 def test_a_token_only_where_knobs_may_be_turned() -> None:
@@ -75,11 +52,8 @@ def server_of(parent: int) -> int:
 @pytest.mark.whole
 @pytest.mark.realtime
 def test_a_killed_page_changes_nothing_for_the_run(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "haptic_wall.controller.cli.main", "run", "simulated"]
-    command += ["--live", "--duration", "4", "--no-plot", "--json", "--log", str(tmp_path / "a")]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as child:
+    words = ["simulated", "--live", "--duration", 4, "--no-plot", "--json", "--log", tmp_path / "a"]
+    with started("run", *words) as child:
         assert child.stdout is not None and child.stderr is not None
         address = next(line for line in child.stderr if line.startswith("live: "))[6:].strip()
         with connect(f"{address.replace('http', 'ws')}rows", open_timeout=60.0) as client:
@@ -92,6 +66,7 @@ def test_a_killed_page_changes_nothing_for_the_run(tmp_path: Path) -> None:
             os.kill(server_of(child.pid), signal.SIGKILL)
         report = json.loads(child.stdout.read())
         said = child.stderr.read()
+        child.wait()
     assert child.returncode == 0
     assert report["stop_reason"] == "duration"
     assert report["ticks"] + report["missed_ticks"] >= 4000

@@ -4,7 +4,6 @@ import os
 import pty
 import select
 import subprocess
-import sys
 import termios
 import time
 from pathlib import Path
@@ -17,6 +16,7 @@ from haptic_wall.controller.cli.live_line import line_of, worst_of
 from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, ROW
 from tests.cases import whole_only
+from tests.support.program import LAUNCHER
 
 
 def row(**fields: float) -> Any:
@@ -61,7 +61,7 @@ def test_of_several_axes_the_worst_is_shown() -> None:
 def test_a_key_ends_the_run_and_the_terminal_is_as_before(tmp_path: Path, key: bytes) -> None:
     ours, theirs = pty.openpty()
     before = termios.tcgetattr(theirs)
-    command = [str(Path(sys.executable).with_name("haptic-wall")), "run", "simulated"]
+    command = [LAUNCHER, "run", "simulated"]
     command += ["--set", "realtime.profile=off", "--duration", "60", "--no-plot"]
     run = subprocess.Popen(
         command, stdin=theirs, stdout=theirs, stderr=theirs, cwd=tmp_path, start_new_session=True,

@@ -1,42 +1,34 @@
 """``log`` tells what a run's log holds, and exports it for other tools."""
 
 import csv
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from haptic_wall.controller.cli.log import command
-from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.writer import LogWriter, append_end
 from haptic_wall.controller.report.run_text import report_text
 from haptic_wall.controller.report.sketch import Sketch
-from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_WARM_UP, ROW
+from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_WARM_UP
 from haptic_wall.controller.settings.load import load_config
-from tests.cli.caller import Cli
 from tests.cli.test_text import REPORT
+from tests.support.program import Cli
+from tests.support.rows import rows_of
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
 
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
-    rows = np.zeros(1001, ROW)
-    rows["seq"] = np.arange(len(rows))
-    rows["deadline_ns"] = 7_000_000_000 + 1_000_000 * rows["seq"]
+    rows = rows_of(1001, torque=-0.123456789, age_ns=120_300, lateness_ns=2_000)
     rows["position"] = np.linspace(-0.1, 0.2, len(rows))
     rows["position"][0] = np.nan
-    rows["torque"] = -0.123456789
-    rows["age_ns"] = 120_300
     rows["outcome"][5] = 1
     rows["missed"][9] = 3
     rows["flags"][:101] = FLAG_WARM_UP
     rows["flags"][401:] = FLAG_CONTACT
-    rows["lateness_ns"] = 2_000
     rows["lateness_ns"][700] = 60_000
     rows["oscillation"][500:520] = 2
     metadata = {
@@ -51,26 +43,20 @@ def log(tmp_path: Path) -> Path:
     return path
 
 
-def answer(*arguments: str | float | Path) -> str:
-    result = CliRunner().invoke(command, list(map(str, arguments)), catch_exceptions=False)
-    assert result.exit_code == 0
-    return result.stdout
-
-
-def test_a_log_tells_its_rows_and_the_report_of_its_run(log: Path) -> None:
-    found = json.loads(answer(log, "--json"))
+def test_a_log_tells_its_rows_and_the_report_of_its_run(log: Path, cli: Cli) -> None:
+    found = cli.json("log", log)
     assert (found["rows"], found["from_s"], found["to_s"]) == (1001, 0.0, 1.0)
     assert found["metadata"]["config"]["wall"]["stiffness"] == 8.0 and found["report"] is None
-    assert "1001 rows, from 0 to 1 s" in (text := answer(log))
+    assert "1001 rows, from 0 to 1 s" in (text := cli("log", log).out)
     assert "not ended: it goes on, or was killed" in text
     append_end(log, REPORT)
-    assert report_text(REPORT) in answer(log)
-    assert json.loads(answer(log, "--json"))["report"]["ticks"] == REPORT["ticks"]
+    assert report_text(REPORT) in cli("log", log).out
+    assert cli.json("log", log)["report"]["ticks"] == REPORT["ticks"]
 
 
-def test_csv_has_the_columns_that_other_tools_read(log: Path, tmp_path: Path) -> None:
+def test_csv_has_the_columns_that_other_tools_read(log: Path, tmp_path: Path, cli: Cli) -> None:
     out = tmp_path / "run.csv"
-    answer(log, "--csv", out)
+    cli("log", log, "--csv", out)
     with out.open(newline="") as file:
         table = list(csv.DictReader(file))
     assert len(table) == 1001
@@ -84,21 +70,21 @@ def test_csv_has_the_columns_that_other_tools_read(log: Path, tmp_path: Path) ->
     assert table[5]["outcome"] == "1"
 
 
-def test_a_log_without_rows_is_shown_but_not_exported(tmp_path: Path) -> None:
+def test_a_log_without_rows_is_shown_but_not_exported(tmp_path: Path, cli: Cli) -> None:
     path = tmp_path / "empty.hwlog"
     LogWriter(path, {"name": "simulated", "program": "haptic-wall"}).close()
-    assert "0 rows" in answer(path)
-    assert json.loads(answer(path, "--json"))["to_s"] is None
-    with pytest.raises(UserError, match="holds no rows"):
-        answer(path, "--csv", tmp_path / "run.csv")
+    assert "0 rows" in cli("log", path).out
+    assert cli.json("log", path)["to_s"] is None
+    assert "holds no rows" in cli.refused("log", path, "--csv", tmp_path / "run.csv")
 
 
 def test_a_stretch_is_shown_and_exported_by_the_log_s_time(
-    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli
 ) -> None:
-    summary = json.loads(answer(log, "--json", "--from", 0.3, "--to", "0.6"))
+    stretch = (log, "--from", 0.3, "--to", 0.6)
+    summary = cli.json("log", *stretch)
     assert (summary["rows"], summary["from_s"], summary["to_s"]) == (300, 0.3, 0.599)
-    answer(log, "--from", 0.3, "--to", 0.6, "--csv", tmp_path / "a.csv")
+    cli("log", *stretch, "--csv", tmp_path / "a.csv")
     with (tmp_path / "a.csv").open(newline="") as file:
         table = list(csv.DictReader(file))
     assert (table[0]["time_s"], table[-1]["time_s"], len(table)) == ("0.3", "0.599", 300)
@@ -109,20 +95,5 @@ def test_a_stretch_is_shown_and_exported_by_the_log_s_time(
         path.touch()
 
     monkeypatch.setattr("haptic_wall.controller.report.run.plot_run", keep)
-    answer(log, "--from", 0.3, "--to", 0.6, "--plot", tmp_path / "a.png")
+    cli("log", *stretch, "--plot", tmp_path / "a.png")
     assert (drawn[0][0], drawn[0][-1]) == pytest.approx((0.3, 0.599))
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["--from", "-1"], "--from: found -1, wanted a number from 0"),
-        (["--to", "nan"], "--to: found nan, wanted a number"),
-        (["--from", "2", "--to", "1"], "--to: found 1, wanted more than --from, which is 2"),
-        (["--from", "5"], "holds no rows in that stretch"),
-    ],
-)
-def test_a_stretch_that_is_none_is_refused(
-    log: Path, cli: Cli, arguments: list[str], said: str
-) -> None:
-    assert said in cli.refused("log", log, *arguments)

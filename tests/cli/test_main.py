@@ -1,10 +1,9 @@
 """Every error has its exit status and one clear message; standard output is the answer's alone."""
 
 import errno
-import shlex
 import subprocess
-import sys
-from typing import Any, NoReturn
+from pathlib import Path
+from typing import NoReturn
 
 import click
 import pytest
@@ -12,20 +11,7 @@ import pytest
 from haptic_wall.controller.cli import main as program
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.hw.errors import PortBusyError
-from tests.cli.caller import Cli
-
-PYTHON = shlex.quote(sys.executable)
-
-
-def shell(*arguments: str, **kwargs: Any) -> subprocess.CompletedProcess[str]:
-    done: subprocess.CompletedProcess[str] = subprocess.run(
-        [sys.executable, "-m", "haptic_wall.controller.cli.main", *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-        **kwargs,
-    )
-    return done
+from tests.support.program import PROGRAM, Cli, python
 
 
 def raising(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
@@ -41,24 +27,16 @@ def raising(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
 
 
 def test_help_lists_the_commands_without_importing_them() -> None:
-    done = shell("--help")
-    assert done.returncode == 0
+    code = (
+        "import sys; from haptic_wall.controller.cli.main import main; main(['--help']);"
+        "print(*[m for m in ('numpy', 'pydantic', 'matplotlib', 'serial') if m in sys.modules],"
+        " file=sys.stderr)"
+    )
+    done = python("-c", code)
+    assert (done.returncode, done.stderr.strip()) == (0, "")
     for name, line in program.COMMANDS.items():
         assert f"{name} " in done.stdout
         assert line in " ".join(done.stdout.split())
-    loaded = subprocess.run(
-        [
-            sys.executable,
-            "-c",
-            "import sys; from haptic_wall.controller.cli.main import main; main(['--help']);"
-            "print(*[m for m in ('numpy', 'pydantic', 'matplotlib', 'serial') if m in sys.modules],"
-            " file=sys.stderr)",
-        ],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert loaded.stderr.strip() == ""
 
 
 @pytest.mark.parametrize("name", program.COMMANDS)
@@ -67,11 +45,6 @@ def test_every_command_has_help(cli: Cli, name: str) -> None:
     assert status == 0
     assert "Usage: haptic-wall " + name in out
     assert "\\b" not in out, "click's mark for lines to be left alone, shown as text"
-
-
-def test_no_command_is_one_clear_message(cli: Cli) -> None:
-    text = "haptic-wall: Missing command; `haptic-wall --help` lists options and arguments\n"
-    assert cli.refused() == text
 
 
 def test_short_version_and_help(cli: Cli) -> None:
@@ -106,23 +79,15 @@ def test_the_exit_status_is_the_commands_own_when_the_reader_has_left() -> None:
         "end, other = os.pipe(); os.close(end); os.dup2(other, 1);"
         "sys.exit(main(sys.argv[1:]))"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script, "config", "--json"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = python("-c", script, "config", "--json")
     assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_a_full_disk_is_told_in_a_sentence() -> None:
-    done = subprocess.run(
-        f"{PYTHON} -m haptic_wall.controller.cli.main presets > /dev/full",
-        shell=True,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [*PROGRAM, "presets"], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
     assert done.returncode == 4
     assert "the system refuses a resource: No space left on device: make room" in done.stderr
     assert done.stderr.count("\n") == 1

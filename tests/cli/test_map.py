@@ -6,8 +6,6 @@ import csv
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
 from concurrent.futures import Executor
 from contextlib import nullcontext
@@ -20,8 +18,8 @@ from haptic_wall.controller.experiments.maps.servo import MapSettings
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness
 from tests.cases import whole_only
-from tests.cli.caller import Cli
 from tests.support.executors import AtOnce
+from tests.support.program import Cli, started
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -41,13 +39,8 @@ def _here(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_files_and_the_report_hold_every_point(cli: Cli, tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("kept")
-    status, out, err = cli(
-        "map", "paper-table2", "--out", tmp_path, "--virtual-damping=-0.05,0.1,0.4",
-        "--delay-steps", "0,2", "--workers", 1, "--json",
-    )  # fmt: skip
-    assert status == 0
-    assert "paper-table2" in err
-    report = json.loads(out)
+    plane = ("--virtual-damping=-0.05,0.1,0.4", "--delay-steps", "0,2")
+    report = cli.json("map", "paper-table2", *plane, "--workers", 1, "--out", tmp_path)
     points = report["points"]
     assert report["complete"]
     assert report["side"] == "both"
@@ -71,49 +64,15 @@ def test_the_files_and_the_report_hold_every_point(cli: Cli, tmp_path: Path) -> 
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["xm430-w350"], "CONFIG: found a real servo at"),
-        (["simulated", "--kick="], "--kick: found , wanted a number above 0 rad"),
-        (["simulated", "--kick", "0"], "--kick: found 0, wanted a number above 0 rad"),
-        (["simulated", "--delay-steps", "0.5"], "--delay-steps: found 0.5, wanted a whole number"),
-        (["simulated", "--delay-steps=-1"], "--delay-steps: found -1"),
-        (["simulated", "--virtual-damping", "a"], "--virtual-damping: found a, wanted a number"),
-        (["simulated", "--virtual-damping=nan"], "--virtual-damping: found nan, wanted a number"),
-    ],
-)
-def test_what_cannot_be_mapped_is_refused_before_anything_is_written(
-    cli: Cli, tmp_path: Path, arguments: list[str], message: str
-) -> None:
-    assert message in cli.refused("map", *arguments, "--out", tmp_path / "out")
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.mark.whole
 @pytest.mark.realtime
 @pytest.mark.parametrize("impatient", [whole_only(False), True])
 def test_ctrl_c_ends_it_without_a_traceback_and_says_what_is_kept(
     tmp_path: Path, impatient: bool
 ) -> None:
-    arguments = [
-        "-m",
-        "haptic_wall.controller.cli.main",
-        "map",
-        "simulated",
-        "--out",
-        str(tmp_path),
-        "--json",
-    ]
-    with subprocess.Popen(
-        [sys.executable, *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    ) as command:
+    with started("map", "simulated", "--out", tmp_path, "--json") as command:
         assert command.stderr is not None
-        first = command.stderr.readline() if os.name == "posix" else ""
+        first = command.stderr.readline()
         time.sleep(1.5)  # nothing is lost if the pool is not up yet
         os.killpg(command.pid, signal.SIGINT)  # as a terminal does: to all of them
         if impatient:

@@ -7,7 +7,7 @@ from typing import NoReturn
 import pytest
 
 from haptic_wall.controller.logs.file import SUFFIX
-from tests.cli.caller import Cli
+from tests.support.program import Cli
 
 SIMULATED = "simulated", "--set", "loop.clock=simulated"
 LOG = f"run{SUFFIX}"

@@ -6,7 +6,7 @@ import click
 import pytest
 
 from haptic_wall.controller.cli.places import take_folder
-from tests.cli.caller import Cli
+from tests.support.program import Cli
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -18,6 +18,8 @@ FOLDERS = [
     (["delay", *SIMULATED], "delay.json"),
     (SWEEP, "sweep.csv"),
     (["commission", *SIMULATED], "report.txt"),
+    (["commission", *SIMULATED], "config.yaml"),
+    (["acceptance", *SIMULATED], "acceptance.json"),
 ]
 FILES = [
     (["run", *SIMULATED], "--log"),

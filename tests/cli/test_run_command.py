@@ -4,11 +4,9 @@ import json
 import os
 import signal
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import click
-import numpy as np
 import pytest
 from click.core import Context
 
@@ -20,8 +18,8 @@ from haptic_wall.controller.processes.recorder import Recorder
 from haptic_wall.controller.processes.run_report import exit_status
 from haptic_wall.controller.report.run_text import report_text
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip
-from haptic_wall.controller.runtime.telemetry import ROW
-from tests.cli.caller import Cli
+from tests.support.program import Cli
+from tests.support.rows import rows_of
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -32,33 +30,6 @@ BRIEF = ("--set=loop.clock=simulated", "--duration=0.1", "--json")
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--log", "a", "--plot", "./a"], "--log and --plot both name a"),
-        (
-            ["--set=loop.clock=monotonic", "--hold", "a", "--hold", "b"],
-            "--hold: found two sources, wanted one",
-        ),
-        (["--set=loop.clock=monotonic", "--hold", "page"], "add --live --live-control"),
-        (["--plot", "a.png", "--no-plot"], "found both --plot and --no-plot"),
-        (["--plot", "a.svg"], "--plot a.svg: found a name ending in .svg"),
-        (["--log", "."], "--log: . is a folder"),
-        (["--log", 300 * "x"], "File name too long; name another place"),
-        (["--plot", 300 * "x"], "File name too long; name another place"),
-        (["--duration", "-1"], "--duration: found -1"),
-        (["--witness", "a"], "--witness: only an emulated bus"),
-    ],
-)
-def test_a_wrong_place_or_time_is_refused_before_the_start(
-    cli: Cli, folder: Path, arguments: list[str], message: str
-) -> None:
-    status, out, err = cli("run", *BRIEF, *arguments)
-    assert (status, json.loads(out)["exit_status"]) == (2, 2)
-    assert message in err
-    assert list(folder.iterdir()) == []
 
 
 @pytest.mark.parametrize(
@@ -104,24 +75,17 @@ def test_a_signal_while_the_picture_is_drawn_costs_the_picture_only(
     assert signal.getsignal(number) is before
 
 
-def placed(
-    log: Path | None,
-    plot: Path | None,
-    witness: Path | None,
-    name: str = "simulated",
-) -> tuple[tuple[Path, Path | None], Context]:
+def placed() -> tuple[tuple[Path, Path | None], Context]:
     """Where a run would write, and the context that keeps others from writing there."""
     names = ["-h", "--help"]  # a command keeps the first that it is asked for
     context = click.Context(run_command.command, help_option_names=names)
     with context.scope(cleanup=False):
-        return run_command._places(log, plot, witness, name, draws=True), context
+        return run_command._places(None, None, None, "simulated", draws=True), context
 
 
 def test_the_log_of_a_living_run_is_not_replaced(cli: Cli, folder: Path) -> None:
-    rows = np.zeros(3, ROW)
-    rows["seq"] = rows["deadline_ns"] = np.arange(3)
     with LogWriter(folder / "a.hwlog", {}) as log:
-        log.append(rows[:, None])
+        log.append(rows_of(3)[:, None])
         told = cli.refused("run", *BRIEF, "--log", "a.hwlog", "--force")
         assert "another program has a.hwlog open" in told
     assert len(LogReader.open(folder / "a.hwlog").rows()) == 3
@@ -131,11 +95,11 @@ def test_the_log_of_a_living_run_is_not_replaced(cli: Cli, folder: Path) -> None
 def test_two_runs_begun_together_do_not_write_one_file(monkeypatch: pytest.MonkeyPatch) -> None:
     """Though neither has written anything yet."""
     monkeypatch.setattr(time, "strftime", lambda _: "20260101-000000")
-    first, context = placed(None, None, None)
-    second, _ = placed(None, None, None)
+    first, context = placed()
+    second, _ = placed()
     assert not set(first) & set(second)
     context.close()
-    assert placed(None, None, None)[0] == first, "and later it is free again"
+    assert placed()[0] == first, "and later it is free again"
 
 
 MINE = {"notes.txt": b"mine", "photo.png": b"\x89PNG\r\n\x1a\n" + 300 * b"x", "empty": b""}
@@ -176,31 +140,19 @@ def test_a_file_is_replaced_only_when_it_is_said(
     assert (folder / name).read_bytes() != MINE[name]
 
 
-def meanwhile(monkeypatch: pytest.MonkeyPatch, action: Callable[[], None]) -> None:
-    """Have something done to the log behind its last row."""
-    close = Recorder.close
-
-    def after(recorder: Recorder) -> None:
-        close(recorder)
-        action()
-
-    monkeypatch.setattr(Recorder, "close", after)
-
-
 @pytest.mark.parametrize(("how", "json_wanted"), [("removed", True), ("another", False)])
 def test_a_log_that_is_gone_is_the_first_that_is_said(
     cli: Cli, folder: Path, monkeypatch: pytest.MonkeyPatch, how: str, json_wanted: bool
 ) -> None:
-    log = folder / "run.hwlog"
+    log, close = folder / "run.hwlog", Recorder.close
 
-    def act() -> None:
-        moved = log.rename(folder / "moved")
-        if how == "removed":
-            moved.unlink()
+    def closed(recorder: Recorder) -> None:
+        close(recorder)
+        log.rename(folder / "moved")
         if how == "another":
             log.write_text("mine")
 
-    meanwhile(monkeypatch, act)
+    monkeypatch.setattr(Recorder, "close", closed)
     words = ["--set=loop.clock=simulated", "--duration=0.1", "--log", str(log)]
     status, out, _ = cli("run", *words, *(["--json"] if json_wanted else []))
     assert status == 5

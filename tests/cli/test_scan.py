@@ -7,12 +7,8 @@ import pytest
 import yaml
 
 from haptic_wall.controller.cli import scan as module
-from tests.cli.caller import Cli
 from tests.hw.emulated.test_emulated_server import emulate
-
-
-def test_a_port_without_a_name_is_refused(cli: Cli) -> None:
-    assert "--port: found nothing" in cli.refused("scan", "--port", "")
+from tests.support.program import Cli
 
 
 def test_without_an_adapter_the_port_is_asked_for(

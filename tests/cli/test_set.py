@@ -1,13 +1,12 @@
 """``haptic-wall set``: the answer names the run that was changed."""
 
-import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.live.run_socket import AliveRun, socket_of
+from tests.support.program import Cli
 
 TOLD: dict[str, Any] = {
     "applied": True,
@@ -19,10 +18,7 @@ TOLD: dict[str, Any] = {
 
 @pytest.mark.parametrize("told", [TOLD, TOLD | {"changed": {}}])
 def test_the_answer_names_the_run_and_is_one_line_where_it_is_piped(
-    told: dict[str, Any],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    told: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli
 ) -> None:
     log = tmp_path / "runs" / "a.hwlog"
     runs = [AliveRun(socket_of(log), 1)]
@@ -30,12 +26,10 @@ def test_the_answer_names_the_run_and_is_one_line_where_it_is_piped(
     monkeypatch.setattr("haptic_wall.controller.live.ask.ask", lambda *_: told)
     for terminal in (False, True):
         monkeypatch.setattr("sys.stdout.isatty", lambda shown=terminal: shown)
-        assert cli.main(["set", "wall.stiffness=4"]) == 0
-        text, said = capsys.readouterr()
-        assert text.startswith(f"the run of {log}: ")
+        status, text, said = cli("set", "wall.stiffness=4")
+        assert status == 0 and text.startswith(f"the run of {log}: ")
         assert said == f"no wall runs in this folder; the change is for the run of {log}\n"
         assert len(text.splitlines()) == (4 if terminal and told["changed"] else 1)
     monkeypatch.chdir(tmp_path)
-    assert cli.main(["set", "wall.stiffness=4", "--json"]) == 0
-    text, said = capsys.readouterr()
-    assert json.loads(text)["log"] == str(log) and not said
+    assert cli.json("set", "wall.stiffness=4")["log"] == str(log)
+    assert not cli("set", "wall.stiffness=4").err

@@ -20,6 +20,7 @@ from haptic_wall.controller.live.ask import NotAppliedError
 from haptic_wall.controller.live.run_socket import connected, socket_of
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.runtime.telemetry import FLAG_CHANGED
+from tests.support.program import PROGRAM, python
 
 pytestmark = pytest.mark.realtime
 
@@ -46,10 +47,7 @@ def attacked(wall: RunningWall) -> None:
 
 def asked(wall: RunningWall, *words: str) -> tuple[int, dict[str, object]]:
     """Call the command."""
-    program = [sys.executable, "-m", "haptic_wall.controller.cli.main", "set", "--json"]
-    done = subprocess.run(
-        [*program, *words, "--run", str(wall.log)], stdout=subprocess.PIPE, check=False
-    )
+    done = python(*PROGRAM[1:], "set", "--json", *words, "--run", wall.log)
     return done.returncode, json.loads(done.stdout)
 
 
@@ -91,21 +89,13 @@ def test_a_wall_is_changed_from_outside_and_its_clients_harm_nothing(tmp_path: P
 
 
 def test_a_wall_that_cannot_start_says_why() -> None:
-    with (
-        pytest.raises(UserError, match=r"wall\.stiffness"),
-        run("simulated", ["wall.stiffness=-1"]),
+    for sets, duration_s, said in (
+        (["wall.stiffness=-1"], None, r"wall\.stiffness"),
+        (["loop.clock=simulated"], None, "duration_s: found none, .* simulated clock"),
+        ([], -1.0, "duration_s: found -1, wanted a time above 0 s"),
     ):
-        pass
-    with (
-        pytest.raises(UserError, match=r"duration_s: found none, .* simulated clock"),
-        run("simulated", ["loop.clock=simulated"]),
-    ):
-        pass
-    with (
-        pytest.raises(UserError, match="duration_s: found -1, wanted a time above 0 s"),
-        run("simulated", duration_s=-1.0),
-    ):
-        pass
+        with pytest.raises(UserError, match=said), run("simulated", sets, duration_s=duration_s):
+            pass
     with (
         pytest.raises(RunError, match=r"Port /dev/none does not exist") as caught,
         run("xm430-w350", {"servo.port": "/dev/none"}),

@@ -80,16 +80,11 @@ def test_the_report_of_several_axes_has_a_line_for_each() -> None:
     assert told.count("stiffness 1e+06 asked") == 1, "the reason is the same"
 
 
-def test_a_reading_of_each_servo_is_not_a_cycle_of_the_bus() -> None:
-    part = {key: REPORT[key] for key in ("guard", "oscillation", "torque")}
-    told = joined(REPORT | {"axes": {"arm": part, "elbow": part}})
-    assert "bus 4998 readings of 2 servos, immediate: 1 lost" in told
-
-
-def test_the_probe_of_another_axis_is_told_of_an_axis_that_it_made_softer() -> None:
+def test_the_whole_report_of_several_axes_tells_readings_and_the_probe_of_another_axis() -> None:
     part = {key: REPORT[key] for key in ("guard", "oscillation", "torque")}
     seen = {"state": "quiet", "probes": 0, "probed_s": 11.104}
     told = joined(REPORT | {"axes": {"arm": part | {"oscillation": seen}, "elbow": part}})
+    assert "bus 4998 readings of 2 servos, immediate: 1 lost" in told
     assert "quiet; no probe of its own, wall softer for 11 s;" in told
 
 
@@ -113,11 +108,6 @@ def test_the_report_tells_what_happened_in_some_25_lines() -> None:
     assert 12 <= len(lines) <= 27
     assert max(map(len, lines)) <= 98
     assert "log         runs/a long way/run.hwlog" in lines
-
-
-def test_late_ticks_have_no_exponent() -> None:
-    late = {**REPORT, "lateness_us": {**TIMES, "p99": 2450.0, "max": 27460.0}}
-    assert "late by p99 2450, max 27460 µs" in joined(late)
 
 
 def test_a_trip_is_the_first_thing_one_reads() -> None:
@@ -146,6 +136,8 @@ def test_what_is_not_known_is_left_out_or_named() -> None:
         "torque_off": None,
     }
     text = joined(report)
+    late = {**REPORT, "lateness_us": {**TIMES, "p99": 2450.0, "max": 27460.0}}
+    assert "late by p99 2450, max 27460 µs" in joined(late), "no exponent"
     assert "unknown Hz" in text
     assert "None" not in text
     assert "picture" not in text

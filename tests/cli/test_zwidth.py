@@ -8,7 +8,7 @@ import pytest
 from haptic_wall.controller.experiments import zwidth
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
-from tests.cli.caller import Cli, call
+from tests.support.program import Cli
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -45,11 +45,3 @@ def test_the_curves_are_those_of_theory_and_guard(tmp_path: Path, cli: Cli) -> N
     filtered = report["widths"][2]
     assert filtered["side"] == "both"
     assert filtered["peak"]["guard"]["stiffness"] > 0.0
-
-
-def test_a_length_of_no_sample_is_refused_in_a_sentence(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert call("zwidth", *SIMULATED, "--velocity-samples=0", "--out", tmp_path / "out") == 2
-    said = capsys.readouterr().err
-    assert "--velocity-samples: found 0, wanted a whole number from 1" in said

@@ -2,8 +2,6 @@
 
 import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +9,7 @@ import pytest
 
 import haptic_wall
 from tests.docs.pages import text_of
+from tests.support.program import python
 
 PAGE = "docs/how-to/api.md"
 EXAMPLES = re.findall(r"^```python\n(.*?)^```", text_of(PAGE), re.M | re.S)
@@ -34,11 +33,8 @@ def test_the_examples_run(tmp_path: Path, wholly: bool) -> None:
         paths[-1].write_text(patient)
     told: list[list[str]] = []
     for some in [[path] for path in paths] if wholly else [paths]:  # alone, or in one process
-        done = subprocess.run(
-            [sys.executable, "-W", "error", "-c", EACH, *some],
-            cwd=tmp_path, env=os.environ | {"PYTHONPATH": ""}, capture_output=True, text=True,
-            check=False, timeout=300,
-        )  # fmt: skip
+        here = {"cwd": tmp_path, "env": os.environ | {"PYTHONPATH": ""}}
+        done = python("-W", "error", "-c", EACH, *some, **here, timeout=300)
         assert done.returncode == 0, done.stderr
         told += [text.split() for text in done.stdout.split(END)[:-1]]
     if wholly:

@@ -4,13 +4,10 @@ Runs go by the simulated clock, for a moment: what is held here is that the comm
 what is shown. Nothing is asserted about time.
 """
 
-import gc
 import os
 import re
 import sqlite3
-import subprocess
-import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import closing, nullcontext
 from importlib.util import find_spec
@@ -19,7 +16,6 @@ from typing import NoReturn
 
 import pytest
 
-from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.experiments import cluster
 from haptic_wall.controller.experiments.maps import maps
 from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError, Testbed
@@ -28,11 +24,11 @@ from haptic_wall.controller.settings.changes import changed, difference
 from haptic_wall.controller.settings.load import load_config
 from tests.cases import whole_only
 from tests.docs.pages import ROOT, commands, text_of
-from tests.typed import not_none, status_of
+from tests.support.program import call, python, started
+from tests.typed import not_none
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
-PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
 RUNS = [(page, words) for page, words in commands() if words[0] in ("haptic-wall", "scripts/run")]
 OTHERS = [(page, words) for page, words in commands() if (page, words) not in RUNS]
 BUSES = [words for _, words in RUNS if words[1:2] == ("emulate",)]
@@ -42,7 +38,7 @@ NOTHING = {"rows": [], "notes": [], "seconds": 0.0}
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with what the pages' commands find: the presets' files, a testbed's, a log."""
     monkeypatch.chdir(tmp_path)
     # What is measured has tests of its own, and takes minutes.
@@ -56,8 +52,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (tmp_path / "docs" / "examples").symlink_to(ROOT / "docs" / "examples")
     (tmp_path / "my-testbed.yaml").write_text((ROOT / "config" / "xm430-w350.yaml").read_text())
     (tmp_path / "leader.yaml").write_text((ROOT / "config" / "xl330-m288.yaml").read_text())
-    yield tmp_path
-    gc.enable()  # a run switches it off
+    return tmp_path
 
 
 MEASURING = ("delay", "identify", "map", "sweep")
@@ -98,13 +93,6 @@ class Nobody(Executor):
         raise KeyboardInterrupt
 
 
-def call(words: Sequence[str]) -> int:
-    try:
-        return cli.main(words)
-    except SystemExit as ended:
-        return status_of(ended)
-
-
 def shown(found: tuple[str, tuple[str, ...]]) -> str:
     page, words = found
     return f"{page}: {' '.join(words)}"
@@ -123,15 +111,15 @@ def run_quickly(
         words = words[:at] + words[at + 2 :]
     config = words[0] if words and not words[0].startswith("-") else "simulated"
     sets = [words[i + 1] for i, word in enumerate(words) if word == "--set"]
-    wrong = call(["config", config, *(f"--set={s}" for s in sets)])
+    wrong = call("config", config, *(f"--set={s}" for s in sets))
     capsys.readouterr()
     if wrong:
-        return call(words), 2
+        return call(*words), 2
     extra = ["--duration=0.1"]
     if load_config(config, sets).config.servo.kind == "hardware":
         # Another port than the one named: where the tests run, a servo may be at that one.
         nowhere = folder / "ttyUSB0"
-        status = call(["run", *words, *extra, "--set", f"servo.port={nowhere}"])
+        status = call("run", *words, *extra, "--set", f"servo.port={nowhere}")
         assert f"Port {nowhere} does not exist" in capsys.readouterr().err
         return status, 4
     # A record is kept by an emulator in its own process only; what is watched runs in real time.
@@ -141,18 +129,18 @@ def run_quickly(
     words = [word for word in words if word not in ("--live", "--live-control")]
     tripping = "safety.max_speed=0.5" in sets
     extra = [] if tripping else extra
-    return call(["run", *words, *extra, "--set", "loop.clock=simulated"]), 3 if tripping else 0
+    return call("run", *words, *extra, "--set", "loop.clock=simulated"), 3 if tripping else 0
 
 
 def look(words: list[str], folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A ``scan`` or ``doctor``, at a port where nothing is unless it brings its own bus."""
     nowhere = folder / "ttyUSB0"
     if words[0] == "scan":
-        assert call([*words, "--port", str(nowhere)]) == 4
+        assert call(*words, "--port", str(nowhere)) == 4
     elif load_config(words[1]).config.servo.kind == "emulated":
-        assert call([*words, "--set", "realtime.profile=off"]) in (0, 1)  # it also judges time
+        assert call(*words, "--set", "realtime.profile=off") in (0, 1)  # it also judges time
     else:
-        assert call([*words, "--set", f"servo.port={nowhere}"]) == 4
+        assert call(*words, "--set", f"servo.port={nowhere}") == 4
     assert "Traceback" not in capsys.readouterr().err
 
 
@@ -223,8 +211,8 @@ def test_commands_of_the_program(
     if words[0] in ("log", "live"):
         seconds = float(value_of(words, "--from") or -0.9) + 1.0
         quick = [f"--duration={seconds}", "--set=loop.clock=simulated", "--set=loop.rate_hz=250"]
-        assert call(["run", "--log", words[1], *quick]) == 0
-    assert call(words) == (0 if thorough or words[0] not in MEASURING else 130)
+        assert call("run", "--log", words[1], *quick) == 0
+    assert call(*words) == (0 if thorough or words[0] not in MEASURING else 130)
     if (csv := value_of(words, "--csv")) is not None:
         assert (folder / csv).read_text().startswith("time_s,position_rad,torque_nm,")
 
@@ -238,7 +226,7 @@ def test_other_commands(found: tuple[str, tuple[str, ...]]) -> None:
             assert activate == ".venv/bin/activate"
         case ("sqlite3", log, query):
             quick = ["--duration=0.1", "--set=loop.clock=simulated", "--no-plot"]
-            assert call(["run", "--log", log, *quick]) == 0
+            assert call("run", "--log", log, *quick) == 0
             with closing(sqlite3.connect(log)) as db:
                 assert len(db.execute(query).fetchall()) == 10
         case ("dask", command, *_):
@@ -251,56 +239,21 @@ def test_other_commands(found: tuple[str, tuple[str, ...]]) -> None:
             )
 
 
-@pytest.fixture
-def bus(
-    tmp_path: Path,
-) -> Iterator[Callable[[Sequence[str]], tuple[subprocess.Popen[str], str | None, Path]]]:
-    """Starts emulated buses by the pages' words, files apart; ends them."""
-    started = []
-
-    def start(words: Sequence[str]) -> tuple[subprocess.Popen[str], str | None, Path]:
-        link = value_of(words, "--link")
-        place = {
-            link: str(tmp_path / "bus"),
-            value_of(words, "--record"): str(tmp_path / "truth.csv"),
-        }
-        emulator = subprocess.Popen(
-            [*PROGRAM, *(place.get(word, word) for word in words[1:])],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        started.append(emulator)
-        path = not_none(emulator.stdout).readline().strip()
-        if not path.startswith("/dev/pts/"):
-            said = emulator.communicate(timeout=10)
-            pytest.fail(f"the bus did not start: {path!r}, {said}, status {emulator.returncode}")
-        return emulator, link, tmp_path / "bus"
-
-    yield start
-    for emulator in started:
-        emulator.kill()
-        emulator.communicate()
-
-
 @pytest.mark.realtime
-def test_the_vendors_client(
-    bus: Callable[[Sequence[str]], tuple[subprocess.Popen[str], str | None, Path]], tmp_path: Path
-) -> None:
+def test_the_vendors_client(tmp_path: Path) -> None:
     """The example with dynamixel-sdk speaks to the bus that the same page starts."""
     page = "docs/how-to/emulated-bus.md"
-    first = next(words for found, words in RUNS if words in BUSES and found == page)
+    words = next(words for found, words in RUNS if words in BUSES and found == page)
     (example,) = re.findall(r"^```python\n(.*?)^```", text_of(page), re.S | re.M)
-    emulator, link, there = bus(first)
+    link, record = not_none(value_of(words, "--link")), value_of(words, "--record")
     assert link in example
-    done = subprocess.run(
-        [sys.executable, "-c", example.replace(link, str(there))],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    emulator.terminate()
-    assert emulator.wait(10) == 0
+    here = {link: str(tmp_path / "bus"), record: str(tmp_path / "truth.csv")}
+    with started(*(here.get(word, word) for word in words[1:])) as emulator:
+        path = not_none(emulator.stdout).readline()
+        assert path.startswith("/dev/pts/"), not_none(emulator.stderr).read()
+        done = python("-c", example.replace(link, here[link]))
+        assert done.returncode == 0, done.stderr
+        emulator.terminate()
+        assert emulator.wait(10) == 0
     heard = (tmp_path / "truth.csv").read_text()
     assert ",rx,1,1," in heard  # the ping has arrived

@@ -1,7 +1,6 @@
 """What the pages show is what the program says, and what they list is complete."""
 
 import importlib.util
-import json
 import re
 import subprocess
 import sys
@@ -19,7 +18,8 @@ from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.open import open_bus
 from tests.docs.pages import PAGES, ROOT, broken, name_of, text_of
-from tests.docs.test_commands import call, folder  # noqa: F401 - a fixture
+from tests.docs.test_commands import folder  # noqa: F401 - a fixture
+from tests.support.program import Cli
 from tests.support.report_keys import REPORT_KEYS
 from tests.typed import not_none
 
@@ -118,10 +118,9 @@ def keys(value: object, path: str = "") -> set[str]:
 
 
 @pytest.mark.usefixtures("folder")
-def test_every_key_of_the_report_is_explained(capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["run", "emulated-ideal", "--set=loop.clock=simulated", "--duration=0.1", "--json"]
-    assert call(words) == 0
-    found = keys(json.loads(capsys.readouterr().out))
+def test_every_key_of_the_report_is_explained(cli: Cli) -> None:
+    words = ["run", "emulated-ideal", "--set=loop.clock=simulated", "--duration=0.1"]
+    found = keys(cli.json(*words))
     groups = {"guard.requested", "guard.commanded", "oscillation.reduced_to", "torque"}
     limits = {key for key in found if key.startswith("guard.limit.")}
     assert found - groups - limits | {"axes"} == {*REPORT_KEYS}

@@ -13,6 +13,7 @@ import yaml
 
 from haptic_wall.controller.emulated_bus.bus import PROGRAM
 from tests.docs.pages import ROOT
+from tests.support.program import python
 
 pytest_plugins = ["pytester"]
 pytestmark = pytest.mark.realtime
@@ -162,13 +163,7 @@ def test_the_example_passes_and_its_workflow_runs_it(tmp_path: Path) -> None:
     assert job["runs-on"].startswith("ubuntu")
     install, test = [step["run"] for step in job["steps"] if "run" in step]
     assert install == "python -m pip install pytest haptic-wall"
-    done = subprocess.run(
-        [sys.executable, *test.split()[1:], "-q", "-W", "error"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = python(*test.split()[1:], "-q", "-W", "error", cwd=tmp_path)
     assert done.returncode == 0, done.stdout
 
 
@@ -179,11 +174,5 @@ def test_the_page_s_programs_run(tmp_path: Path) -> None:
     for number, block in enumerate(blocks):
         uses = "\n\ndef test_bus(bus):\n    assert bus.ids == (1,)\n" if "def bus(" in block else ""
         (tmp_path / f"test_page_{number}.py").write_text(block + uses)
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-W", "error"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = python("-m", "pytest", "-q", "-W", "error", cwd=tmp_path)
     assert f"{len(blocks)} passed" in done.stdout, done.stdout

@@ -9,10 +9,9 @@ from tests.support.real_servos import ALL, EFFECTS, KINDS, Kind, drawn_servo, tr
 from tests.typed import not_none
 
 
-def test_the_bounds_of_a_real_servo_hold_it(thorough: bool) -> None:
+@pytest.mark.thorough
+def test_the_bounds_of_a_real_servo_hold_it() -> None:
     """The first of those that the page counts."""
-    if not thorough:
-        pytest.skip("seconds; --thorough runs it")
     cases = [(kind, effect, FIRST) for kind in KINDS for effect in (*EFFECTS, ALL)]
     found = [effect_identified(case) for case in cases]
     assert [each for each in found if not isinstance(each, Bounded) or not each.held] == []

@@ -31,11 +31,6 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         metafunc.parametrize("case", names)
 
 
-@pytest.fixture(autouse=True)
-def never_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The command ends its process, if any test has interrupted this one before."""
-
-
 def test_rows_are_as_they_were(case: str) -> None:
     found = ran(CASES[case])
     now, exactly = line_of(case, found), machine() == MADE_ON

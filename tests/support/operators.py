@@ -28,8 +28,6 @@ _SLOW = 20
 Row = tuple[float, float, float, float, float]
 """Stiffness [N·m/rad], damping [N·m·s/rad], reference [rad] and its speed [rad/s], push [N·m]"""
 
-NOTHING: Row = (0.0, 0.0, 0.0, 0.0, 0.0)
-
 
 @dataclass(frozen=True, slots=True)
 class Operator:

@@ -18,7 +18,6 @@ def simulated_critical_stiffness(
     *,
     coulomb: ArrayLike = 0.0,
     position_step: ArrayLike = 0.0,
-    backlash: ArrayLike = 0.0,
     torque_limit: ArrayLike = np.inf,
     one_sided: bool = False,
     velocity_samples: ArrayLike = 1,
@@ -28,13 +27,13 @@ def simulated_critical_stiffness(
     """The stiffness above which the motion after a kick grows, in the broadcast shape."""
     loops = (inertia, damping, virtual_damping, period, delay)
     guess = critical_stiffness(*loops, velocity_samples)
-    effects = (coulomb, position_step, backlash, torque_limit, velocity_samples, kick)
+    effects = (coulomb, position_step, torque_limit, velocity_samples, kick)
     arrays = np.broadcast_arrays(*loops, *effects, guess)
     found = []
-    for m, b, virtual, t, t_d, c, q, slack, limit, n, size, first in zip(
+    for m, b, virtual, t, t_d, c, q, limit, n, size, first in zip(
         *(array.ravel().tolist() for array in arrays), strict=True
     ):
-        servo = TrueServo(m, b, c, counts_per_rev=0, torque_limit=limit, backlash=slack)
+        servo = TrueServo(m, b, c, counts_per_rev=0, torque_limit=limit)
         how = {"period": t, "delay": t_d, "virtual_damping": virtual, "one_sided": one_sided}
         wall = wall_of(servo, **how, velocity_samples=int(n))
         wall = wall._replace(counts=1.0 / q if q > 0.0 else 0.0)

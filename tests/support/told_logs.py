@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.live.client import Client, Messages
 from haptic_wall.controller.live.server import LiveServer
-from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, ROW
+from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT
 from haptic_wall.controller.settings.load import load_config
+from tests.support.rows import rows_of
 
 EVENTS: tuple[dict[str, Any], ...] = (
     {"at_s": 0.05, "row": 50, "outcome": "applied", "why": None, "set": ["wall.stiffness=9"],
@@ -26,14 +27,12 @@ EVENTS: tuple[dict[str, Any], ...] = (
 
 def rows(count: int, start: int = 0, hand: float = 0.0) -> NDArray[np.void]:
     """A hand that goes in and out of a wall; no two rows are alike."""
-    made = np.zeros(count, ROW)
-    seq = np.arange(start, start + count)
-    made["seq"], made["deadline_ns"] = seq, 3 * 10**9 + 10**6 * seq
+    made = rows_of(count, start, stiffness=8.0, damping=0.02, delay_s=3e-4)
+    seq = made["seq"]
     swing = 0.1 * np.sin(seq / 40.0 + hand)
     made["position"] = np.round(swing * 4096 / np.pi) * np.pi / 4096
     made["flags"] = np.where(made["position"] > 0.0, FLAG_CONTACT, 0)
     made["torque"] = made["wall_torque"] = np.where(swing > 0.0, -8.0 * swing, 0.0)
-    made["stiffness"], made["damping"], made["delay_s"] = 8.0, 0.02, 3e-4
     made["lateness_ns"] = 1000 + seq + round(1e7 * hand)
     made["measured_torque"] = np.nan
     return made

@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 import yaml
 
-from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.estimated import Estimated
 from haptic_wall.controller.experiments.identify import identification
 from haptic_wall.controller.experiments.identify.bench import UnidentifiableError
 from haptic_wall.controller.experiments.identify.fit import Friction
 from haptic_wall.controller.experiments.identify.identification import (
     Identified,
-    bounds_of,
     identify,
 )
 from haptic_wall.controller.experiments.identify.identified_config import (
@@ -25,7 +23,7 @@ from haptic_wall.controller.experiments.identify.identified_config import (
 from haptic_wall.controller.experiments.identify.motion import motion_of
 from haptic_wall.controller.experiments.identify.servo_fit import fit_servo
 from haptic_wall.controller.experiments.identify.vibration import Vibration
-from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Played, Testbed
+from haptic_wall.controller.experiments.testbed import Played, Testbed
 from haptic_wall.controller.guard.belief import Bounded
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.settings.config import Config
@@ -152,12 +150,6 @@ def test_a_shaft_that_the_torque_does_not_move_alone_is_told_with_what_was_tried
         identify(config_of(*sets), tmp_path)
 
 
-def test_a_trip_keeps_its_name(tmp_path: Path) -> None:
-    with pytest.raises(ExperimentTrippedError) as error:
-        identify(config_of("safety.max_speed=5", "model.inertia=0.2"), tmp_path)
-    assert error.value.stop_reason == "trip:overspeed"
-
-
 def test_a_reversed_torque_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     class Reversed(Testbed):
         def play(
@@ -281,12 +273,6 @@ def test_a_load_is_written_as_a_part_of_the_whole_inertia(usual: tuple[Config, I
     raw["model"] |= model
     assert Config.model_validate(raw).model.load_inertia is not None
     assert model["load_inertia"]["high"] == pytest.approx(1.2 * load, rel=1e-5)
-
-
-@pytest.mark.parametrize("reach", [0.01, 4.0, float("nan")])
-def test_a_reach_that_makes_no_sense_is_refused(reach: float) -> None:
-    with pytest.raises(UserError, match="--reach"):
-        bounds_of(config_of(), reach)
 
 
 def test_the_configuration_holds_the_truth_and_little_else(

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from haptic_wall.controller.experiments.delay import LoopDelay, delay_report, measure_delay
+from haptic_wall.controller.experiments.delay import measure_delay
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from tests.cases import sampled
@@ -13,29 +13,6 @@ from tests.cases import sampled
 
 def config_of(*sets: str, preset: str = "simulated") -> Config:
     return load_config(preset, ("loop.clock=simulated", *sets)).config
-
-
-@pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> LoopDelay:
-    """A servo with a lag of a fraction of a period, the hand of its preset, 3 periods inserted."""
-    config = config_of("servo.delay=0.00137", "delay.steps=3")
-    return measure_delay(config, tmp_path_factory.mktemp("delay"))
-
-
-@pytest.mark.whole
-def test_the_delay_is_the_servos_lag_and_what_is_inserted(found: LoopDelay) -> None:
-    assert found.device.value == pytest.approx(0.00137, abs=3 * found.device.stderr)
-    assert found.total.value == pytest.approx(0.00437, abs=3 * found.total.stderr)
-    assert found.total.stderr < 2e-5
-    assert found.wait == pytest.approx(0.003, abs=1e-5)
-
-
-@pytest.mark.whole
-def test_the_report_has_bounds_for_the_belief_that_hold_the_truth(found: LoopDelay) -> None:
-    report = delay_report(found)
-    assert report["value"] == found.total.value
-    assert report["parts"]["inserted"] == pytest.approx(0.003)
-    assert report["model_delay"]["low"] < 0.00137 < report["model_delay"]["high"]
 
 
 def lag_of(config: Config, folder: Path) -> tuple[float, float]:

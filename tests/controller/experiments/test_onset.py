@@ -14,7 +14,6 @@ from tests.support.simulated_limits import simulated_critical_stiffness
 
 T = TypeVar("T")
 FiveOf = tuple[T, T, T, T, T]
-COUNT = 2 * np.pi / 4096
 SMALL = (0.011951, 0.011692)
 """Inertia and damping of an MX-64"""
 
@@ -60,24 +59,6 @@ def test_with_friction_a_larger_kick_needs_less_stiffness_as_the_harmonic_balanc
     )
     balance = kick_limit(Lossy(*SMALL, 0.09039), 0.0, 1e-3, 2e-3, kick)
     assert found == pytest.approx(balance, rel=0.02)
-
-
-def test_an_encoder_hardly_changes_the_limit_of_motion_over_many_counts() -> None:
-    found = simulated_critical_stiffness(
-        *SMALL, [0.0, 0.02], 1e-3, 2e-3, position_step=COUNT, kick=0.3, tolerance=1e-3
-    )
-    np.testing.assert_allclose(
-        found, critical_stiffness(*SMALL, [0.0, 0.02], 1e-3, 2e-3), rtol=5e-3
-    )
-
-
-def test_play_costs_stiffness_and_small_motion_most() -> None:
-    """Play adds lag, the more the smaller the motion (its describing function)."""
-    free = critical_stiffness(*SMALL, 0.05, 1e-3, 2e-3)
-    found = simulated_critical_stiffness(
-        *SMALL, 0.05, 1e-3, 2e-3, backlash=0.002, kick=[0.004, 0.05, 0.5], tolerance=1e-3
-    )
-    assert found[0] < found[1] < found[2] < free
 
 
 def test_above_the_damping_ceiling_no_stiffness_is_stable_and_the_answer_is_zero() -> None:

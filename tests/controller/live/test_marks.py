@@ -6,22 +6,13 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.live.marks import Mark, MarkFinder
-from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP, ROW
+from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP
 from haptic_wall.hw.servo import Outcome
-
-ORIGIN_NS = 7_000_000_000
-
-
-def rows_of(count: int) -> NDArray[np.void]:
-    rows = np.zeros(count, ROW)
-    rows["seq"] = np.arange(count)
-    rows["deadline_ns"] = ORIGIN_NS + 1_000_000 * np.arange(count)
-    rows["stiffness"] = 10.0
-    return rows
+from tests.support.rows import ORIGIN_NS, rows_of
 
 
 def a_run() -> NDArray[np.void]:
-    rows = rows_of(1000)
+    rows = rows_of(1000, stiffness=10.0)
     rows["flags"][:50] = FLAG_WARM_UP
     rows["outcome"][[100, 103, 160, 700]] = Outcome.LOST
     rows["missed"][300] = 3

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import math
 import socket
 import struct
 import threading
@@ -22,7 +21,6 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from haptic_wall.controller import live as room
-from haptic_wall.controller.guard.guard import Situation
 from haptic_wall.controller.live.dead_man import DeadMan
 from haptic_wall.controller.live.frames import CHANNELS
 from haptic_wall.controller.live.run_socket import listening
@@ -39,12 +37,6 @@ PAGE = Path(str(room.__file__)).parent / "page"
 TOKEN = "the-right-token"
 BEGAN_NS = 5_000_000_000
 CONFIG = load_config("simulated", ()).config
-SIMULATED = (
-    CONFIG.request(),
-    CONFIG.guard_settings(),
-    Situation(CONFIG.belief(), 1e-3, CONFIG.true_servo().torque_limit, math.tau / 4096),
-    [0.0],
-)
 
 
 class Served:

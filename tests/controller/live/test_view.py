@@ -5,28 +5,24 @@ from __future__ import annotations
 import itertools
 import json
 import socket
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
-import pytest
 
-from haptic_wall.controller import live as room
 from haptic_wall.controller.live.client import Client
 from haptic_wall.controller.live.dead_man import SILENCE_NS, DeadMan
 from haptic_wall.controller.live.relay import OFFERED, sets_of
 from haptic_wall.controller.live.running_view import News
 from haptic_wall.controller.live.source import LoggedSource, RunningSource
 from haptic_wall.controller.live.view import View
-from haptic_wall.controller.runtime.telemetry import FLAG_OFF, ROW, Telemetry, Word
+from haptic_wall.controller.runtime.telemetry import FLAG_OFF, Telemetry, Word
 from haptic_wall.controller.settings.changes import changed
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.hand import SharedHand
-from tests.support.rows import row
+from tests.support.rows import ORIGIN_NS, rows_of
 from tests.typed import not_none
 
-PAGE = Path(str(room.__file__)).parent / "page"
 CONFIG = load_config("simulated", ()).config
 ELSEWHERE = changed(CONFIG, ["wall.position=0.4"])
 STOPS = changed(CONFIG, ["wall.law=stops", "wall.low=-0.5", "wall.high=0.3"])
@@ -51,20 +47,6 @@ def greeted(view: View) -> Page:
     return page
 
 
-@pytest.fixture
-def running() -> tuple[View, Telemetry]:
-    telemetry = Telemetry.create()
-    telemetry.words[Word.BEGAN_NS] = 1
-    return View(CONFIG, "a", RunningSource(telemetry, 1_000_000), recorded=False), telemetry
-
-
-def move(view: View, telemetry: Telemetry, *positions: float, stiffness: float = 8.0) -> None:
-    for position in positions:
-        telemetry.write(*row(deadline_ns=1, position=position, stiffness=stiffness))
-    view.look(1000)
-    view.draw_law()
-
-
 def test_hand_and_dead_man_are_on_the_clock_of_the_loop() -> None:
     """An elastic clock is behind the system's: a hand would hold on longer, or not at all."""
     telemetry, hand = Telemetry.create(), SharedHand.create()
@@ -79,11 +61,9 @@ def test_hand_and_dead_man_are_on_the_clock_of_the_loop() -> None:
 
 
 def test_a_log_shows_each_law_from_its_row_on() -> None:
-    rows = np.zeros(100, ROW)
-    rows["seq"] = np.arange(50, 150)
-    rows["deadline_ns"] = 5 + 1_000_000 * rows["seq"]
+    rows = rows_of(100, 50)
     rows["stiffness"] = np.where(rows["seq"] < 100, 8.0, 4.0)
-    log = SimpleNamespace(blocks=lambda: [rows[:30], rows[30:]], origin_ns=5)
+    log = SimpleNamespace(blocks=lambda: [rows[:30], rows[30:]], origin_ns=ORIGIN_NS)
     source = LoggedSource(cast("Any", log))
     view = View(CONFIG, "a", source, recorded=True)
     begun = source.since([0, 20, 100, 150])  # the last one is behind the stretch

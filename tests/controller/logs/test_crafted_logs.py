@@ -20,6 +20,7 @@ from haptic_wall.controller.logs.writer import LogWriter, append_end
 from haptic_wall.controller.system.printable import printable
 from tests.cases import sampled
 from tests.cli.test_text import REPORT
+from tests.support.program import Cli
 from tests.support.told_logs import EVENTS, metadata, rows
 
 
@@ -141,12 +142,22 @@ def test_what_a_log_has_besides_is_not_looked_at(
         pass
 
 
+def nested(depth: int) -> Any:
+    return [nested(depth - 1)] if depth else "deep"
+
+
+@pytest.mark.parametrize(
+    ("words", "changed", "said"),
+    [
+        (("log",), {"torque": {"max": 10**400, "saturated_ticks": 0}}, "is not that of a run"),
+        (("log", "--json"), {"explanation": nested(490)}, "nested too deeply"),
+    ],
+)
 def test_a_report_that_no_run_writes_is_refused(
-    log: Path, capsys: pytest.CaptureFixture[str]
+    log: Path, cli: Cli, words: tuple[str, ...], changed: dict[str, Any], said: str
 ) -> None:
-    append_end(log, REPORT | {"torque": {"max": 10**400, "saturated_ticks": 0}})
-    status, text = told(capsys, "log", log)
-    assert status == 2 and "its report is not that of a run" in text
+    append_end(log, REPORT | changed)
+    assert said in cli.refused(*words, log)
 
 
 @pytest.mark.parametrize("told_by", [3, {"state": []}, {"state": "quiet", "amplitude_rad": "a"}])
@@ -156,17 +167,6 @@ def test_a_verdict_that_no_run_writes_is_not_believed(
     append_end(log, REPORT | {"oscillation": told_by})
     status, text = told(capsys, "detect", log)
     assert status == 0 and text.startswith("state       quiet") and OWN not in text
-
-
-def test_a_report_nested_too_deeply_is_refused(
-    log: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    report: Any = "deep"
-    for _ in range(490):
-        report = [report]
-    append_end(log, REPORT | {"explanation": report})
-    status, text = told(capsys, "log", "--json", log)
-    assert status == 2 and "nested too deeply" in text
 
 
 def damaged(random: Random, content: bytes) -> bytes:

@@ -10,7 +10,6 @@ from haptic_wall.controller.logs import csv_recording
 from haptic_wall.controller.logs.detected import read_recording
 from haptic_wall.controller.theory.checks import FloatArray
 
-STEP = math.tau / 4096
 RNG = np.random.default_rng(1)
 
 

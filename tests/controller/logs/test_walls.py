@@ -1,6 +1,5 @@
 """Changes of a running wall in its log: the picture follows them."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -9,29 +8,23 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.walls import made, walls_of
 from haptic_wall.controller.logs.writer import LogWriter, append_end
 from haptic_wall.controller.report.run_panels import DrawnRun
 from haptic_wall.controller.report.sketch import sketched
-from haptic_wall.controller.runtime.telemetry import ROW
 from haptic_wall.controller.settings.changes import difference
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from tests.support.changed_walls import ChangedRun
+from tests.support.program import Cli
+from tests.support.rows import rows_of
 
 METADATA: dict[str, Any] = {"config": load_config("simulated", []).config.model_dump(mode="json")}
 
 
 Change = dict[str, Any]
 Swung = tuple[Path, ChangedRun, NDArray[np.void]]
-
-
-def told(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str]:
-    status = main([str(each) for each in words])
-    captured = capsys.readouterr()
-    return status, captured.out + captured.err
 
 
 def event(row: int | None, changed: Change | None, outcome: str = "applied") -> Change:
@@ -72,18 +65,16 @@ def swung(tmp_path_factory: pytest.TempPathFactory) -> Swung:
     return path, run, rows
 
 
-def written(path: Path, run: ChangedRun, rows: NDArray[np.void], *, tells: bool = True) -> None:
+def written(path: Path, run: ChangedRun, rows: NDArray[np.void]) -> None:
     with LogWriter(path, {"config": run.config.model_dump(mode="json")}) as log:
         for start in range(0, len(rows), 250):
             log.append(rows[start : start + 250, None])
-            for asked in run.asked if tells else ():
+            for asked in run.asked:
                 if start <= asked.row < start + 250 and asked.new is not None:
                     log.event(event(asked.row, dict(difference(asked.before, asked.new))))
 
 
-def test_the_picture_has_each_wall_in_its_time(
-    swung: Swung, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_picture_has_each_wall_in_its_time(swung: Swung, tmp_path: Path, cli: Cli) -> None:
     path, run, rows = swung
     read = LogReader.open(path)
     walls = walls_of(read.metadata, read.changes)
@@ -92,12 +83,8 @@ def test_the_picture_has_each_wall_in_its_time(
     assert surfaces.tolist() == [0.0, 0.0, *[0.01] * 6]
     assert times[1] == times[2] == drawn.time[run.asked[0].row]
     assert drawn.config.delay.steps == 1
-    assert told(capsys, "log", path, "--plot", tmp_path / "run.png")[0] == 0
-
-
-def test_the_log_tells_who_asked(swung: Swung, capsys: pytest.CaptureFixture[str]) -> None:
-    changes = json.loads(told(capsys, "log", swung[0], "--json")[1])["changes"]
-    assert len(changes) == 3
+    assert cli("log", path, "--plot", tmp_path / "run.png").status == 0
+    assert len(cli.json("log", path)["changes"]) == 3
 
 
 @pytest.mark.parametrize(
@@ -110,7 +97,7 @@ def test_the_log_tells_who_asked(swung: Swung, capsys: pytest.CaptureFixture[str
 def test_a_log_of_an_absent_law_says_so(
     swung: Swung,
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    cli: Cli,
     law: str,
     status: int,
     said: str,
@@ -121,19 +108,15 @@ def test_a_log_of_an_absent_law_says_so(
     config = {**METADATA["config"], "wall": {**METADATA["config"]["wall"], "law": law}}
     with LogWriter(path, {"config": config}) as log:
         log.append(swung[2][:50, None])
-    found, text = told(capsys, "detect", path)
-    assert found == status and said in text
-    assert told(capsys, "log", path, "--plot", tmp_path / "a.png")[0] == status
+    answer = cli("detect", path)
+    assert answer.status == status and said in answer.out + answer.err
+    assert cli("log", path, "--plot", tmp_path / "a.png").status == status
 
 
-def test_changes_come_in_the_order_of_their_rows(
-    tmp_path: Path,
-) -> None:
+def test_changes_come_in_the_order_of_their_rows(tmp_path: Path) -> None:
     path = tmp_path / "run.hwlog"
-    rows = np.zeros(20, ROW)
-    rows["seq"] = rows["deadline_ns"] = np.arange(20)
     with LogWriter(path, METADATA) as log:
-        log.append(rows[:, None])
+        log.append(rows_of(20)[:, None])
         for each in (
             event(9, {"wall.position": 0.3}),
             event(9, {"wall.position": 0.3}),

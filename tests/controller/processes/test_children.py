@@ -15,6 +15,7 @@ from haptic_wall.controller.processes.children import Child, first_line
 from haptic_wall.controller.system.signals import on_signals
 from haptic_wall.hw.errors import ServoError
 from tests.cases import sampled
+from tests.support.program import python
 
 
 def test_a_ctrl_c_while_a_child_is_started_reaches_its_parent_alone(
@@ -45,13 +46,7 @@ def test_a_ctrl_c_while_a_child_is_started_reaches_its_parent_alone(
 def test_a_child_whose_parent_was_interrupted_before_it_gave_orders_ends(
     module: str, told: str
 ) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", f"haptic_wall.controller.{module}"],
-        input=told,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = python("-m", f"haptic_wall.controller.{module}", input=told)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 

@@ -2,11 +2,10 @@
 
 import json
 import os
-import subprocess
-import sys
 
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.settings.load import load_config
+from tests.support.program import python
 
 BROKEN = """
 from haptic_wall.controller.processes import loop_process
@@ -31,15 +30,8 @@ def test_an_error_nobody_foresaw_is_told_once_and_named_a_defect() -> None:
         "duration_s": 1.0,
         "program": [],
     }
-    done = subprocess.run(
-        [sys.executable, "-c", BROKEN],
-        input=json.dumps(orders) + "\n",
-        capture_output=True,
-        text=True,
-        pass_fds=[telemetry.descriptor],
-        timeout=60,
-        check=False,
-    )
+    fds = [telemetry.descriptor]
+    done = python("-c", BROKEN, input=json.dumps(orders) + "\n", pass_fds=fds, timeout=60)
     assert done.stderr == ""
     (line,) = done.stdout.splitlines()
     told = json.loads(line)

@@ -1,7 +1,6 @@
 """Whatever becomes of a recorder, another goes on: each row is in the log once, and it is told."""
 
 import errno
-import itertools
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import cast
@@ -11,18 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 from haptic_wall.controller.logs.reader import LogReader
+from haptic_wall.controller.logs.writer import identity
 from haptic_wall.controller.processes import children, recorder_monitor
 from haptic_wall.controller.processes.recorder import Recorder
 from haptic_wall.controller.processes.recorder_monitor import RecorderMonitor
 from haptic_wall.controller.runtime.telemetry import CAPACITY, Telemetry, Word
-from tests.support.rows import row
-
-TICKS = itertools.count()
-
-
-def next_row() -> list[float]:
-    """A row of the next period."""
-    return row(deadline_ns=next(TICKS) * 1_000_000)
+from tests.support.rows import next_row
 
 
 class Child:
@@ -144,6 +137,16 @@ def test_a_recorder_killed_before_it_could_tell_of_its_last_block_loses_nothing(
     (note,), rows = run.end()
     assert "no row is missing" in note
     np.testing.assert_array_equal(rows, np.arange(2001))
+
+
+def test_a_recorder_killed_before_its_log_was_one_is_followed_by_another(run: Run) -> None:
+    run.recorders[-1].end(-9)
+    run.path.write_bytes(b"half a log")
+    run.words[Word.LOG_FILE] = identity(run.path)
+    run.go(2.0)
+    assert len(run.recorders) == 2
+    _, rows = run.end()
+    np.testing.assert_array_equal(rows, np.arange(2000))
 
 
 def test_a_full_disk_is_told_at_once_and_only_what_memory_cannot_hold_is_lost(run: Run) -> None:

@@ -152,17 +152,6 @@ SILENT_AND_MARKED = [(True, 1)]
 """When the torque was cut the loop was dead, and the memory said that the bus is not its own"""
 
 
-def test_a_dead_loop_has_its_torque_cut_and_its_end_told(stage: Stage) -> None:
-    stage.loop_acts = lambda loop: loop.end(1)
-    ended, report = stage.run()
-    assert stage.cuts == SILENT_AND_MARKED
-    assert exit_status(ended.stop_reason) == 3
-    assert ended.stop_reason == "trip:loop_died"
-    said = not_none(explanation(ended, stage.plan.config.servo))
-    assert "the loop's process ended with 1; the supervisor switched the torque off" in said
-    assert report["torque_off"] is True
-
-
 def test_torque_that_cannot_be_read_back_as_off_is_never_called_off(stage: Stage) -> None:
     stage.confirmed = False
     stage.loop_acts = lambda loop: loop.end(1)

@@ -12,32 +12,34 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.report import run as plot
 from haptic_wall.controller.report.sketch import sketched
-from haptic_wall.controller.runtime.telemetry import (
-    FLAG_CONTACT,
-    FLAG_WARM_UP,
-    ROW,
-)
+from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_WARM_UP
 from haptic_wall.controller.settings.load import load_config
+from tests.support.rows import rows_of
 from tests.typed import not_none
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
-def run_rows(count: int = 600, side: int = 1) -> NDArray[np.void]:
+def run_rows(count: int = 600) -> NDArray[np.void]:
     """A slow push in and out of a wall at zero, after a warm-up."""
-    rows = np.zeros(count, ROW)
     number = np.arange(count)
-    position = side * 0.1 * np.sin(number / 50)
-    rows["seq"], rows["position"] = number, position
-    rows["deadline_ns"] = 5_000_000_000 + 1_000_000 * number
-    rows["velocity"] = side * 2.0 * np.cos(number / 50)
-    rows["stiffness"], rows["damping"], rows["delay_s"] = 8.0, 0.02, 0.0003
-    rows["lateness_ns"], rows["work_ns"], rows["bus_ns"] = 500, 25_000, 90_000
-    contact = side * position > 0
-    rows["flags"] = np.where(contact, FLAG_CONTACT, 0)
-    rows["wall_torque"] = np.where(contact, -8.0 * position, 0.0)
-    rows["torque"] = rows["wall_torque"]
+    position = 0.1 * np.sin(number / 50)
+    torque = np.where(position > 0, -8.0 * position, 0.0)
+    rows = rows_of(
+        count,
+        position=position,
+        velocity=2.0 * np.cos(number / 50),
+        stiffness=8.0,
+        damping=0.02,
+        delay_s=0.0003,
+        lateness_ns=500,
+        work_ns=25_000,
+        bus_ns=90_000,
+        wall_torque=torque,
+        torque=torque,
+        flags=np.where(position > 0, FLAG_CONTACT, 0),
+    )
     rows["flags"][:100] |= FLAG_WARM_UP
     return rows
 

@@ -2,14 +2,13 @@
 
 import os
 import signal
-import subprocess
-import sys
 import threading
 from collections.abc import Callable
 
 import pytest
 
 from haptic_wall.controller.system.signals import STOPPING, interrupting, on_signals
+from tests.support.program import python
 
 SAYS = (
     "from haptic_wall.controller.system.signals import STOPPING;"
@@ -21,12 +20,9 @@ def begun(ignores: bool) -> list[str]:
     """What a program heeds that begins with the terminal's end ignored, as by nohup, or not."""
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN if ignores else signal.SIG_DFL)
     try:
-        done = subprocess.run(
-            [sys.executable, "-c", SAYS], capture_output=True, text=True, check=True
-        )
+        return python("-c", SAYS).stdout.split()
     finally:
         signal.signal(signal.SIGHUP, before)
-    return done.stdout.split()
 
 
 def test_the_closed_terminal_ends_a_run_but_not_one_that_nohup_began() -> None:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import pytest
 
@@ -23,24 +21,16 @@ from haptic_wall.controller.experiments.testbed import (
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.errors import ServoLostError
-from tests.cli.caller import call
+from tests.support.program import Cli, call
 from tests.typed import not_none
 
-ROOT = Path(__file__).parents[4]
-SIMULATED = ("simulated", "--set=loop.clock=simulated")
-OUTPUT = ROOT / "tests" / "data" / "commissioned.txt"
-"""Output of a commissioning of the simulated servo"""
+SIMULATED = ("commission", "simulated", "--set=loop.clock=simulated")
+REAL = ("commission", "xm430-w350", "--set=servo.port=/nowhere/ttyUSB0")
+"""A real servo, of which only the port is missing"""
 PNG = b"\x89PNG\r\n\x1a\n"
 """How one begins"""
 SWEPT = (PlanePoint(0.0, 3), PlanePoint(0.09, 3), PlanePoint(0.18, 3))
 """Points that are measured in a few trials"""
-
-
-def commission(folder: Path, *sets: str) -> None:
-    """Take all steps on the simulated servo, with fewer points."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(steps, "short_sweep", lambda _config: SWEPT)
-        assert call("commission", *SIMULATED, *sets, "--out", folder) == 0
 
 
 @pytest.fixture(scope="module")
@@ -48,42 +38,12 @@ def commissioned(
     whole_experiment: None,  # noqa: ARG001 - leaves it out
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Path:
-    """The folder of a whole commissioning of the simulated servo."""
+    """The folder of a whole commissioning of the simulated servo, with fewer points."""
     folder = tmp_path_factory.mktemp("commission") / "made"
-    commission(folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(steps, "short_sweep", lambda _config: SWEPT)
+        assert call(*SIMULATED, "--out", folder) == 0
     return folder
-
-
-def report_of(
-    folder: Path, capsys: pytest.CaptureFixture[str], *words: object
-) -> tuple[int, dict[str, Any]]:
-    capsys.readouterr()
-    status = call("commission", *(words or SIMULATED), "--out", folder, "--json")
-    out = capsys.readouterr().out
-    return status, json.loads(out, parse_constant=pytest.fail)
-
-
-def called(name: str, _bench: StepContext) -> NoReturn:
-    pytest.fail(name)
-
-
-def nothing_moves(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in steps_taken(monkeypatch, {}):
-        monkeypatch.setitem(steps.RUN, name, partial(called, name))
-
-
-def test_a_run_commands_what_the_verdict_says(desk: Desk) -> None:
-    desk.take()
-    _, report = desk.report()
-    for case in ("plain", "best"):
-        promised = report["verdict"][case]["commanded"]
-        words = ["run", desk.folder / "config.yaml", "--duration=0.05", "--json", "--no-plot"]
-        words += ["--set=wall.stiffness=1e6", f"--set=wall.damping={promised['damping']}"]
-        words += ["--log", desk.folder / f"{case}.hwlog"]
-        assert call(*words) == 0
-        guard = json.loads(desk.capsys.readouterr().out)["guard"]
-        assert guard["commanded"] == pytest.approx(promised, rel=1e-6)
-        assert guard["binding"] == report["verdict"][case]["binding"]
 
 
 def test_the_truth_lies_within_the_bounds_that_are_written(commissioned: Path) -> None:
@@ -109,18 +69,6 @@ def test_the_text_stands_beside_the_pictures(commissioned: Path) -> None:
     shown = " ".join((commissioned / "report.txt").read_text().split())
     assert f"{report['verdict']['best']['commanded']['stiffness']:.3g} N·m/rad" in shown
     assert "torque constant" in shown and "config.yaml" in shown
-
-
-def test_an_earlier_commissioning_is_replaced_by_force_alone(desk: Desk) -> None:
-    called = desk.take()
-    desk.report()
-    before = (desk.folder / "config.yaml").read_text()
-    words = [*SIMULATED, "--set=servo.inertia=0.02"]
-    assert call("commission", *words, "--out", desk.folder) == 2
-    assert "--force" in desk.capsys.readouterr().err
-    assert (desk.folder / "config.yaml").read_text() == before
-    assert desk.report(*words, "--force")[0] == 0
-    assert called == ["identify", "sweep", "identify", "sweep"]
 
 
 # With steps that move nothing
@@ -155,162 +103,140 @@ DATA: dict[Step, Callable[[StepContext], dict[str, Any]]] = {
 }
 
 
-def steps_taken(
-    monkeypatch: pytest.MonkeyPatch, ends: Mapping[str, BaseException | None]
-) -> list[Step]:
-    """Steps that find something without moving, or end as asked; the names of those called."""
-    called: list[Step] = []
+class Played:
+    """Steps that find something without moving, or end as the test asks.
 
-    def step(name: Step) -> Callable[[StepContext], StepResult]:
-        def run(bench: StepContext) -> StepResult:
-            called.append(name)
-            if (error := ends.get(name)) is not None:
-                raise error
-            return StepResult(DATA[name](bench))
+    Attributes:
+        called: Names of the steps that were taken.
+        ends: What a step raises.
+    """
 
-        return run
+    def __init__(self) -> None:
+        self.called: list[Step] = []
+        self.ends: dict[Step, BaseException] = {}
 
-    for name in DATA:
-        monkeypatch.setitem(steps.RUN, name, step(name))
-    # The plan has tests of its own, and takes most of the time.
-    monkeypatch.setattr(plan, "short_sweep", lambda _config: (PlanePoint(0.0, 3),))
-    return called if ends != {} else [*DATA]
-
-
-@dataclass
-class Desk:
-    """A folder, and who commissions into it with steps that move nothing."""
-
-    folder: Path
-    capsys: pytest.CaptureFixture[str]
-    patch: pytest.MonkeyPatch
-
-    def take(self, ends: Mapping[str, BaseException | None] | None = None) -> list[Step]:
-        return steps_taken(self.patch, ends or {"nothing": None})
-
-    def report(self, *words: object) -> tuple[int, dict[str, Any]]:
-        return report_of(self.folder, self.capsys, *words)
+    def run(self, name: Step, bench: StepContext) -> StepResult:
+        self.called.append(name)
+        if name in self.ends:
+            raise self.ends[name]
+        return StepResult(DATA[name](bench))
 
 
 @pytest.fixture
-def desk(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> Desk:
-    return Desk(tmp_path, capsys, monkeypatch)
+def played(monkeypatch: pytest.MonkeyPatch) -> Played:
+    made = Played()
+    for name in DATA:
+        monkeypatch.setitem(steps.RUN, name, partial(made.run, name))
+    # The plan has tests of its own, and takes most of the time.
+    monkeypatch.setattr(plan, "short_sweep", lambda _config: (PlanePoint(0.0, 3),))
+    return made
 
 
 def states(report: Mapping[str, Any]) -> dict[str, str]:
     return {step["step"]: step["state"] for step in report["steps"]}
 
 
-def test_without_a_model_nothing_goes_on(desk: Desk) -> None:
+@pytest.mark.usefixtures("played")
+def test_a_run_commands_what_the_verdict_says(cli: Cli, tmp_path: Path) -> None:
+    report = cli.json(*SIMULATED, "--out", tmp_path)
+    for case in ("plain", "best"):
+        promised = report["verdict"][case]["commanded"]
+        sets = ["--set=wall.stiffness=1e6", f"--set=wall.damping={promised['damping']}"]
+        words = ["--duration=0.05", "--no-plot", "--log", tmp_path / f"{case}.hwlog"]
+        guard = cli.json("run", tmp_path / "config.yaml", *sets, *words)["guard"]
+        assert guard["commanded"] == pytest.approx(promised, rel=1e-6)
+        assert guard["binding"] == report["verdict"][case]["binding"]
+
+
+def test_an_earlier_commissioning_is_replaced_by_force_alone(
+    played: Played, cli: Cli, tmp_path: Path
+) -> None:
+    cli.json(*SIMULATED, "--out", tmp_path)
+    before = (tmp_path / "config.yaml").read_text()
+    words = [*SIMULATED, "--set=servo.inertia=0.02", "--out", tmp_path]
+    assert "--force" in cli.refused(*words)
+    assert (tmp_path / "config.yaml").read_text() == before
+    cli.json(*words, "--force")
+    assert played.called == ["identify", "sweep", "identify", "sweep"]
+
+
+def test_without_a_model_nothing_goes_on(played: Played, cli: Cli, tmp_path: Path) -> None:
     error = UnidentifiableError("the servo does not move: see that the shaft is not blocked")
-    called = desk.take({"identify": error})
-    status, report = desk.report()
-    assert status == 4
-    assert called == ["identify"]
+    played.ends["identify"] = error
+    report = cli.json(*SIMULATED, "--out", tmp_path, status=4)
+    assert played.called == ["identify"]
     assert states(report) == {"doctor": "skipped", "identify": "failed", "sweep": "skipped"}
     assert report["verdict"]["basis"] == "believed" and report["config"] is None
-    assert not (desk.folder / "config.yaml").exists()
-    said = " ".join((desk.folder / "report.txt").read_text().split())
+    assert not (tmp_path / "config.yaml").exists()
+    said = " ".join((tmp_path / "report.txt").read_text().split())
     assert "see that the shaft is not blocked" in said and said.startswith("NOT MEASURED")
 
 
-def test_a_trip_ends_its_step_alone(desk: Desk) -> None:
-    trip = ExperimentTrippedError(Trip.OVERSPEED, "too fast")
-    called = desk.take({"sweep": trip})
-    status, report = desk.report()
-    assert status == 3
-    assert called == ["identify", "sweep"]
+def test_a_trip_ends_its_step_alone(played: Played, cli: Cli, tmp_path: Path) -> None:
+    played.ends["sweep"] = ExperimentTrippedError(Trip.OVERSPEED, "too fast")
+    report = cli.json(*SIMULATED, "--out", tmp_path, status=3)
+    assert played.called == ["identify", "sweep"]
     assert states(report)["identify"] == "done" and states(report)["sweep"] == "failed"
 
 
 @pytest.mark.parametrize(
-    "error",
-    [ServoLostError("it answers no more"), ExperimentTrippedError(Trip.HARDWARE_ERROR, "hot")],
+    ("error", "status"),
+    [
+        (ServoLostError("it answers no more"), 4),
+        (ExperimentTrippedError(Trip.HARDWARE_ERROR, "hot"), 3),
+    ],
 )
-def test_nothing_moves_after_a_servo_was_lost(desk: Desk, error: Exception) -> None:
-    called = desk.take({"identify": error})
-    status, report = desk.report()
-    assert status in (3, 4)
-    assert called == ["identify"]
+def test_nothing_moves_after_a_servo_was_lost(
+    played: Played, cli: Cli, tmp_path: Path, error: Exception, status: int
+) -> None:
+    played.ends["identify"] = error
+    report = cli.json(*SIMULATED, "--out", tmp_path, status=status)
+    assert played.called == ["identify"]
     assert states(report)["sweep"] == "skipped"
     reason = next(step["reason"] for step in report["steps"] if step["step"] == "sweep")
     assert reason == "identify ended the commissioning"
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), ExperimentInterruptedError("by a person")])
-def test_what_was_done_before_an_interrupt_is_kept(desk: Desk, error: BaseException) -> None:
-    desk.take({"sweep": error})
-    status, report = desk.report()
-    assert status == 130 and report["interrupted"]
-    assert states(report)["sweep"] == "not taken"
-    model = load_config(str(desk.folder / "config.yaml")).config.model
-    assert not_none(model.inertia).value == 0.012
-    assert (desk.folder / "report.txt").exists()
-
-
-def test_a_configuration_of_somebody_else_is_not_written_over(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_what_was_done_before_an_interrupt_is_kept(
+    played: Played, cli: Cli, tmp_path: Path, error: BaseException
 ) -> None:
-    mine = tmp_path / "config.yaml"
-    mine.write_text("servo: {inertia: 0.01, torque_limit: 4}\nloop: {clock: simulated}\n")
-    before = mine.read_text()
-    assert call("commission", *SIMULATED, "--out", tmp_path) == 2
-    assert call("commission", mine, "--out", tmp_path) == 2
-    assert "config.yaml" in capsys.readouterr().err
-    assert mine.read_text() == before
+    played.ends["sweep"] = error
+    report = cli.json(*SIMULATED, "--out", tmp_path, status=130)
+    assert report["interrupted"]
+    assert states(report)["sweep"] == "not taken"
+    model = load_config(str(tmp_path / "config.yaml")).config.model
+    assert not_none(model.inertia).value == 0.012
+    assert (tmp_path / "report.txt").exists()
 
 
-def test_a_folder_is_wanted(capsys: pytest.CaptureFixture[str]) -> None:
-    assert call("commission", *SIMULATED) == 2
-    assert "--out" in capsys.readouterr().err
-
-
-# A real servo, of which only the port is missing
-
-REAL = ("xm430-w350", "--set=servo.port=/nowhere/ttyUSB0")
-
-
-def test_a_real_servo_does_not_move_without_a_yes(desk: Desk) -> None:
-    nothing_moves(desk.patch)
-    assert call("commission", *REAL, "--out", desk.folder) == 2
-    told = desk.capsys.readouterr().err
-    assert "--yes" in told
-    for what in ("0.3 rad", "4.1 N·m", "about a minute"):
+def test_a_real_servo_does_not_move_without_a_yes(played: Played, cli: Cli, tmp_path: Path) -> None:
+    told = cli.refused(*REAL, "--out", tmp_path)
+    for what in ("--yes", "0.3 rad", "4.1 N·m", "about a minute"):
         assert what in told
-    assert list(desk.folder.iterdir()) == []
+    assert (played.called, list(tmp_path.iterdir())) == ([], [])
 
 
-def doctor_data(name: str, **more: object) -> dict[str, Any]:
-    check = {"name": name, "ok": False, "found": "reverse", "wanted": "normal", "fixable": True}
-    return {"checks": [{**check, "fix": "clear bit 0 of Drive Mode (10)"}], "reached": True, **more}
-
-
-def test_what_is_fatal_ends_it_with_the_fix_before_anything_moves(desk: Desk) -> None:
-    called = desk.take()
-    wrong = doctor_data("direction", fatal=["direction"])
-    desk.patch.setitem(steps.RUN, "doctor", lambda _bench: StepResult(wrong))
-    status, report = desk.report(*REAL, "--yes")
-    assert status == 1
-    assert called == []
-    assert "clear bit 0 of Drive Mode" in report["steps"][0]["reason"]
-    said = " ".join((desk.folder / "report.txt").read_text().split())
-    assert "clear bit 0 of Drive Mode" in said
+def test_what_is_fatal_ends_it_with_the_fix_before_anything_moves(
+    played: Played, cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fix = "clear bit 0 of Drive Mode (10)"
+    check = {"name": "direction", "ok": False, "found": "reverse", "wanted": "normal", "fix": fix}
+    wrong = {"checks": [{**check, "fixable": True}], "reached": True, "fatal": ["direction"]}
+    monkeypatch.setitem(steps.RUN, "doctor", lambda _bench: StepResult(wrong))
+    report = cli.json(*REAL, "--yes", "--out", tmp_path, status=1)
+    assert played.called == []
+    assert fix in report["steps"][0]["reason"]
+    assert fix in " ".join((tmp_path / "report.txt").read_text().split())
 
 
 @pytest.mark.whole
-def test_a_port_that_is_not_there_is_found_by_the_real_doctor(desk: Desk) -> None:
-    real = steps.RUN["doctor"]
-    called = desk.take()
-    desk.patch.setitem(steps.RUN, "doctor", real)
-    status, report = desk.report(*REAL, "--yes")
-    assert status == 4
-    assert called == []
+def test_a_port_that_is_not_there_is_found_by_the_real_doctor(
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    played = Played()
+    for name in ("identify", "sweep"):
+        monkeypatch.setitem(steps.RUN, name, partial(played.run, name))
+    report = cli.json(*REAL, "--yes", "--out", tmp_path, status=4)
+    assert played.called == []
     assert "port" in report["steps"][0]["reason"]
-
-
-def test_the_page_shows_lines_of_the_output() -> None:
-    page = (ROOT / "docs" / "how-to" / "commissioning.md").read_text()
-    shown = not_none(re.search(r"^```text\n(.*?)^```", page, re.S | re.M))[1]
-    assert set(shown.splitlines()) <= set(OUTPUT.read_text().splitlines())

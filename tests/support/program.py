@@ -1,13 +1,34 @@
-"""Calls the command in this process."""
+"""The command ``haptic-wall``, called in this process or started as a program; and Python."""
 
+import contextlib
 import gc
 import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 
 from haptic_wall.controller.cli.main import main
-from tests.typed import status_of
+from tests.typed import not_none, status_of
+
+Process = subprocess.Popen[str]
+PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
+
+
+LAUNCHER = str(Path(sys.executable).with_name("haptic-wall"))
+"""The command as it is installed: it heeds a Ctrl-C from its first instant"""
+
+
+def python(*words: object, **more: Any) -> subprocess.CompletedProcess[str]:
+    """Run Python with these words to its end; what it says is kept."""
+    return subprocess.run(
+        [sys.executable, *map(str, words)], capture_output=True, text=True, check=False, **more
+    )
 
 
 def call(*words: object) -> int:
@@ -53,3 +74,27 @@ class Cli:
         assert json.loads(out)["exit_status"] == 2 if "--json" in words else out == ""
         assert "Traceback" not in err
         return err
+
+
+@contextlib.contextmanager
+def started(
+    *words: object, cwd: Path | None = None, program: Sequence[str] = PROGRAM, **more: Any
+) -> Iterator[Process]:
+    """The command in a session of its own, which is killed at the end."""
+    process = subprocess.Popen(
+        [*program, *map(str, words)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=cwd,
+        start_new_session=True,
+        **more,
+    )
+    try:
+        yield process
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        not_none(process.stdout).close()
+        not_none(process.stderr).close()
