@@ -26,7 +26,8 @@ periods of 1 ms. A late reply may arrive after the receive buffer was drained. T
 cost 1.25 µs a cycle and servo at 4 Mbit/s.
 
 The replies of an undisturbed bus are compared with a prepared pattern; all others are searched for.
-In a fast sync read a missing servo silences those after it, so it is requested last next time.
+In a fast sync read a missing servo silences those after it, so it is requested last from then on: a
+servo with a bad cable costs the others a reading once, not each time.
 """
 
 from __future__ import annotations
@@ -107,15 +108,13 @@ class Exchange:
         """Exchange samples and goals with these servos from now on, in this order."""
         self.set_aside()
         self.way = way
-        self._selected = self._order = tuple(stations)
+        self._selected = tuple(stations)
         ids = [station.id for station in stations]
         self.parser.joint = len(ids) if way == "fast" else 0
-        self._usual = {each: SampleRequest(way, ids, each, prepared=True) for each in LENGTHS}
         self._goals = SyncWrite(GOAL_CURRENT, ids)
         self._known: dict[int, bytes] | None = {} if len(ids) == 1 else None
         """The frames of a single servo by its goal; there are as many as current units"""
-        self._calm = True
-        """All have replied to the last request"""
+        self._arrange(self._selected)
 
     def wire_ns(self, count: int) -> int:
         """Return the time of ``count`` bytes on the wire [ns]."""
@@ -155,10 +154,12 @@ class Exchange:
         while free_at[length] > number:
             length = length + 1 if length < LENGTHS[-1] else _SHORTEST
         self.number = number + 1
+        asked = self._usual[length]
         if of is not None:
-            asked = self._unusual(length, (of.id, self.blocks[wide], wide))
-        else:
-            asked = self._usual[length] if self._calm else self._unusual(length)
+            of.block = b""
+            asked = SampleRequest(self.way, self._ids, length, (of.id, self.blocks[wide], wide))
+        elif asked is None:
+            asked = self._usual[length] = SampleRequest(self.way, self._ids, length)
         self._asked = asked
         self.parser.parts = asked.parts
         self._missing = self._order
@@ -179,8 +180,8 @@ class Exchange:
         if asked is None:
             raise RuntimeError("collect() without a request(): call request() first")
         parser, order, expected, now_ns = self.parser, self._missing, asked.expected, self._now_ns
-        self.waited_ns = 0
         if expected is None or not parser.idle:
+            self.waited_ns = 0
             return self._search(deadline_ns)
         began_ns = now_ns()
         come = self.line.wait(deadline_ns)
@@ -202,7 +203,7 @@ class Exchange:
                     station.counts.cycles += 1
                 self._free_at[asked.length] = self.number + 1  # not for the next: a copy may follow
                 self._asked = None
-                return samples
+                return samples if self._calm else self._all_heard(samples)
         self._process(data)
         late = began_ns >= deadline_ns  # a bus without a servo may never be silent
         return self._search(_NO_TIME if late else deadline_ns)
@@ -243,12 +244,22 @@ class Exchange:
         for length in asked.used:
             self._free_at[length] = self.number + later
 
-    def _unusual(self, length: int, wide: tuple[int, int, int] | None = None) -> SampleRequest:
-        """Return a request for a wider block, or with the servos in another order."""
-        for station in self._order:
-            station.block = b""
-        ids = [station.id for station in self._order]
-        return SampleRequest(self.way, ids, length, wide)
+    def _arrange(self, order: Sequence[Station]) -> None:
+        """Request the selected servos in this order from now on."""
+        self._order = order
+        self._ids = [station.id for station in order]
+        self._usual: dict[int, SampleRequest | None] = dict.fromkeys(LENGTHS)
+        """The requests so far without a wider block, by length"""
+        self._calm = order == self._selected
+        """They are in their own order, and all have replied to the last request"""
+
+    def _all_heard(self, samples: Sequence[Sample]) -> list[Sample]:
+        """Note that all have replied; return their samples, given in the order of the request."""
+        found = dict(zip(self._order, samples, strict=True))
+        for station in found:
+            station.silent = 0
+        self._calm = self._order == self._selected
+        return [found[station] for station in self._selected]
 
     def _search(self, deadline_ns: int) -> list[Sample]:
         """Search what comes until ``deadline_ns`` [ns] for the replies; return the samples.
@@ -357,10 +368,12 @@ class Exchange:
         if asked is not None:
             self._free(asked, QUARANTINE if missing else 1)
         self._asked, self._missing = None, ()
-        heard = [station for station in self._selected if station not in lost]
+        heard = [station for station in self._order if station not in lost]
         for station in heard:
             station.silent = 0
-        self._calm = not missing
-        self._order = (*heard, *missing[1:], *missing[:1])
+        order = (*heard, *missing[1:], *missing[:1])
+        if order != self._order:
+            self._arrange(order)
+        self._calm = not missing and order == self._selected
         found, self._found, self._doubted = self._found, {}, False
         return [lost.get(each) or found[each] for each in self._selected]

@@ -61,7 +61,6 @@ class SampleRequest:
         ids: The servos, in the order of their replies.
         length: Number of bytes of a block; no other request has as many.
         wide: The one servo, and address and length of its block, which begins at 120 at most.
-        prepared: Prepare the pattern of the replies, if the block begins with the sample.
 
     Attributes:
         blocks: Address and length of each servo's block, by id.
@@ -78,8 +77,6 @@ class SampleRequest:
         ids: Sequence[int],
         length: int,
         wide: tuple[int, int, int] | None = None,
-        *,
-        prepared: bool = False,
     ) -> None:
         address = block_address(length)
         self.blocks = dict.fromkeys(ids, (address, length))
@@ -98,7 +95,7 @@ class SampleRequest:
             listed = b"".join(bytes([id_]) + share for id_, share in shares.items())
             self.frames = [encode(BROADCAST, _TOGETHER[way][1], listed)]
             self.parts = [size + JOINT_PART_BYTES for _, size in self.blocks.values()]
-        if prepared and address == SAMPLE_ADDRESS and len(self.frames) == 1:
+        if wide is None and address == SAMPLE_ADDRESS and len(self.frames) == 1:
             self.expected = ExpectedReplies(ids, length, _FIELDS, joint=way == "fast")
 
     def unpack(self, id_: int, data: bytes) -> tuple[int, int, int] | None:

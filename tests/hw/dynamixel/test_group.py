@@ -266,6 +266,25 @@ def test_a_damaged_reply_never_becomes_somebodys_position(way: Read, fault: str)
     assert 0 < bad < 250
 
 
+@pytest.mark.parametrize("fault", ["drop:id=2,p=0.2", "corrupt:id=2,p=0.2,way=reply"])
+@pytest.mark.parametrize("read", ["fast", "sync"])
+def test_a_flaky_servo_costs_the_others_one_reading_at_most(read: Way, fault: str) -> None:
+    """A lost part ends a joint reply, so its servo is asked last from then on."""
+    bench = Bench([48] * 5, read=read)
+    bench.group.start()
+    bench.bus.inject(fault, bench.clock.now_ns())
+    for _ in range(300):
+        bench.assert_true(bench.cycle([0.1, -0.1, 0.1, -0.1, 0.1]))
+    lost = [one.lost + one.corrupt for one in counts_of(bench)]
+    assert lost[1] > 40
+    assert max(lost[:1] + lost[2:]) <= (read == "fast")
+    bench.bus.lift("drop", bench.clock.now_ns())
+    bench.bus.lift("corrupt", bench.clock.now_ns())
+    for _ in range(20):
+        bench.assert_true(readings := bench.cycle([0.1, -0.1, 0.1, -0.1, 0.1]))
+        assert all(reading.outcome is Outcome.OK for reading in readings)
+
+
 def test_a_start_that_fails_leaves_no_torque_on() -> None:
     bench = Bench([48, 48, 48])
     bench.truths[2].memory["drive_mode"] = 1
