@@ -250,16 +250,16 @@ class Exchange:
         self._ids = [station.id for station in order]
         self._usual: dict[int, SampleRequest | None] = dict.fromkeys(LENGTHS)
         """The requests so far without a wider block, by length"""
+        self._places = [order.index(station) for station in self._selected]
         self._calm = order == self._selected
         """They are in their own order, and all have replied to the last request"""
 
     def _all_heard(self, samples: Sequence[Sample]) -> list[Sample]:
         """Note that all have replied; return their samples, given in the order of the request."""
-        found = dict(zip(self._order, samples, strict=True))
-        for station in found:
+        for station in self._order:
             station.silent = 0
         self._calm = self._order == self._selected
-        return [found[station] for station in self._selected]
+        return [samples[place] for place in self._places]
 
     def _search(self, deadline_ns: int) -> list[Sample]:
         """Search what comes until ``deadline_ns`` [ns] for the replies; return the samples.
