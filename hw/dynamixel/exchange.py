@@ -50,10 +50,6 @@ from haptic_wall.hw.servo import Outcome
 
 GOAL_CURRENT: Final = 102
 _SHORTEST: Final = LENGTHS.start
-_GONE: Final = 3
-"""Consecutive lost readings after which a servo is hardly waited for"""
-_GRACE_NS: Final = 200_000
-"""Wait for such servos when all others have replied"""
 REFUSED: Final = 0x7F
 """Bits of the error byte that say why a request was refused"""
 _NO_TIME: Final = -1
@@ -203,14 +199,19 @@ class Exchange:
                     station.counts.cycles += 1
                 self._free_at[asked.length] = self.number + 1  # not for the next: a copy may follow
                 self._asked = None
-                return samples if self._calm else self._all_heard(samples)
+                places = self._places
+                return [samples[place] for place in places] if places else samples
         self._process(data)
         late = began_ns >= deadline_ns  # a bus without a servo may never be silent
         return self._search(_NO_TIME if late else deadline_ns)
 
     def sampled(self) -> list[Sample]:
-        """Return samples of all, if need be after several attempts, as no torque waits for them."""
-        for _ in range(_ATTEMPTS):
+        """Return samples of all, if need be after several attempts, as no torque waits for them.
+
+        In a fast read each attempt may find one more servo that does not answer: none of the others
+        is lost in the last one.
+        """
+        for _ in range(_ATTEMPTS + len(self._selected)):
             self.request()
             samples = self.collect(self._now_ns() + _PATIENCE_NS)
             if all(sample.outcome is _OK for sample in samples):
@@ -250,16 +251,10 @@ class Exchange:
         self._ids = [station.id for station in order]
         self._usual: dict[int, SampleRequest | None] = dict.fromkeys(LENGTHS)
         """The requests so far without a wider block, by length"""
-        self._places = [order.index(station) for station in self._selected]
-        self._calm = order == self._selected
-        """They are in their own order, and all have replied to the last request"""
-
-    def _all_heard(self, samples: Sequence[Sample]) -> list[Sample]:
-        """Note that all have replied; return their samples, given in the order of the request."""
-        for station in self._order:
-            station.silent = 0
-        self._calm = self._order == self._selected
-        return [samples[place] for place in self._places]
+        self._places: Sequence[int] = ()
+        """Of each selected servo in the order; empty: it is their own"""
+        if order != self._selected:
+            self._places = [order.index(station) for station in self._selected]
 
     def _search(self, deadline_ns: int) -> list[Sample]:
         """Search what comes until ``deadline_ns`` [ns] for the replies; return the samples.
@@ -287,8 +282,6 @@ class Exchange:
         line, now_ns = self.line, self._now_ns
         began_ns = _NO_TIME
         while began_ns < deadline_ns and any(one in self._missing for one in wanted):
-            if self._found and all(station.silent >= _GONE for station in self._missing):
-                deadline_ns = min(deadline_ns, now_ns() + _GRACE_NS)
             began_ns = now_ns()
             come = line.wait(deadline_ns)
             self.waited_ns += now_ns() - began_ns
@@ -363,17 +356,12 @@ class Exchange:
             counts.lost += not corrupt
             outcome = Outcome.CORRUPT if corrupt else Outcome.LOST
             lost[station] = Sample(outcome, 0, 0, False, self.sent_ns)
-            if not place or not joint:  # those after it could not reply
-                station.silent += 1
         if asked is not None:
             self._free(asked, QUARANTINE if missing else 1)
         self._asked, self._missing = None, ()
         heard = [station for station in self._order if station not in lost]
-        for station in heard:
-            station.silent = 0
         order = (*heard, *missing[1:], *missing[:1])
         if order != self._order:
             self._arrange(order)
-        self._calm = not missing and order == self._selected
         found, self._found, self._doubted = self._found, {}, False
         return [lost.get(each) or found[each] for each in self._selected]

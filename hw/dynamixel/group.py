@@ -150,7 +150,7 @@ class DynamixelGroup:
             self._off()
             raise
         traffic = self.traffic
-        traffic.longest_s = self._polls.longest_s if count > 1 else longest_s
+        traffic.longest_s = self._polls.longest_s
         traffic.counts = []
         for one in servos:
             one.station.counts = BusCounts()
@@ -271,9 +271,10 @@ class DynamixelGroup:
         found = ""
         for way in ways:
             exchange.select(exchange.stations, way)
-            if all(sample.outcome is _OK for sample in exchange.sampled()):
+            samples = zip(self.servos, exchange.sampled(), strict=True)
+            silent = [f"id {one.station.id}{one.age}" for one, (outcome, *_) in samples if outcome]
+            if not silent:
                 return Check("read", True, f"{way}{found}", wanted)
-            silent = [f"id {one.station.id}{one.age}" for one in self.servos if one.station.silent]
             found += f", as a {way} read is not answered by {' and '.join(silent)}"
         raise UnfitServoError(
             f"The servos answer one by one but not in one cycle{found}",
