@@ -7,10 +7,10 @@ The protocol has no sequence number, so a reply must be recognised as the answer
 otherwise a loop that once misses a reply would from then on use the reply of the previous period.
 Three cheap checks do it:
 
-1. **Length.** Requests ask for the sample in blocks of different lengths (16 to 48 bytes). A length
-   whose request was not answered is not used again for the next 31 requests, so a late reply is
-   recognised by its length, in any order of replies. Undisturbed, lengths alternate between 16 and
-   17.
+1. **Length.** Requests ask for the sample in blocks of different lengths (``Lengths``, 16 to 48
+   bytes). A length whose request was not answered is not used again for the next 31 requests, so a
+   late reply is recognised by its length, in any order of replies. Undisturbed, lengths alternate
+   between 16 and 17.
 2. **Time.** Bytes that arrived before the request was sent cannot be its answer.
 3. **The servo's clock.** The block begins with the servo's millisecond tick, which must have
    advanced by the time that passed since the last accepted sample.
@@ -38,10 +38,9 @@ from typing import Final
 from haptic_wall.hw.dynamixel.codec import Frame, Instruction, Parser, SyncWrite
 from haptic_wall.hw.dynamixel.samples import (
     LENGTHS,
-    QUARANTINE,
+    Lengths,
     Sample,
     SampleRequest,
-    block_address,
 )
 from haptic_wall.hw.dynamixel.station import Station
 from haptic_wall.hw.dynamixel.wire import Read, wire_ns
@@ -49,7 +48,6 @@ from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import Outcome
 
 GOAL_CURRENT: Final = 102
-_SHORTEST: Final = LENGTHS.start
 REFUSED: Final = 0x7F
 """Bits of the error byte that say why a request was refused"""
 _NO_TIME: Final = -1
@@ -71,18 +69,13 @@ class Exchange:
     def __init__(self, line: Line, ids: Sequence[int], *, baud: int = 0) -> None:
         self.line = line
         self.parser = Parser()
-        self.blocks = {length: block_address(length) for length in LENGTHS}
-        """First register of a sample's block, by its length"""
-        self.number = 0
-        """Of the next request"""
+        self.lengths = Lengths()
         self.waited_ns = 0
         """Waiting time of the last ``collect`` [ns]"""
         self.kept = b""
         """Sent before an instruction to one servo: zero goals, so that no Bus Watchdog trips"""
         self._now_ns = line.clock.now_ns
         self._baud = baud
-        self._free_at = dict.fromkeys(LENGTHS, 0)
-        """First request that may have a length again: until then a reply may come"""
         self._asked: SampleRequest | None = None
         """The request that waits for its answers; None: none does"""
         self._missing: Sequence[Station] = ()
@@ -116,44 +109,24 @@ class Exchange:
         """Return the time of ``count`` bytes on the wire [ns]."""
         return wire_ns(count, self._baud) if self._baud else 0
 
-    def widen(self, address: int, end: int) -> int:
-        """Register a block around the sample; return its length, for ``request``.
-
-        Args:
-            address: Its begin, at 120 at most.
-            end: After its last register, at 136 at least; no other block has the length.
-        """
-        length = end - address
-        self.blocks[length] = address
-        self._free_at.setdefault(length, 0)
-        return length
-
-    def is_free(self, length: int) -> bool:
-        """Whether no reply of this length to an earlier request may still come."""
-        return self._free_at[length] <= self.number
-
     def request(self, wide: int = 0, of: Station | None = None) -> None:
         """Request all samples. Does not wait; what is not yet answered is given up.
 
         Args:
-            wide: Request the block of this length, from ``widen``, which is free; 0: the sample
-                only.
+            wide: Request the block of this length, see ``Lengths.widen``, which is free; 0: the
+                sample only.
             of: The servo whose block this is; the others are asked for their sample.
         """
         if self._asked is not None:
             self._close(0)
         if stale := self.line.read():
             self._process(stale)
-        number = self.number
-        free_at = self._free_at
-        length = _SHORTEST
-        while free_at[length] > number:
-            length = length + 1 if length < LENGTHS[-1] else _SHORTEST
-        self.number = number + 1
+        length = self.lengths.begin()
         asked = self._usual[length]
         if of is not None:
             of.block = b""
-            asked = SampleRequest(self.way, self._ids, length, (of.id, self.blocks[wide], wide))
+            block = self.lengths.blocks[wide], wide
+            asked = SampleRequest(self.way, self._ids, length, (of.id, *block))
         elif asked is None:
             asked = self._usual[length] = SampleRequest(self.way, self._ids, length)
         self._asked = asked
@@ -197,7 +170,6 @@ class Exchange:
             else:
                 for station in order:
                     station.counts.cycles += 1
-                self._free_at[asked.length] = self.number + 1  # not for the next: a copy may follow
                 self._asked = None
                 places = self._places
                 return [samples[place] for place in places] if places else samples
@@ -206,12 +178,8 @@ class Exchange:
         return self._search(_NO_TIME if late else deadline_ns)
 
     def sampled(self) -> list[Sample]:
-        """Return samples of all, if need be after several attempts, as no torque waits for them.
-
-        In a fast read each attempt may find one more servo that does not answer: none of the others
-        is lost in the last one.
-        """
-        for _ in range(_ATTEMPTS + len(self._selected)):
+        """Return samples of all, if need be after several attempts, as no torque waits for them."""
+        for _ in range(_ATTEMPTS):
             self.request()
             samples = self.collect(self._now_ns() + _PATIENCE_NS)
             if all(sample.outcome is _OK for sample in samples):
@@ -235,15 +203,10 @@ class Exchange:
     def set_aside(self) -> None:
         """Discard the samples under way: registers are asked for, or other servos."""
         if self._asked is not None:
-            self._free(self._asked, QUARANTINE)
+            self.lengths.keep(self._asked)
         self._asked = None
         self._missing = ()
         self._found, self._doubted = {}, False
-
-    def _free(self, asked: SampleRequest, later: int) -> None:
-        """Let the lengths of a request be used again, so many requests later."""
-        for length in asked.used:
-            self._free_at[length] = self.number + later
 
     def _arrange(self, order: Sequence[Station]) -> None:
         """Request the selected servos in this order from now on."""
@@ -305,7 +268,7 @@ class Exchange:
             elif station is None:
                 continue
             elif station not in self._missing or not self._accepts(station, frame):
-                station.counts.late += len(frame.params) in self.blocks
+                station.counts.late += len(frame.params) in self.lengths.blocks
 
     def _is_misnamed(self, frame: Frame, station: Station | None) -> bool:
         """Whether this answer to the waiting request, or one before it, bears a wrong id."""
@@ -356,8 +319,8 @@ class Exchange:
             counts.lost += not corrupt
             outcome = Outcome.CORRUPT if corrupt else Outcome.LOST
             lost[station] = Sample(outcome, 0, 0, False, self.sent_ns)
-        if asked is not None:
-            self._free(asked, QUARANTINE if missing else 1)
+        if asked is not None and missing:
+            self.lengths.keep(asked)
         self._asked, self._missing = None, ()
         heard = [station for station in self._order if station not in lost]
         order = (*heard, *missing[1:], *missing[:1])

@@ -97,8 +97,7 @@ class HealthPolls:
     """Decides which request asks one servo for a wider block.
 
     Args:
-        exchange: Reads the servos, in its present way; the lengths of the blocks are registered
-            with it.
+        exchange: Reads the servos, in its present way; the blocks are registered with it.
         baud: The bus's rate [bit/s].
         period_s: Period of the loop [s].
         hold_s: Longest time for which the adapter holds a reply [s].
@@ -155,7 +154,7 @@ class HealthPolls:
             address, end = block = blocks[again % len(blocks)]
             length = end - address
             self._reserve(blocks)
-            if not self._exchange.is_free(length):
+            if not self._exchange.lengths.is_free(length):
                 return 0
             self._turn += 1
             self._block, self.asked = block, station
@@ -182,7 +181,7 @@ class HealthPolls:
         """Keep the lengths of these blocks for polls."""
         for address, end in blocks:
             if end - address not in LENGTHS:
-                self._exchange.widen(address, end)
+                self._exchange.lengths.widen(address, end)
 
     def _blocks(self, patience_s: float) -> Sequence[tuple[int, int]]:
         """Return the alternating blocks for which there is time; empty: for none."""

@@ -1,4 +1,4 @@
-"""Requests and decodes a servo's samples."""
+"""Builds the requests for samples, of lengths by which late replies are known, and decodes them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LENGTHS: Final = range(16, 49)
 _FROM_SAMPLE: Final = 27
 """Longest block that begins with the sample and ends with Present Temperature (146) at most; a
 longer one ends with the sample"""
-QUARANTINE: Final = 31
+_QUARANTINE: Final = 31
 """Requests before the length of an unanswered one is used again, 15 ms at 2 kHz; fewer than there
 are lengths, so that one is always free"""
 
@@ -44,6 +44,49 @@ class Sample(NamedTuple):
 def block_address(length: int) -> int:
     """Return the first register of the block with a sample that has this length."""
     return SAMPLE_ADDRESS if length <= _FROM_SAMPLE else SAMPLE_END - length
+
+
+class Lengths:
+    """Chooses the lengths of the blocks of a request: none to which a late reply may still come.
+
+    Attributes:
+        blocks: First register of each block with a sample, by its length.
+    """
+
+    def __init__(self) -> None:
+        self.blocks = {length: block_address(length) for length in LENGTHS}
+        self._number = 0
+        """Of the next request"""
+        self._free_at = dict.fromkeys(LENGTHS, 0)
+        """First request that may have a length again"""
+
+    def begin(self) -> int:
+        """Begin a request; return the shortest length that is free."""
+        number, free_at, length = self._number, self._free_at, LENGTHS.start
+        while free_at[length] > number:
+            length += 1
+        free_at[length] = number + 2  # not for the next one: a copy of the reply may follow
+        self._number = number + 1
+        return length
+
+    def keep(self, asked: SampleRequest) -> None:
+        """Keep the lengths of the last request for its late replies: it was not answered."""
+        for length in asked.used:
+            self._free_at[length] = self._number + _QUARANTINE
+
+    def widen(self, address: int, end: int) -> None:
+        """Register a wider block around the sample; no other block has its length.
+
+        Args:
+            address: Its begin, at 120 at most.
+            end: After its last register, at 136 at least.
+        """
+        self.blocks[end - address] = address
+        self._free_at.setdefault(end - address, 0)
+
+    def is_free(self, length: int) -> bool:
+        """Whether no reply of this length to an earlier request may still come."""
+        return self._free_at[length] <= self._number
 
 
 _TOGETHER: Final[dict[Read, tuple[Instruction, Instruction]]] = {

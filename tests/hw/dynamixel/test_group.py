@@ -173,6 +173,13 @@ def test_one_old_firmware_makes_all_answer_one_by_one_to_one_request() -> None:
         bench.assert_true(readings)
 
 
+def test_all_that_do_not_answer_a_fast_read_are_named_and_no_other() -> None:
+    bench = Bench([44, 48, 44, 44, 48, 44])
+    checks = {check.name: check.found for check in bench.group.start()[0]}
+    old = " and ".join(f"id {id_} (firmware 44)" for id_ in (1, 3, 4, 6))
+    assert checks["read"] == f"sync, as a fast read is not answered by {old}"
+
+
 def test_a_way_of_reading_that_not_all_support_is_refused_where_it_is_asked_for() -> None:
     bench = Bench([48, 44, 48], read="fast")
     with pytest.raises(UnfitServoError, match=r"by id 2 \(firmware 44\).*set bus\.read=auto"):
