@@ -121,12 +121,13 @@ class Exchange:
             self._close(0)
         if stale := self.line.read():
             self._process(stale)
-        length = self.lengths.begin()
+        length = self.lengths.begin(wide)
         asked = self._usual[length]
         if of is not None:
             of.block = b""
             block = self.lengths.blocks[wide], wide
             asked = SampleRequest(self.way, self._ids, length, (of.id, *block))
+            self.lengths.keep(asked, 1)
         elif asked is None:
             asked = self._usual[length] = SampleRequest(self.way, self._ids, length)
         self._asked = asked
@@ -148,8 +149,8 @@ class Exchange:
         asked = self._asked
         if asked is None:
             raise RuntimeError("collect() without a request(): call request() first")
-        parser, order, expected, now_ns = self.parser, self._missing, asked.expected, self._now_ns
-        if expected is None or not parser.idle:
+        order, expected, now_ns = self._missing, asked.expected, self._now_ns
+        if expected is None or not self.parser.idle:
             self.waited_ns = 0
             return self._search(deadline_ns)
         began_ns = now_ns()
@@ -171,8 +172,9 @@ class Exchange:
                 for station in order:
                     station.counts.cycles += 1
                 self._asked = None
-                places = self._places
-                return [samples[place] for place in places] if places else samples
+                if self._places:
+                    return [samples[place] for place in self._places]
+                return samples
         self._process(data)
         late = began_ns >= deadline_ns  # a bus without a servo may never be silent
         return self._search(_NO_TIME if late else deadline_ns)

@@ -60,19 +60,29 @@ class Lengths:
         self._free_at = dict.fromkeys(LENGTHS, 0)
         """First request that may have a length again"""
 
-    def begin(self) -> int:
-        """Begin a request; return the shortest length that is free."""
+    def begin(self, wide: int = 0) -> int:
+        """Begin a request; return the shortest length that is free.
+
+        Args:
+            wide: Length of a wider block, if there is one: see ``keep``.
+        """
         number, free_at, length = self._number, self._free_at, LENGTHS.start
         while free_at[length] > number:
             length += 1
-        free_at[length] = number + 2  # not for the next one: a copy of the reply may follow
+        if not wide:
+            free_at[length] = number + 2  # not for the next one: a copy of the reply may follow
         self._number = number + 1
         return length
 
-    def keep(self, asked: SampleRequest) -> None:
-        """Keep the lengths of the last request for its late replies: it was not answered."""
+    def keep(self, asked: SampleRequest, requests: int = _QUARANTINE) -> None:
+        """Keep the lengths of the last request for late replies.
+
+        Args:
+            asked: The request.
+            requests: Number of the following ones that may not have them.
+        """
         for length in asked.used:
-            self._free_at[length] = self._number + _QUARANTINE
+            self._free_at[length] = self._number + requests
 
     def widen(self, address: int, end: int) -> None:
         """Register a wider block around the sample; no other block has its length.
