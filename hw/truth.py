@@ -193,17 +193,6 @@ class TrueServo:
         above=True,
         kinds=("simulated",),
     )
-    supply: float | None = _true(
-        None,
-        "True voltage of the supply; null: nominal voltage of its model",
-        "V",
-        low=1,
-        high=60,
-        kinds=("emulated",),
-    )
-    ambient: float = _true(
-        32.0, "True temperature of the idle servo", "°C", low=-40, high=200, kinds=("emulated",)
-    )
     # Start and operator
     position: float = _true(0.0, "Position at the start, at rest", "rad", -1e6, 1e6, kinds=())
     hand: HandName = _true(  # noqa: RUF009 - as above

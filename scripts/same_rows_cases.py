@@ -176,7 +176,7 @@ CASES: dict[str, Case] = {
     "fault-brown-out": _emulated(1.5, "servo.faults=brown-out:at=1.6", _LEAN),
     "trip-servo-lost": _emulated(1.5, "servo.faults=unplug-adapter:at=1.6", _LEAN),
     "unplugged-for-a-while": _emulated(1.5, "servo.faults=unplug:at=1.6,for=0.02", _LEAN),
-    "refused-supply": _emulated(1.0, "servo.supply=9"),
+    "refused-supply": _emulated(1.0, "servo.faults=supply:volts=9"),
     # What a real servo has besides.
     "static-friction": _simulated(
         2.0, _TAP, "servo.static_friction=0.2", "servo.stribeck_speed=1.1"

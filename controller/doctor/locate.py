@@ -24,7 +24,6 @@ from haptic_wall.hw.dynamixel.tables import model_by_number
 from haptic_wall.hw.dynamixel.wire import cycle_s
 from haptic_wall.hw.errors import WIRING, BaudRefusedError, ServoLostError, UnfitServoError
 from haptic_wall.hw.serialport.line import Line
-from haptic_wall.hw.serialport.timer import set_timer_to_1_ms
 from haptic_wall.hw.servo import Check
 from haptic_wall.hw.settings import DriverSettings
 
@@ -98,13 +97,7 @@ class Locator:
         """Search at the configured rate; with the port open, check its latency timer as well."""
         try:
             with opened(settings.port, settings.baud, self._clock) as line:
-                timer = examine_latency_timer(settings.port)
-                if not timer.ok and self._report.may(f"latency timer: {timer.found} -> 1 ms"):
-                    set_timer_to_1_ms(settings.port)
-                    after = examine_latency_timer(settings.port)
-                    self._report.note(Change(timer.name, timer.found, after.found, after.ok))
-                    timer = after
-                self._add(timer)
+                self._add(examine_latency_timer(settings.port))
                 return _asked(line, settings.baud, settings.id)
         except BaudRefusedError as error:
             return BaudSearch(settings.baud, [], 0, str(error))

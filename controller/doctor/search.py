@@ -8,7 +8,6 @@ two with one id and model reply to a ping like one. It writes no register.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Final, NamedTuple
@@ -20,8 +19,8 @@ from haptic_wall.hw.dynamixel.registers import BAUD_RATES
 from haptic_wall.hw.dynamixel.tables import NO_CURRENT_MODE, model_by_number
 from haptic_wall.hw.dynamixel.wire import wire_ns
 from haptic_wall.hw.errors import BaudRefusedError, ServoLostError, UnfitServoError
-from haptic_wall.hw.serialport import port
 from haptic_wall.hw.serialport.line import FdLine, Line
+from haptic_wall.hw.serialport.port import open_port
 
 IDS: Final = range(21)
 """Ids of the single pings: few buses have higher ones"""
@@ -149,7 +148,7 @@ def _are_two(line: Line, servo: FoundServo, path: str) -> bool:
 
 @contextmanager
 def opened(path: str, baud: int, clock: Clock) -> Iterator[FdLine]:
-    """Open a port as a line, without warnings; close it at the end.
+    """Open a port as a line; close it at the end.
 
     Args:
         path: The port.
@@ -159,13 +158,7 @@ def opened(path: str, baud: int, clock: Clock) -> Iterator[FdLine]:
     Raises:
         PortError: The port cannot be used.
     """
-    logger = logging.getLogger(port.__name__)
-    before = logger.level
-    logger.setLevel(logging.ERROR)
-    try:
-        line = FdLine(port.open_port(path, baud), clock)
-    finally:
-        logger.setLevel(before)
+    line = FdLine(open_port(path, baud), clock)
     try:
         yield line
     finally:

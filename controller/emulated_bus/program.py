@@ -151,10 +151,10 @@ def run_bus(
         except SpecError as error:
             field = error.problem.field or "--fault"
             raise SpecError(replace(error.problem, field=field)) from error
-        _say(terminal.path)
         console = Console(bus, sys.stdin.fileno(), _say, complain) if sys.stdin else None
         shared = None if plan.elastic is None else BusClock(shared_words(plan.elastic))
         realtime.freeze_garbage()
+        _say(terminal.path)  # not before: a request would wait for the collection
         serve(bus, terminal, stopped, witness, console, _say, shared)
     return witness.failure if witness is not None else None
 

@@ -126,8 +126,8 @@ class Driven:
         """The last goal current"""
         self.known = False
         """It has replied as a model with a known control table"""
-        self.age = ""
-        """Its firmware, for messages; known after a start"""
+        self.firmware = 0
+        """Known after a start"""
         self.alert = False
         """A hardware error was latched"""
         self.trouble = ""

@@ -7,10 +7,10 @@ The protocol has no sequence number, so a reply must be recognised as the answer
 otherwise a loop that once misses a reply would from then on use the reply of the previous period.
 Three cheap checks do it:
 
-1. **Length.** Requests ask for the sample in blocks of different lengths (16 to 48 bytes). A length
-   whose request was not answered is not used again for the next 31 requests, so a late reply is
-   recognised by its length, in any order of replies. Undisturbed, lengths alternate between 16 and
-   17.
+1. **Length.** Requests ask for the sample in blocks of different lengths (``Lengths``, 16 to 48
+   bytes). A length whose request was not answered is not used again for the next 31 requests, so a
+   late reply is recognised by its length, in any order of replies. Undisturbed, lengths alternate
+   between 16 and 17.
 2. **Time.** Bytes that arrived before the request was sent cannot be its answer.
 3. **The servo's clock.** The block begins with the servo's millisecond tick, which must have
    advanced by the time that passed since the last accepted sample.
@@ -26,7 +26,8 @@ periods of 1 ms. A late reply may arrive after the receive buffer was drained. T
 cost 1.25 µs a cycle and servo at 4 Mbit/s.
 
 The replies of an undisturbed bus are compared with a prepared pattern; all others are searched for.
-In a fast sync read a missing servo silences those after it, so it is requested last next time.
+In a fast sync read a missing servo silences those after it, so it is requested last from then on: a
+servo with a bad cable costs the others a reading once, not each time.
 """
 
 from __future__ import annotations
@@ -37,10 +38,9 @@ from typing import Final
 from haptic_wall.hw.dynamixel.codec import Frame, Instruction, Parser, SyncWrite
 from haptic_wall.hw.dynamixel.samples import (
     LENGTHS,
-    QUARANTINE,
+    Lengths,
     Sample,
     SampleRequest,
-    block_address,
 )
 from haptic_wall.hw.dynamixel.station import Station
 from haptic_wall.hw.dynamixel.wire import Read, wire_ns
@@ -48,11 +48,6 @@ from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import Outcome
 
 GOAL_CURRENT: Final = 102
-_SHORTEST: Final = LENGTHS.start
-_GONE: Final = 3
-"""Consecutive lost readings after which a servo is hardly waited for"""
-_GRACE_NS: Final = 200_000
-"""Wait for such servos when all others have replied"""
 REFUSED: Final = 0x7F
 """Bits of the error byte that say why a request was refused"""
 _NO_TIME: Final = -1
@@ -74,18 +69,13 @@ class Exchange:
     def __init__(self, line: Line, ids: Sequence[int], *, baud: int = 0) -> None:
         self.line = line
         self.parser = Parser()
-        self.blocks = {length: block_address(length) for length in LENGTHS}
-        """First register of a sample's block, by its length"""
-        self.number = 0
-        """Of the next request"""
+        self.lengths = Lengths()
         self.waited_ns = 0
         """Waiting time of the last ``collect`` [ns]"""
         self.kept = b""
         """Sent before an instruction to one servo: zero goals, so that no Bus Watchdog trips"""
         self._now_ns = line.clock.now_ns
         self._baud = baud
-        self._free_at = dict.fromkeys(LENGTHS, 0)
-        """First request that may have a length again: until then a reply may come"""
         self._asked: SampleRequest | None = None
         """The request that waits for its answers; None: none does"""
         self._missing: Sequence[Station] = ()
@@ -107,58 +97,39 @@ class Exchange:
         """Exchange samples and goals with these servos from now on, in this order."""
         self.set_aside()
         self.way = way
-        self._selected = self._order = tuple(stations)
+        self._selected = tuple(stations)
         ids = [station.id for station in stations]
         self.parser.joint = len(ids) if way == "fast" else 0
-        self._usual = {each: SampleRequest(way, ids, each, prepared=True) for each in LENGTHS}
         self._goals = SyncWrite(GOAL_CURRENT, ids)
         self._known: dict[int, bytes] | None = {} if len(ids) == 1 else None
         """The frames of a single servo by its goal; there are as many as current units"""
-        self._calm = True
-        """All have replied to the last request"""
+        self._arrange(self._selected)
 
     def wire_ns(self, count: int) -> int:
         """Return the time of ``count`` bytes on the wire [ns]."""
         return wire_ns(count, self._baud) if self._baud else 0
 
-    def widen(self, address: int, end: int) -> int:
-        """Register a block around the sample; return its length, for ``request``.
-
-        Args:
-            address: Its begin, at 120 at most.
-            end: After its last register, at 136 at least; no other block has the length.
-        """
-        length = end - address
-        self.blocks[length] = address
-        self._free_at.setdefault(length, 0)
-        return length
-
-    def is_free(self, length: int) -> bool:
-        """Whether no reply of this length to an earlier request may still come."""
-        return self._free_at[length] <= self.number
-
     def request(self, wide: int = 0, of: Station | None = None) -> None:
         """Request all samples. Does not wait; what is not yet answered is given up.
 
         Args:
-            wide: Request the block of this length, from ``widen``, which is free; 0: the sample
-                only.
+            wide: Request the block of this length, see ``Lengths.widen``, which is free; 0: the
+                sample only.
             of: The servo whose block this is; the others are asked for their sample.
         """
         if self._asked is not None:
             self._close(0)
         if stale := self.line.read():
             self._process(stale)
-        number = self.number
-        free_at = self._free_at
-        length = _SHORTEST
-        while free_at[length] > number:
-            length = length + 1 if length < LENGTHS[-1] else _SHORTEST
-        self.number = number + 1
+        length = self.lengths.begin(wide)
+        asked = self._usual[length]
         if of is not None:
-            asked = self._unusual(length, (of.id, self.blocks[wide], wide))
-        else:
-            asked = self._usual[length] if self._calm else self._unusual(length)
+            of.block = b""
+            block = self.lengths.blocks[wide], wide
+            asked = SampleRequest(self.way, self._ids, length, (of.id, *block))
+            self.lengths.keep(asked, 1)
+        elif asked is None:
+            asked = self._usual[length] = SampleRequest(self.way, self._ids, length)
         self._asked = asked
         self.parser.parts = asked.parts
         self._missing = self._order
@@ -178,9 +149,9 @@ class Exchange:
         asked = self._asked
         if asked is None:
             raise RuntimeError("collect() without a request(): call request() first")
-        parser, order, expected, now_ns = self.parser, self._missing, asked.expected, self._now_ns
-        self.waited_ns = 0
-        if expected is None or not parser.idle:
+        order, expected, now_ns = self._missing, asked.expected, self._now_ns
+        if expected is None or not self.parser.idle:
+            self.waited_ns = 0
             return self._search(deadline_ns)
         began_ns = now_ns()
         come = self.line.wait(deadline_ns)
@@ -200,8 +171,9 @@ class Exchange:
             else:
                 for station in order:
                     station.counts.cycles += 1
-                self._free_at[asked.length] = self.number + 1  # not for the next: a copy may follow
                 self._asked = None
+                if self._places:
+                    return [samples[place] for place in self._places]
                 return samples
         self._process(data)
         late = began_ns >= deadline_ns  # a bus without a servo may never be silent
@@ -233,22 +205,21 @@ class Exchange:
     def set_aside(self) -> None:
         """Discard the samples under way: registers are asked for, or other servos."""
         if self._asked is not None:
-            self._free(self._asked, QUARANTINE)
+            self.lengths.keep(self._asked)
         self._asked = None
         self._missing = ()
         self._found, self._doubted = {}, False
 
-    def _free(self, asked: SampleRequest, later: int) -> None:
-        """Let the lengths of a request be used again, so many requests later."""
-        for length in asked.used:
-            self._free_at[length] = self.number + later
-
-    def _unusual(self, length: int, wide: tuple[int, int, int] | None = None) -> SampleRequest:
-        """Return a request for a wider block, or with the servos in another order."""
-        for station in self._order:
-            station.block = b""
-        ids = [station.id for station in self._order]
-        return SampleRequest(self.way, ids, length, wide)
+    def _arrange(self, order: Sequence[Station]) -> None:
+        """Request the selected servos in this order from now on."""
+        self._order = order
+        self._ids = [station.id for station in order]
+        self._usual: dict[int, SampleRequest | None] = dict.fromkeys(LENGTHS)
+        """The requests so far without a wider block, by length"""
+        self._places: Sequence[int] = ()
+        """Of each selected servo in the order; empty: it is their own"""
+        if order != self._selected:
+            self._places = [order.index(station) for station in self._selected]
 
     def _search(self, deadline_ns: int) -> list[Sample]:
         """Search what comes until ``deadline_ns`` [ns] for the replies; return the samples.
@@ -276,8 +247,6 @@ class Exchange:
         line, now_ns = self.line, self._now_ns
         began_ns = _NO_TIME
         while began_ns < deadline_ns and any(one in self._missing for one in wanted):
-            if self._found and all(station.silent >= _GONE for station in self._missing):
-                deadline_ns = min(deadline_ns, now_ns() + _GRACE_NS)
             began_ns = now_ns()
             come = line.wait(deadline_ns)
             self.waited_ns += now_ns() - began_ns
@@ -301,7 +270,7 @@ class Exchange:
             elif station is None:
                 continue
             elif station not in self._missing or not self._accepts(station, frame):
-                station.counts.late += len(frame.params) in self.blocks
+                station.counts.late += len(frame.params) in self.lengths.blocks
 
     def _is_misnamed(self, frame: Frame, station: Station | None) -> bool:
         """Whether this answer to the waiting request, or one before it, bears a wrong id."""
@@ -352,15 +321,12 @@ class Exchange:
             counts.lost += not corrupt
             outcome = Outcome.CORRUPT if corrupt else Outcome.LOST
             lost[station] = Sample(outcome, 0, 0, False, self.sent_ns)
-            if not place or not joint:  # those after it could not reply
-                station.silent += 1
-        if asked is not None:
-            self._free(asked, QUARANTINE if missing else 1)
+        if asked is not None and missing:
+            self.lengths.keep(asked)
         self._asked, self._missing = None, ()
-        heard = [station for station in self._selected if station not in lost]
-        for station in heard:
-            station.silent = 0
-        self._calm = not missing
-        self._order = (*heard, *missing[1:], *missing[:1])
+        heard = [station for station in self._order if station not in lost]
+        order = (*heard, *missing[1:], *missing[:1])
+        if order != self._order:
+            self._arrange(order)
         found, self._found, self._doubted = self._found, {}, False
         return [lost.get(each) or found[each] for each in self._selected]

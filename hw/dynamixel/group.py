@@ -150,7 +150,7 @@ class DynamixelGroup:
             self._off()
             raise
         traffic = self.traffic
-        traffic.longest_s = self._polls.longest_s if count > 1 else longest_s
+        traffic.longest_s = self._polls.longest_s
         traffic.counts = []
         for one in servos:
             one.station.counts = BusCounts()
@@ -184,21 +184,22 @@ class DynamixelGroup:
                 driven any longer.
         """
         exchange, polls, readings = self.exchange, self._polls, []
+        asked = polls.asked
         polls.patience_s = (deadline_ns - exchange.sent_ns) * 1e-9
         samples = exchange.collect(deadline_ns)
         self.traffic.waited_ns = exchange.waited_ns
         for one, sample in zip(self.servos, samples):  # noqa: B905 - quicker
             outcome, counts, current, alert, sampled_ns = sample
             if outcome is not _OK:
-                if polls.asked is one.station and polls.silent(one.station):
+                if asked is one.station and polls.silent(asked):
                     with _about(one):
                         raise one.silent()
                 readings.append(Reading(outcome, _NAN, 0, sampled_ns, _NAN, False))
                 continue
             # A latched error explains more than its consequences.
-            if polls.asked is one.station and not alert:
+            if asked is one.station and not alert:
                 with _about(one):
-                    one.judge(polls.values(one.station.block))
+                    one.judge(polls.values(asked.block))
             one.heard_ns = sampled_ns
             one.alert |= alert
             position, torque = counts * POSITION_UNIT, one.law.torque(current)
@@ -271,10 +272,15 @@ class DynamixelGroup:
         found = ""
         for way in ways:
             exchange.select(exchange.stations, way)
-            if all(sample.outcome is _OK for sample in exchange.sampled()):
+            samples = zip(self.servos, exchange.sampled(), strict=True)
+            silent = [one for one, (outcome, *_) in samples if outcome]
+            if not silent:
                 return Check("read", True, f"{way}{found}", wanted)
-            silent = [f"id {one.station.id}{one.age}" for one in self.servos if one.station.silent]
-            found += f", as a {way} read is not answered by {' and '.join(silent)}"
+            if way == "fast":  # an old one silences others too
+                old = [one for one in silent if not one.model.knows_fast_reads(one.firmware)]
+                silent = old or silent
+            told = [f"id {one.station.id} (firmware {one.firmware})" for one in silent]
+            found += f", as a {way} read is not answered by {' and '.join(told)}"
         raise UnfitServoError(
             f"The servos answer one by one but not in one cycle{found}",
             advice="check the cable, and that no two have the same id"

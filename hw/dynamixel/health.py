@@ -97,8 +97,7 @@ class HealthPolls:
     """Decides which request asks one servo for a wider block.
 
     Args:
-        exchange: Reads the servos, in its present way; the lengths of the blocks are registered
-            with it.
+        exchange: Reads the servos, in its present way; the blocks are registered with it.
         baud: The bus's rate [bit/s].
         period_s: Period of the loop [s].
         hold_s: Longest time for which the adapter holds a reply [s].
@@ -118,11 +117,9 @@ class HealthPolls:
         """Time that the loop has given the last replies [s]"""
         self._exchange = exchange
         self._reserve(self._blocks(self.patience_s))
-        self._turns = dict.fromkeys(stations, 0)
-        """Numbers of the next polls"""
+        self._turn = 0
+        """Number of the next poll: of each servo in turn, then with the next block"""
         self._unanswered = dict.fromkeys(stations, 0)
-        self._last = -1
-        """The servo of the last poll"""
         self.asked: Station | None = None
         """The servo whose wider block the last request asks for; None: samples only"""
         self._block = _SUPPLY_AND_HEAT
@@ -150,27 +147,26 @@ class HealthPolls:
             0: there is no time for any, or a late reply to the last one may still come.
         """
         blocks = self._blocks(self.patience_s)
-        number = (self._last + 1) % self._count
-        station = self._stations[number]
-        address, end = block = (*blocks, (0, 0))[self._turns[station] % max(1, len(blocks))]
+        length = 0
         if blocks:
+            again, number = divmod(self._turn, self._count)
+            station = self._stations[number]
+            address, end = block = blocks[again % len(blocks)]
+            length = end - address
             self._reserve(blocks)
-            if not self._exchange.is_free(end - address):
+            if not self._exchange.lengths.is_free(length):
                 return 0
-            self._last, self._block, self.asked = number, block, station
+            self._turn += 1
+            self._block, self.asked = block, station
             self._unanswered[station] += 1
         self.due_ns = now_ns + self._every_ns(len(blocks))
-        return end - address
+        return length
 
     def values(self, block: bytes) -> dict[str, int]:
-        """Return the watched values in a servo's block, and go on to its next; empty: it is none.
-
-        An unanswered poll is repeated when it is the servo's turn again.
-        """
+        """Return the watched values in a servo's block; empty: it is none."""
         asked, (address, end) = self.asked, self._block
         if asked is None or len(block) != end - address:
             return {}
-        self._turns[asked] += 1
         self._unanswered[asked] = 0
         return {
             name: int.from_bytes(block[at : at + size], "little")
@@ -185,7 +181,7 @@ class HealthPolls:
         """Keep the lengths of these blocks for polls."""
         for address, end in blocks:
             if end - address not in LENGTHS:
-                self._exchange.widen(address, end)
+                self._exchange.lengths.widen(address, end)
 
     def _blocks(self, patience_s: float) -> Sequence[tuple[int, int]]:
         """Return the alternating blocks for which there is time; empty: for none."""

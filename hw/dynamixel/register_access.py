@@ -249,7 +249,7 @@ class Table:
         """Read a register once; None: no valid answer."""
         read_ns = self._read_ns
         latest_ns = self.clock.now_ns() - _LATEST_NS
-        free = [size for size in sizes if size not in self.exchange.blocks]
+        free = [size for size in sizes if size not in self.exchange.lengths.blocks]
         size = next((n for n in free if read_ns.get(n, latest_ns) <= latest_ns), 0)
         if not size:
             size = min(free, key=read_ns.__getitem__)

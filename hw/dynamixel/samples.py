@@ -1,4 +1,4 @@
-"""Requests and decodes a servo's samples."""
+"""Builds the requests for samples, of lengths by which late replies are known, and decodes them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LENGTHS: Final = range(16, 49)
 _FROM_SAMPLE: Final = 27
 """Longest block that begins with the sample and ends with Present Temperature (146) at most; a
 longer one ends with the sample"""
-QUARANTINE: Final = 31
+_QUARANTINE: Final = 31
 """Requests before the length of an unanswered one is used again, 15 ms at 2 kHz; fewer than there
 are lengths, so that one is always free"""
 
@@ -46,6 +46,59 @@ def block_address(length: int) -> int:
     return SAMPLE_ADDRESS if length <= _FROM_SAMPLE else SAMPLE_END - length
 
 
+class Lengths:
+    """Chooses the lengths of the blocks of a request: none to which a late reply may still come.
+
+    Attributes:
+        blocks: First register of each block with a sample, by its length.
+    """
+
+    def __init__(self) -> None:
+        self.blocks = {length: block_address(length) for length in LENGTHS}
+        self._number = 0
+        """Of the next request"""
+        self._free_at = dict.fromkeys(LENGTHS, 0)
+        """First request that may have a length again"""
+
+    def begin(self, wide: int = 0) -> int:
+        """Begin a request; return the shortest length that is free.
+
+        Args:
+            wide: Length of a wider block, if there is one: see ``keep``.
+        """
+        number, free_at, length = self._number, self._free_at, LENGTHS.start
+        while free_at[length] > number:
+            length += 1
+        if not wide:
+            free_at[length] = number + 2  # not for the next one: a copy of the reply may follow
+        self._number = number + 1
+        return length
+
+    def keep(self, asked: SampleRequest, requests: int = _QUARANTINE) -> None:
+        """Keep the lengths of the last request for late replies.
+
+        Args:
+            asked: The request.
+            requests: Number of the following ones that may not have them.
+        """
+        for length in asked.used:
+            self._free_at[length] = self._number + requests
+
+    def widen(self, address: int, end: int) -> None:
+        """Register a wider block around the sample; no other block has its length.
+
+        Args:
+            address: Its begin, at 120 at most.
+            end: After its last register, at 136 at least.
+        """
+        self.blocks[end - address] = address
+        self._free_at.setdefault(end - address, 0)
+
+    def is_free(self, length: int) -> bool:
+        """Whether no reply of this length to an earlier request may still come."""
+        return self._free_at[length] <= self._number
+
+
 _TOGETHER: Final[dict[Read, tuple[Instruction, Instruction]]] = {
     "fast": (Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ),
     "sync": (Instruction.SYNC_READ, Instruction.BULK_READ),
@@ -61,7 +114,6 @@ class SampleRequest:
         ids: The servos, in the order of their replies.
         length: Number of bytes of a block; no other request has as many.
         wide: The one servo, and address and length of its block, which begins at 120 at most.
-        prepared: Prepare the pattern of the replies, if the block begins with the sample.
 
     Attributes:
         blocks: Address and length of each servo's block, by id.
@@ -78,8 +130,6 @@ class SampleRequest:
         ids: Sequence[int],
         length: int,
         wide: tuple[int, int, int] | None = None,
-        *,
-        prepared: bool = False,
     ) -> None:
         address = block_address(length)
         self.blocks = dict.fromkeys(ids, (address, length))
@@ -98,7 +148,7 @@ class SampleRequest:
             listed = b"".join(bytes([id_]) + share for id_, share in shares.items())
             self.frames = [encode(BROADCAST, _TOGETHER[way][1], listed)]
             self.parts = [size + JOINT_PART_BYTES for _, size in self.blocks.values()]
-        if prepared and address == SAMPLE_ADDRESS and len(self.frames) == 1:
+        if wide is None and address == SAMPLE_ADDRESS and len(self.frames) == 1:
             self.expected = ExpectedReplies(ids, length, _FIELDS, joint=way == "fast")
 
     def unpack(self, id_: int, data: bytes) -> tuple[int, int, int] | None:

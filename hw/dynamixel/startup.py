@@ -91,7 +91,7 @@ class Startup:
             before = table.write("status_return_level", STATUS_LEVEL)
         self._settle("status_return_level", STATUS_LEVEL, before=before or 0)
         firmware = table.read("firmware_version")
-        self._servo.age = f" (firmware {firmware})"
+        self._servo.firmware = firmware
         self._checks.append(judge_firmware(self._servo.model, firmware))
         self._refuse_if_unfit()
         table.registers = self._servo.model.registers_at(firmware)

@@ -34,8 +34,6 @@ class Station:
         next"""
         self.block = b""
         """All data of the answer to the last request, if that was for a wider block"""
-        self.silent = 0
-        """Consecutive lost readings by this servo's own fault"""
         self.forget()
 
     def forget(self) -> None:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from haptic_wall.hw.dynamixel.codec import BROADCAST, MAX_ID, crc16
 from haptic_wall.hw.emulated.faults import Fault, parse_fault
+from haptic_wall.hw.emulated.rules import AMBIENT
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.emulated.traffic import ID_AT, Part, id_of
 
@@ -287,9 +288,9 @@ def apply_fault(event: FaultEvent, servo: EmulatedServo, now_ns: int) -> None:
         case "hardware-error" if not servo.unplugged:
             servo.latch_errors(fault.values["bits"], now_ns)
         case "supply":
-            servo.set_supply(fault.values["volts"] if begins else servo.true_supply, now_ns)
+            servo.set_supply(fault.values["volts"] if begins else servo.model.voltage, now_ns)
         case "ambient":
-            servo.set_ambient(fault.values["celsius"] if begins else servo.true_ambient, now_ns)
+            servo.set_ambient(fault.values["celsius"] if begins else AMBIENT, now_ns)
         case "unplug" if begins:
             servo.unplug(now_ns)
         case "unplug":

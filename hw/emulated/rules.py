@@ -22,6 +22,8 @@ _TORQUE_ON = 0x01
 """Bit of Startup Configuration"""
 MEASURED = range(120, 147)
 """Addresses of the measured registers, Realtime Tick to Present Temperature"""
+AMBIENT = 32.0
+"""Temperature of an idle servo [°C]"""
 _GOALS = frozenset({"goal_pwm", "goal_current", "goal_velocity", "goal_position"})
 _LIMIT_OF = {
     "goal_pwm": "pwm_limit",
@@ -36,20 +38,18 @@ class ControlTable:
     Args:
         model: The servo's model.
         firmware: Decides the available features.
-        supply: Supply voltage [V].
-        ambient: Temperature [°C].
     """
 
-    def __init__(self, model: Model, firmware: int, *, supply: float, ambient: float) -> None:
+    def __init__(self, model: Model, firmware: int) -> None:
         """Create the registers at their defaults, before power-up."""
         # Torque-on-by-goal-update came with the same firmware as fast sync read.
         self._torque_on_by_goal_known = firmware >= model.fast_sync_read_firmware
         self.memory = Memory(model.registers_at(firmware).values(), MEASURED)
-        self.supply = supply
+        self.supply = model.voltage
         """Supply voltage [V]; ``feed`` sets it"""
-        self.volts = round(supply * 10)
+        self.volts = round(self.supply * 10)
         """Present Input Voltage [0.1 V]"""
-        self.temperature = ambient
+        self.temperature = AMBIENT
         """Inside [°C]"""
 
     @property

@@ -88,11 +88,7 @@ class EmulatedServo:
             )
         self.model = model
         self.firmware = firmware
-        self.true_supply = model.voltage if true.supply is None else true.supply
-        """Its supply voltage unless ``set_supply`` changes it [V]"""
-        self.true_ambient = true.ambient
-        """Its ambient temperature unless ``set_ambient`` changes it [°C]"""
-        self.table = ControlTable(model, firmware, supply=self.true_supply, ambient=true.ambient)
+        self.table = ControlTable(model, firmware)
         self.memory = self.table.memory
         motor = motor_of(model, constant)
         # Servos of one bus share their truth, but not their noise.
@@ -101,7 +97,6 @@ class EmulatedServo:
         self.mechanism = Mechanism(
             own, start_ns, winding=motor.winding(model.voltage), operator_waits=True
         )
-        self.mechanism.feed(motor.winding(self.true_supply).stall_torque)
         self._held = self._by_hand = False
         self.answers_from_ns = start_ns
         """End of its boot [ns]"""

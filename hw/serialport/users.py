@@ -21,7 +21,6 @@ _PTMX: Final = os.makedev(5, 2)
 """The device behind the controlling end of every pseudo-terminal"""
 _PTS_MAJORS: Final = range(136, 144)
 """Major numbers of the devices at the other ends"""
-_DRIVERS: Final = Path("/proc/tty/drivers")
 
 
 def is_pseudo(device: int) -> bool:
@@ -32,18 +31,10 @@ def is_pseudo(device: int) -> bool:
 def is_terminal(device: int) -> bool:
     """Whether a device is a terminal; other devices may have any number of users.
 
-    It reads the kernel's list: opening a port disturbs its user.
+    The kernel says it: opening a port would disturb its user.
     """
-    try:
-        rows = [line.split() for line in _DRIVERS.read_text().splitlines()]
-    except OSError:  # unknown: assume that a configured port is one
-        return True
-    major, minor = os.major(device), os.minor(device)
-    for *_, number, minors, _kind in rows:
-        first, _, last = minors.partition("-")
-        if int(number) == major and int(first) <= minor <= int(last or first):
-            return True
-    return False
+    known = Path(f"/sys/dev/char/{os.major(device)}:{os.minor(device)}/subsystem")
+    return is_pseudo(device) or known.resolve().name == "tty"
 
 
 def holders(device: int) -> Iterator[tuple[int, str]]:

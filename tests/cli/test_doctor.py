@@ -175,7 +175,7 @@ def test_a_servo_is_never_set_to_a_rate_that_this_adapter_cannot_make(
             raise BaudRefusedError(f"Port {path} refuses {baud} baud: set servo.baud.")
         return opens(path, baud)
 
-    monkeypatch.setattr("haptic_wall.controller.doctor.search.port.open_port", refuses_4_mbit)
+    monkeypatch.setattr("haptic_wall.controller.doctor.search.open_port", refuses_4_mbit)
     with emulate("--baud", "1000000") as (_, port):
         _, checks, wrong, found = report(cli, *at(port), "--fix", "--change-baud")
         assert "baud rate" not in [change["name"] for change in found["changes"]]

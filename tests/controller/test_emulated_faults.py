@@ -45,11 +45,9 @@ def test_one_fault_or_several_as_people_write_them(text: str, found: tuple[str, 
         (EMULATED, "servo.faults=stuck:id=7", ["has the id 7", "ids here are 1"]),
         (EMULATED, "servo.faults=5", ["found 5, wanted a list of texts"]),
         (EMULATED, "servo.faults=[1]", ["found [1], wanted a list of texts"]),
-        (EMULATED, "servo.supply=0.5", ["found 0.5", "from 1 to 60", "[V]"]),
-        (EMULATED, "servo.ambient=300", ["found 300", "from -40 to 200", "[°C]"]),
         ("simulated", "servo.faults=drop", ["no bus", "emulated-xm430"]),
         ("xm430-w350", "servo.faults=drop", ["servo.port", "is a real one"]),
-        ("xm430-w350", "servo.supply=12", ["servo.port", "is a real one"]),
+        ("xm430-w350", "servo.gravity=0.1", ["servo.port", "is a real one"]),
     ],
 )
 def test_what_cannot_happen_is_refused_by_name(source: str, change: str, words: list[str]) -> None:
@@ -66,7 +64,7 @@ def test_a_fault_of_the_servo_s_own_id_is_one_of_this_bus() -> None:
 
 
 def test_they_travel_between_processes_and_to_the_emulator() -> None:
-    sets = ["servo.faults=drop:p=0.01 jump:counts=5", "servo.fault_seed=3", "servo.supply=11"]
+    sets = ["servo.faults=drop:p=0.01 jump:counts=5", "servo.fault_seed=3"]
     sets += ["servo.load_inertia=0.003", "servo.transmission_stiffness=200"]
     loaded = load_config(EMULATED, sets).config
     config = Config.model_validate_json(loaded.model_dump_json())
@@ -74,7 +72,7 @@ def test_they_travel_between_processes_and_to_the_emulator() -> None:
     assert (plan["faults"], plan["seed"]) == (["drop:p=0.01", "jump:counts=5"], 3)
     true = config.true_servo()
     assert TrueServo(**plan["own"]["1"]) == true
-    assert (true.supply, true.load_inertia) == (11.0, 0.003)
+    assert true.load_inertia == 0.003
 
 
 def simulated(*sets: str) -> Result:
@@ -96,7 +94,7 @@ def test_they_happen_on_the_bus_in_memory_as_the_seed_says() -> None:
 
 def test_a_supply_outside_the_servo_s_limits_is_found_before_the_torque_is_on() -> None:
     with pytest.raises(UnfitServoError, match="supplied with 9 V"):
-        simulated("servo.supply=9")
+        simulated("servo.faults=supply:volts=9")
 
 
 @pytest.mark.parametrize(("gap_s", "ended"), [(0.008, "duration"), (0.02, "trip:losses_in_row")])

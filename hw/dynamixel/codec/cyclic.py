@@ -37,6 +37,7 @@ class ExpectedReplies:
         rest = size - calcsize("<" + fields) + 2
         part = size + 4  # of a joint reply: error, id, data, CRC
         self._ids = bytes(ids)
+        self._count = len(ids)
         self._joint = joint
         lengths = {BROADCAST: 1 + len(ids) * part} if joint else dict.fromkeys(ids, part)
         self._prefixes = [
@@ -68,9 +69,9 @@ class ExpectedReplies:
                     return None
                 at = end
             return self._layout.iter_unpack(data[_FIXED:])
-        if data.count(MARK) != len(self._ids):
+        if data.count(MARK) != self._count:
             return None
-        if len(self._ids) == 1:  # in one step: a loop takes a tenth of the cycle
+        if self._count == 1:  # in one step: a loop takes a tenth of the cycle
             return (self._layout.unpack(data),) if _crc_is_right(data) else None
         size = self._size
         for at, prefix in zip(range(0, self._total, size), self._prefixes, strict=True):

@@ -128,10 +128,10 @@ class Parser:
         buffer = self._buffer
         at = start + PREAMBLE + 1
         sizes = self._sizes(end - at)
+        parts, known, self._parts = 0, self._parts, 0
         if not sizes:
             return self._reject(start)
         crc = crc16(buffer[start:at])
-        parts, known, self._parts = 0, self._parts, 0
         for part in sizes:
             if at + part > len(buffer):
                 break

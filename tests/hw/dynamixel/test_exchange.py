@@ -397,11 +397,12 @@ def test_a_collect_that_comes_too_late_still_finds_the_reply(shape: tuple[int, R
 
 def test_a_wider_block_is_read_around_the_sample_of_each_in_turn(shape: tuple[int, Read]) -> None:
     bench = Bench(shape=shape)
-    wide = bench.exchange.widen(64, 147)
+    wide = 147 - 64
+    bench.exchange.lengths.widen(64, 147)
     bench.servo.registers[64:120] = bytes(range(64, 120))
     for asked in bench.exchange.stations:
         bench.run(1)
-        assert bench.exchange.is_free(wide)
+        assert bench.exchange.lengths.is_free(wide)
         bench.exchange.request(wide, asked)
         samples = bench.exchange.collect(bench.clock.now_ns() + PERIOD_NS)
         bench.are_their_own(samples)

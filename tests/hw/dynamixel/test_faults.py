@@ -2,7 +2,6 @@
 
 import math
 from collections import Counter
-from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -15,7 +14,7 @@ from haptic_wall.hw.emulated.injection import Faults
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.errors import ServoLostError
 from tests.cases import sampled
-from tests.hw.dynamixel.emulated_client import BYTE_NS, FREE, MS, Client
+from tests.hw.dynamixel.emulated_client import BYTE_NS, MS, Client
 
 X = "XM430-W350"
 PING = encode(1, Instruction.PING)
@@ -271,14 +270,14 @@ def test_a_hardware_error_shows_alerts_and_shuts_down_as_configured() -> None:
 
 
 def test_a_supply_that_sags_and_recovers_leaves_its_error_latched() -> None:
-    client = Client(true=replace(FREE, supply=11.5))
+    client = Client()
     client.inject("supply:volts=9,at=0.1,for=0.05")
     client.pass_time(99 * MS)
-    assert (client.read(1, 144, 2), client.read(1, 70, 1)) == (115, 0)
+    assert (client.read(1, 144, 2), client.read(1, 70, 1)) == (120, 0)
     client.pass_time(5 * MS)
     assert (client.read(1, 144, 2), client.read(1, 70, 1)) == (90, 0x01)
     client.pass_time(50 * MS)
-    assert (client.read(1, 144, 2), client.read(1, 70, 1)) == (115, 0x01)
+    assert (client.read(1, 144, 2), client.read(1, 70, 1)) == (120, 0x01)
     assert [name for _, _, name in client.fault_rows()] == ["supply", "supply over"]
 
 

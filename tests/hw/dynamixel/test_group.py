@@ -173,6 +173,13 @@ def test_one_old_firmware_makes_all_answer_one_by_one_to_one_request() -> None:
         bench.assert_true(readings)
 
 
+def test_all_that_do_not_answer_a_fast_read_are_named_and_no_other() -> None:
+    bench = Bench([44, 48, 44, 44, 48, 44])
+    checks = {check.name: check.found for check in bench.group.start()[0]}
+    old = " and ".join(f"id {id_} (firmware 44)" for id_ in (1, 3, 4, 6))
+    assert checks["read"] == f"sync, as a fast read is not answered by {old}"
+
+
 def test_a_way_of_reading_that_not_all_support_is_refused_where_it_is_asked_for() -> None:
     bench = Bench([48, 44, 48], read="fast")
     with pytest.raises(UnfitServoError, match=r"by id 2 \(firmware 44\).*set bus\.read=auto"):
@@ -264,6 +271,25 @@ def test_a_damaged_reply_never_becomes_somebodys_position(way: Read, fault: str)
     counts = [station.counts for station in exchange.stations]
     assert bad == sum(one.lost + one.corrupt for one in counts)
     assert 0 < bad < 250
+
+
+@pytest.mark.parametrize("fault", ["drop:id=2,p=0.2", "corrupt:id=2,p=0.2,way=reply"])
+@pytest.mark.parametrize("read", ["fast", "sync"])
+def test_a_flaky_servo_costs_the_others_one_reading_at_most(read: Way, fault: str) -> None:
+    """A lost part ends a joint reply, so its servo is asked last from then on."""
+    bench = Bench([48] * 5, read=read)
+    bench.group.start()
+    bench.bus.inject(fault, bench.clock.now_ns())
+    for _ in range(300):
+        bench.assert_true(bench.cycle([0.1, -0.1, 0.1, -0.1, 0.1]))
+    lost = [one.lost + one.corrupt for one in counts_of(bench)]
+    assert lost[1] > 40
+    assert max(lost[:1] + lost[2:]) <= (read == "fast")
+    bench.bus.lift("drop", bench.clock.now_ns())
+    bench.bus.lift("corrupt", bench.clock.now_ns())
+    for _ in range(20):
+        bench.assert_true(readings := bench.cycle([0.1, -0.1, 0.1, -0.1, 0.1]))
+        assert all(reading.outcome is Outcome.OK for reading in readings)
 
 
 def test_a_start_that_fails_leaves_no_torque_on() -> None:
