@@ -121,7 +121,10 @@ def _good_damping(wall: Wall, work: Work) -> float:
     """
     request, settings, situation, _ = wall
     corner = wall.corner
-    ceiling = float(Evaluation(request, settings, situation, corner, work=work).vibration[0])
+    asked = (request, settings, situation, corner)
+    # asked for little damping, the ceiling may be a lower bound
+    most = Evaluation(*asked, work=work).rigid_ceiling
+    ceiling = float(Evaluation(*asked, asked=most, work=work).vibration[0])
     tried = settings.damping_cap * ceiling * (1 - _WITHIN) * _SHARES
     spread = corner.take(np.zeros(tried.size, dtype=np.int64))
     after = Evaluation(request, settings, situation, spread, asked=tried, work=work)

@@ -56,3 +56,21 @@ def test_each_remedy_is_the_limit_with_that_one_thing_changed() -> None:
     for words, stiffness in expected.items():
         (remedy,) = [each for each in found if each.text.startswith(words)]
         assert remedy.stiffness == pytest.approx(stiffness, rel=0.02), words  # the table's jags
+
+
+def test_damping_that_helps_is_found_where_little_is_asked_for() -> None:
+    """With a link whose vibration formulas count at a small damping, and a grid at a larger one."""
+    link = situation(
+        inertia=Bounded(M, 0.0117, 0.0122),
+        damping=Bounded(B_VISCOUS, 0.0111, 0.0123),
+        load_inertia=Bounded(0.00176, 0.00035, 0.006),
+        flexible_hz=Bounded(290.0, 168.0, 500.0),
+        flexible_damping_ratio=Bounded(0.02, 0.005, 0.1),
+    )
+    parts = DelayParts(T, {"one": 6e-5})
+    one, other = (
+        remedies(Wall(Request(0.0, damping, "above"), GuardSettings(), link, parts), Work())[0]
+        for damping in (0.0, 0.06)
+    )
+    assert one.text.startswith("virtual damping")
+    assert one.stiffness == pytest.approx(other.stiffness, rel=0.05)
