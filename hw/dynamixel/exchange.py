@@ -16,7 +16,7 @@ Three cheap checks do it:
    advanced by the time that passed since the last accepted sample.
 
 None of a request's answers is used if one bears a wrong id: one servo has two that differ, or an id
-answers that was not asked, or one before its turn. It is not known whose they are.
+answers that was not asked, or not yet, or one before its turn. It is not known whose they are.
 
 A request may ask for a wider block around the sample, of a length that no other request has.
 Registers are read in blocks of other sizes still; see ``register_access``.
@@ -78,6 +78,8 @@ class Exchange:
         self._baud = baud
         self._asked: SampleRequest | None = None
         """The request that waits for its answers; None: none does"""
+        self._turns = 0
+        """How many servos may have answered it by now, the first of its order"""
         self._missing: Sequence[Station] = ()
         """Servos whose answers it waits for"""
         self._found: dict[Station, Sample] = {}
@@ -134,6 +136,7 @@ class Exchange:
         self.parser.parts = asked.parts
         self._missing = self._order
         self._broken = self.parser.corrupt + self._refusals
+        self._turns = 1 if self.way == "plain" else len(self._order)
         self.sent_ns = self._now_ns()
         self.line.write(asked.frames[0])
 
@@ -237,6 +240,7 @@ class Exchange:
             return self._listen(deadline_ns, self._order)
         for number, (station, frame) in enumerate(zip(self._order, frames, strict=True)):
             if number:
+                self._turns = number + 1
                 self.line.write(frame)
             now_ns = self._now_ns()
             self._listen(now_ns + (deadline_ns - now_ns) // (len(frames) - number), [station])
@@ -284,8 +288,8 @@ class Exchange:
         if station in found:
             return frame.params != station.block  # else a copy
         order = self._order
-        last = next(reversed(found), None) if self.way != "plain" else None
-        return last is not None and order.index(station) < order.index(last)
+        place, last = order.index(station), next(reversed(found), None)
+        return place >= self._turns or (last is not None and place < order.index(last))
 
     def _accepts(self, station: Station, frame: Frame) -> bool:
         """Take a frame as a servo's answer to the waiting request, if it is that."""
