@@ -16,7 +16,7 @@ Three cheap checks do it:
    advanced by the time that passed since the last accepted sample.
 
 None of a request's answers is used if one bears a wrong id: one servo has two that differ, or an id
-answers that was not asked, or not yet, or one before its turn. It is not known whose they are.
+answers that was not asked, or not yet, or out of its turn. It is not known whose they are.
 
 A request may ask for a wider block around the sample, of a length that no other request has.
 Registers are read in blocks of other sizes still; see ``register_access``.
@@ -79,7 +79,8 @@ class Exchange:
         self._asked: SampleRequest | None = None
         """The request that waits for its answers; None: none does"""
         self._turns = 0
-        """How many servos may have answered it by now, the first of its order"""
+        """How many servos may have answered it by now, the first of its order; of a fast read, how
+        many parts have come"""
         self._missing: Sequence[Station] = ()
         """Servos whose answers it waits for"""
         self._found: dict[Station, Sample] = {}
@@ -136,7 +137,7 @@ class Exchange:
         self.parser.parts = asked.parts
         self._missing = self._order
         self._broken = self.parser.corrupt + self._refusals
-        self._turns = 1 if self.way == "plain" else len(self._order)
+        self._turns = {"fast": 0, "plain": 1}.get(self.way, len(self._order))
         self.sent_ns = self._now_ns()
         self.line.write(asked.frames[0])
 
@@ -264,6 +265,7 @@ class Exchange:
             if frame.instruction != Instruction.STATUS:
                 continue
             station = self.by_id.get(frame.id)
+            self._turns += self.way == "fast" and self._answers(frame)
             if station is not None and frame.error & REFUSED:  # it does not name its request
                 self._refusals += 1
             elif self._is_misnamed(frame, station):
@@ -276,10 +278,14 @@ class Exchange:
             elif station not in self._missing or not self._accepts(station, frame):
                 station.counts.late += len(frame.params) in self.lengths.blocks
 
+    def _answers(self, frame: Frame) -> bool:
+        """Whether a frame has the length of an answer to the waiting request."""
+        return self._asked is not None and len(frame.params) in self._asked.used
+
     def _is_misnamed(self, frame: Frame, station: Station | None) -> bool:
         """Whether this answer to the waiting request, or one before it, bears a wrong id."""
         asked, found = self._asked, self._found
-        if asked is None or len(frame.params) not in asked.used:
+        if asked is None or not self._answers(frame):
             return False
         if station is None or frame.id not in asked.blocks:
             return True
@@ -289,6 +295,8 @@ class Exchange:
             return frame.params != station.block  # else a copy
         order = self._order
         place, last = order.index(station), next(reversed(found), None)
+        if self.way == "fast":  # no part follows a lost one
+            return place != self._turns - 1
         return place >= self._turns or (last is not None and place < order.index(last))
 
     def _accepts(self, station: Station, frame: Frame) -> bool:

@@ -290,6 +290,21 @@ def test_no_answer_is_used_where_one_bears_a_wrong_id(
     assert (bad(rows), rows[5]) == ([5], 3 * [Outcome.LOST])
 
 
+def test_the_first_part_of_a_joint_reply_is_that_of_the_first_servo() -> None:
+    """Under the id of the last one it would be used for it, as the rest of the frame is lost."""
+
+    def broken_off(number: int, reply: bytes) -> list[tuple[int, bytes]]:
+        if number != 5:
+            return [(0, reply)]
+        shares = _shares(reply)
+        parts = [FastReply(id_, 0, share) for id_, share in zip((3, 2, 1), shares, strict=True)]
+        return [(0, encode_fast_status(parts)[: 8 + (len(reply) - 8) // 3])]
+
+    rows = Bench(broken_off, (3, "fast"), one_by_one=True).run(10)
+    assert bad(rows) == [5]
+    assert all(outcome is not Outcome.OK for outcome in rows[5])
+
+
 def test_an_alert_is_told_and_the_position_still_valid() -> None:
     bench = Bench(only({5}, lambda _, reply: [(0, encode_status(1, 0x80, reply[9:-2]))]))
     samples = [sample for _ in range(10) for sample in bench.cycle()]
