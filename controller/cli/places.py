@@ -110,7 +110,7 @@ def take_file(option: str, path: Path, *, try_it: bool = True) -> None:
         if path.is_dir():
             raise UserError(f"{path} is a folder", field=option, advice="name a file")
         _refuse_loss(option, path)
-        path.parent.mkdir(parents=True, exist_ok=True)
+        _make(path.parent)
         if path.is_file() or not path.exists():  # a device is everybody's
             place = os.path.realpath(path)
             taken = click.get_current_context().meta.setdefault(_TAKEN, {})
@@ -136,7 +136,7 @@ def take_folder(option: str, folder: Path, names: Iterable[str]) -> None:
     with writing(option, folder):
         if folder.exists() and not folder.is_dir():
             raise UserError("found a file, wanted a folder", field=option, given=folder)
-        folder.mkdir(parents=True, exist_ok=True)
+        _make(folder)
         tempfile.TemporaryFile(dir=folder).close()
         for name in names:
             if (folder / name).is_dir():
@@ -167,7 +167,7 @@ def new_stem(option: str, what: str, suffix: str = "") -> Path:
     """
     stem = _RUNS / f"{time.strftime('%Y%m%d-%H%M%S')}-{what}"
     with writing(option, _RUNS):
-        _RUNS.mkdir(exist_ok=True)
+        _make(_RUNS)
         while True:
             place = Path(f"{stem}{suffix}")
             try:
@@ -185,6 +185,20 @@ def new_stem(option: str, what: str, suffix: str = "") -> Path:
 
     _at_the_end(remove)
     return stem
+
+
+def _make(folder: Path) -> None:
+    """Make a folder and those above it; remove at the end those that nothing was written into."""
+    made = [each for each in (folder, *folder.parents) if not each.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+
+    def remove() -> None:
+        with suppress(OSError):
+            for each in (*folder.iterdir(), *made):
+                each.rmdir()
+
+    if made:
+        _at_the_end(remove)
 
 
 def _refuse_loss(option: str, path: Path) -> None:

@@ -9,6 +9,16 @@ uses no belief about the servo.
 Several axes have a backstop each. A motion of the arm shows in many of them, and the part of its
 energy in each spring depends on the pose. So all walls are probed and reduced together: the motion
 then becomes twice as slow whatever the pose, like that of one servo. One probe goes on at a time.
+
+What the end of a half-cycle or contact means depends on the phase of the wall. The axis whose
+motion is suspected *asks*, the others wait for its answer.
+
+- *Whole*: a motion that does not decay is suspected, and the axis asks (``_suspect``).
+- *Probed*: the axis that asks takes the verdict of the probe (``_answer``); another one may learn
+  that a hand moves it (``_listen``).
+- *Reduced*: the axis that asks judges whether its motion dies, needs softer walls, or must end the
+  run (``_judge``); when it has died, another motion may take its place (``_go_on_with``).
+- *Returning*: until its spring is at rest, then the wall is whole again.
 """
 
 from __future__ import annotations
@@ -357,7 +367,7 @@ class Backstop:
         """Return the period of the slowest motion at K [s]; with links nobody knows it."""
         stiffness = self.wall.stiffness
         if len(self._shared.axes) > 1 or stiffness <= 0.0:
-            return 1e9
+            return math.inf
         return math.tau * math.sqrt(self._settings.heavy / stiffness)
 
     def _died(self) -> None:

@@ -89,7 +89,7 @@ def _plane(ax: Axes, across: Curve, side: WallSide) -> None:
         )
     allowed = across.smallest(side)
     ax.fill_between(
-        damping, 0.0, allowed, color=_ALLOWED_FILL, linewidth=0, label="below all limits"
+        damping, 0.0, allowed, color=_ALLOWED_FILL, linewidth=0, label="below the guard's limits"
     )
     passive = {} if np.isnan(across.passive).any() else {"passive": across.passive}
     most = _FAR * float(np.max(exact))

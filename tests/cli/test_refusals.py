@@ -206,3 +206,21 @@ def test_wrong_words_are_refused(
         assert found["error"].splitlines()[0] in message
         assert found["error"].endswith(found["advice"] or "")
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "delay --out new",
+        "identify --out new/one.yaml",
+        "sweep --out new --virtual-damping 0 --delay-steps 0",
+    ],
+)
+def test_a_folder_that_was_made_in_vain_is_removed(
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    command, *rest = words.split()
+    answer = cli(command, "xm430-w350", "--set", "servo.port=/dev/nosuch", "--yes", *rest)
+    assert answer.status == 4
+    assert not list(tmp_path.iterdir())
