@@ -103,8 +103,8 @@ def kept(text: str, chosen: str) -> str:
     wanted, keep = set(chosen.split(", ")), False
     lines = []
     for line in text.splitlines():
-        check = re.match(r"(?:ok|WRONG|-) +(.{25})", line)  # of doctor
-        label = (check[1] if check else line[:12]).strip()
+        check = re.match(r"(?:ok|WRONG|-) +(\S.*?)  ", line)  # of doctor
+        label = check[1] if check else line[:12].strip()
         keep = label in wanted if label else keep
         if keep:
             lines.append(line)
