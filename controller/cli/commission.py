@@ -155,8 +155,9 @@ def _text(report: dict[str, Any], folder: Path) -> str:
     following = list(words.following(report))
     if following:
         lines += ["", "What next", *(f"  {command}" for command, _ in following)]
-    more = "" if report["config"] is None else ", config.yaml"
-    files = f"report.txt, commission.json, pictures, logs/{more}"
+    moved = ["pictures", "logs/"] if (folder / "logs").exists() else []
+    made = [] if report["config"] is None else ["config.yaml"]
+    files = ", ".join(["report.txt", "commission.json", *moved, *made])
     return "\n".join([*lines, "", f"written to {folder}: {files}"])
 
 
