@@ -13,7 +13,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from haptic_wall.controller.guard.belief import Bounded
-from scripts.rates import lower_bound, most_per_hour
+from scripts.rates import hourly, lower_bound
 from scripts.study import Found, Given, Part, table
 from tests.support.cases_drawn import DAMPINGS, KINDS, LAGS, PRESETS, draw_servo
 from tests.support.judges import large, own_oscillation, sustains, unseen
@@ -37,7 +37,7 @@ Row = TypeVar("Row")
 
 
 class Oscillated(NamedTuple):
-    """What becomes of an arm that oscillates by itself."""
+    """The answer to an arm that oscillates by itself."""
 
     oscillates: bool
     in_time: bool = True
@@ -49,7 +49,7 @@ class Oscillated(NamedTuple):
 
 
 class Held(NamedTuple):
-    """What a hand at the tip meets."""
+    """The trial of a hand at the tip."""
 
     seconds: float
     probes: int
@@ -129,7 +129,7 @@ def wall_row(case: Numbered) -> Oscillated:
 
 
 def hand_row(case: Numbered) -> Held:
-    """Return what a hand at the tip meets, at nine tenths of each servo's own limit."""
+    """Move the tip by a hand, at nine tenths of each servo's own limit."""
     random = np.random.default_rng([*case[1:], 2])
     arm = _arm("within", random)
     k1, k2 = (
@@ -201,10 +201,8 @@ def _hand_lines(found: Found[Numbered, Held]) -> Iterable[str]:
             name,
             f"{hours:.2f}",
             f"{sum(row.probes for row in rows) / hours:.0f}",
-            *(
-                f"{events / hours:.2g} (<{most_per_hour(events, hours):.2g})"
-                for events in (sum(row.softened for row in rows), sum(row.tripped for row in rows))
-            ),
+            hourly(sum(row.softened for row in rows), hours),
+            hourly(sum(row.tripped for row in rows), hours),
             f"{100.0 * sum(row.softer_s for row in rows) / seconds:.2g} %",
         )
 

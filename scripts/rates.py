@@ -41,6 +41,12 @@ def most_per_hour(events: int, hours: float) -> float:
     return float(chi2.ppf(CONFIDENCE, 2 * (events + 1))) / 2.0 / hours
 
 
+def hourly(events: int, hours: float) -> str:
+    """Return the rate of events [1/h] for a table, and its largest compatible one behind."""
+    most = most_per_hour(events, hours)
+    return f"{events / hours:.2g} (<{f'{most:.2g}' if most < 10.0 else round(most)})"
+
+
 def _check(hits: int, trials: int) -> None:
     if not 0 <= hits <= trials:
         raise ValueError(f"{hits} hits in {trials} trials; give 0 or more, and no more than trials")

@@ -10,8 +10,8 @@ Several axes have a backstop each. A motion of the arm shows in many of them, an
 energy in each spring depends on the pose. So all walls are probed and reduced together: the motion
 then becomes twice as slow whatever the pose, like that of one servo. One probe goes on at a time.
 
-What the end of a half-cycle or contact means depends on the phase of the wall. The axis whose
-motion is suspected *asks*, the others wait for its answer.
+The phase of the wall decides what follows the end of a half-cycle or contact. The axis whose motion
+is suspected *asks*, the others wait for its answer.
 
 - *Whole*: a motion that does not decay is suspected, and the axis asks (``_suspect``).
 - *Probed*: the axis that asks takes the verdict of the probe (``_answer``); another one may learn

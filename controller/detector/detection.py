@@ -98,7 +98,7 @@ class DetectionRecord:
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """What is known of a record's servo and wall; NaN: not known."""
+    """The known values of a record's servo and wall; NaN: not known."""
 
     period: float
     """T [s]"""

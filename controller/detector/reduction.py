@@ -27,7 +27,7 @@ class Cause(IntEnum):
 
 
 class Course(IntEnum):
-    """What becomes of a motion on reduced walls."""
+    """The course of a motion on reduced walls."""
 
     OPEN = 0
     """It is not known yet."""

@@ -17,7 +17,7 @@ from haptic_wall.controller.laws.wall import Derating, held_torque
 
 
 class Phase(IntEnum):
-    """What is done with a wall."""
+    """The state of a wall."""
 
     WHOLE = 0
     PROBED = 1
@@ -30,7 +30,7 @@ class SoftWall:
     """One wall, whole or softened; it alone changes its phase and its derating.
 
     Attributes:
-        phase: What is done with it.
+        phase: Its state.
         derating: What is left of the law, which shares it, and the torque that holds the load.
         inside: The load's motion has stayed clear of the surface.
         permitted: The law is one linear spring: nothing is held by another one.

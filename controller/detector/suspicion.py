@@ -10,7 +10,7 @@ from haptic_wall.controller.detector.tuning import TUNING
 
 
 class Suspicion(IntEnum):
-    """What a motion calls for."""
+    """The reaction that a motion calls for."""
 
     NONE = 0
     """It decays, or no wall makes it."""

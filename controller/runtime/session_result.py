@@ -71,7 +71,7 @@ class Ended:
 
     reason: StopReason
     message: str
-    """What is known of it; empty: the servos' own trouble says it"""
+    """The cause, as far as the loop knows it; empty: the servos' own trouble says it"""
     number: int
     """Of the axis that ended it, from 1; 0: none did, or there is only one"""
     real_s: float

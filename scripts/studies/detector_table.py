@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from scripts.rates import lower_bound, most_per_hour
+from scripts.rates import hourly, lower_bound
 from scripts.study import Found, Given, Option, Part, Study
 from tests.support import cases_drawn, links_drawn
 from tests.support.cases_drawn import KINDS, LAGS, LAW_HANDS, LAWS, PRESETS, WALLS
@@ -212,14 +212,9 @@ def _hand_cells(some: list[Tried]) -> list[object]:
     return [
         f"{hours:.2f}",
         f"{sum(one.probes for one in found) / hours:.0f}",
-        _hourly(sum(one.softened for one in innocent), hours),
-        _hourly(sum(one.trip is not None for one in found), hours),
+        hourly(sum(one.softened for one in innocent), hours),
+        hourly(sum(one.trip is not None for one in found), hours),
     ]
-
-
-def _hourly(events: int, hours: float) -> str:
-    most = most_per_hour(events, hours)
-    return f"{events / hours:.2g} (<{f'{most:.2g}' if most < 10.0 else round(most)})"
 
 
 def _table(found: Found[Job, Tried], name: str) -> Iterator[str]:
