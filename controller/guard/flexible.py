@@ -13,8 +13,12 @@ are counted, and what lies between. ``link_grid`` lays the grid, ``link_servos``
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Hashable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
+from itertools import chain
 
 import numpy as np
 
@@ -29,7 +33,7 @@ from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 WITHIN = 0.96
 """Fraction of the least value over the grid that the guard uses"""
-_TOGETHER = 100
+_TOGETHER = 600
 """So many servos are computed at once: fewer take more calls, more leave the cache"""
 _DIGITS = 12
 """Of an interval in seconds"""
@@ -171,17 +175,20 @@ class LinkLimits:
         return self._work.once(key, lambda: self._scans(at, [self._servos_at(at, knot)])[0])
 
     def _scan_together(self, at: float, grid: list[Knot]) -> None:
-        """Compute the scans of many delays, of a few servos together: most have hardly any."""
+        """Compute the scans of many delays: most have hardly any servo, so several in a turn.
+
+        Turns run on all cores. numpy lets go of the interpreter in large arrays.
+        """
         new = [each for each in grid if not self._work.knows(self._key("ceiling", at, each))]
-        knots: list[Knot] = []
-        groups: list[Servos] = []
+        turns: list[list[Servos]] = [[]]
         for knot in new:
-            knots.append(knot)
-            groups.append(self._servos_at(at, knot))
-            if knot is new[-1] or sum(each.inertia.size for each in groups) > _TOGETHER:
-                for one, scan in zip(knots, self._scans(at, groups), strict=True):
-                    self._work.keep(self._key("scan", at, one), scan)
-                knots, groups = [], []
+            if sum(each.inertia.size for each in turns[-1]) > _TOGETHER:
+                turns.append([])
+            turns[-1].append(self._servos_at(at, knot))
+        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+            scans = pool.map(partial(self._scans, at), turns if new else [])
+            for knot, scan in zip(new, chain.from_iterable(scans), strict=True):
+                self._work.keep(self._key("scan", at, knot), scan)
 
     def _servos_at(self, at: float, knot: Knot) -> Servos:
         return servos_at(self._belief, at, knot, self._filter)

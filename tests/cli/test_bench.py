@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from haptic_wall.controller.bench import array_simulation, boundary
+from haptic_wall.controller.bench import array_simulation, boundary, starts
 from haptic_wall.controller.bench.rows import Measurement, Section, over_rounds
 from haptic_wall.controller.cli.bench import SECTIONS
 from haptic_wall.controller.errors import PlatformError
@@ -32,6 +32,7 @@ def little_work(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(boundary, "_MIXED", 500)
     monkeypatch.setattr(boundary, "_COMPARED", 3)
     monkeypatch.setattr(boundary, "_LOADED", 16)
+    monkeypatch.setattr(starts, "_ROUNDS", 1)
     monkeypatch.setattr(array_simulation, "_ROUNDS", 1)
     monkeypatch.setattr(array_simulation, "_WALLS", 8)
     monkeypatch.setattr(array_simulation, "_PERIODS", 200)
@@ -82,7 +83,7 @@ def test_a_section_that_fails_costs_no_other(
     made_up(measure)
     status, out, err = cli("bench", "--json")
     assert status == 0
-    assert "measuring lateness (1 of 5)" in err.splitlines()[0]
+    assert "measuring lateness (1 of 6)" in err.splitlines()[0]
     first, *others = json.loads(out)["sections"].values()
     assert first["rows"] == []
     assert first["notes"][0].startswith(f"not measured: {said}")
