@@ -47,11 +47,12 @@ def main() -> None:
     sys.stdout.write(json.dumps(figures) + "\n")
 
 
-def loop(descriptor: int, seconds: float, period_ns: int) -> dict[str, int]:
-    """Read and write once a period [ns] for so long [s]; return counts."""
+def loop(descriptor: int, seconds: float, period_ns: int) -> dict[str, float]:
+    """Read and write once a period [ns] for so long [s]; return counts and times of work."""
     spin_ns, patience_ns = round(SPIN_SHARE * period_ns), round(PATIENCE_SHARE * period_ns)
     now = time.monotonic_ns
-    ticks = missed = 0
+    missed = 0
+    work_ns = []
     deadline = now() + period_ns
     end = deadline + int(seconds * 1e9)
     while deadline < end:
@@ -64,17 +65,22 @@ def loop(descriptor: int, seconds: float, period_ns: int) -> dict[str, int]:
             os.read(descriptor, 4096)  # a late reply
         os.write(descriptor, READ_16_AT_120)
         reply = b""
+        waited = -now()
         while len(reply) < REPLY_BYTES and (left := woke + patience_ns - now()) > 0:
             # Sleeping, not spinning: bytes arrive through a kernel thread, which a spinning
             # real-time process on the same core would block.
             if select.select([descriptor], [], [], left * 1e-9)[0]:
                 reply += os.read(descriptor, 4096)
+        waited += now()
         os.write(descriptor, GOAL_CURRENT_0)
-        ticks += 1
-        skipped = max(0, (now() - deadline) // period_ns - 1)
+        ended = now()
+        work_ns.append(ended - woke - waited)
+        skipped = max(0, (ended - deadline) // period_ns - 1)
         missed += skipped
         deadline += (skipped + 1) * period_ns
-    return {"ticks": ticks, "missed_ticks": missed}
+    work_ns.sort()
+    shares = {f"work_us_p{p}": 1e-3 * work_ns[len(work_ns) * p // 100] for p in (50, 99)}
+    return {"ticks": len(work_ns), "missed_ticks": missed, **shares}
 
 
 if __name__ == "__main__":

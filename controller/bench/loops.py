@@ -8,12 +8,13 @@ the bare loop at a fixed fraction of the period, this program by a measurement a
 from __future__ import annotations
 
 import json
+import math
 import os
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from haptic_wall.controller.emulated_bus.bus import PROGRAM
 from haptic_wall.controller.errors import PlatformError
@@ -28,6 +29,7 @@ from haptic_wall.controller.settings.load import load_config
 BAUD: Final = 4_000_000
 START_S: Final = 20.0
 """Time allowed for a child to start, and to end [s]"""
+PERCENTILES: Final = (50, 99)
 _WARM_UP_S: Final = 0.05
 FORGIVING: Final = (
     "realtime.profile=best-effort",
@@ -42,8 +44,17 @@ AT_REST: Final = ("wall.side=both", "wall.reference=start", "wall.position=0")
 """A two-sided wall at the position of an emulated servo: always in contact, and at rest"""
 
 
-Loop = Callable[[str, float, float], int]
-"""Runs on the bus at a path, for so long [s], at a rate [Hz]; returns its skipped periods"""
+class Turn(NamedTuple):
+    """What a loop tells of one of its runs."""
+
+    skipped: int
+    """Periods without a cycle"""
+    work_us: dict[int, float]
+    """Processor's work of a cycle, without its waits; by percentile [µs]"""
+
+
+Loop = Callable[[str, float, float], Turn]
+"""Runs on the bus at a path, for so long [s], at a rate [Hz]"""
 
 
 @contextmanager
@@ -62,15 +73,15 @@ def emulated_bus(**plan: object) -> Iterator[str]:
         yield path
 
 
-def bare(path: str, seconds: float, rate_hz: float) -> int:
-    """Run the bare loop; return how many periods it skipped.
+def bare(path: str, seconds: float, rate_hz: float) -> Turn:
+    """Run the bare loop.
 
     Raises:
         PlatformError: It did not end by itself.
     """
     words = ["haptic_wall.controller.bench.bare_loop", path, str(seconds), "--rate", str(rate_hz)]
     told = told_by("the bare loop", words, None, seconds, os.sched_getaffinity(0))
-    return int(told["missed_ticks"])
+    return Turn(int(told["missed_ticks"]), {p: told[f"work_us_p{p}"] for p in PERCENTILES})
 
 
 def told_by(
@@ -96,15 +107,12 @@ def told_by(
     return figures
 
 
-def ours(path: str, seconds: float, rate_hz: float) -> int:
+def ours(path: str, seconds: float, rate_hz: float) -> Turn:
     """Run the whole program once: supervisor, loop with guard and detector, recorder.
 
     Its log is discarded. A Ctrl-C ends it immediately: the handlers of ``haptic-wall run`` only ask
-    the run to stop, and would lose one that comes when the loop has just ended.
-
-    Returns:
-        How many periods it skipped. A run that a trip has ended, on a machine that is too slow, has
-        skipped all remaining periods.
+    the run to stop, and would lose one that comes when the loop has just ended. A run that a trip
+    has ended, on a machine that is too slow, has skipped all remaining periods.
 
     Raises:
         ServoError: The servo could not be started.
@@ -115,7 +123,9 @@ def ours(path: str, seconds: float, rate_hz: float) -> int:
         log = Path(folder) / "run.hwlog"
         plan = Plan(loaded.config, seconds, log, {"name": loaded.name}, None)
         ended = Supervisor(plan, telemetry, lambda _text: None).run()
-    return max(ended.missed, round(seconds * rate_hz) - ended.ticks)
+    skipped = max(ended.missed, round(seconds * rate_hz) - ended.ticks)
+    work = ended.statistics.work
+    return Turn(skipped, {p: work.percentile_us(p) or math.nan for p in PERCENTILES})
 
 
 LOOPS: Final[dict[str, Loop]] = {"bare loop": bare, "haptic-wall": ours}

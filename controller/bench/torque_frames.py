@@ -1,13 +1,13 @@
-"""Measures how regular torque frames arrive at the bus, and compares with a bare loop.
+"""Measures how regular torque frames arrive at the bus and what a cycle works, beside a bare loop.
 
-The record of the emulated bus is the reference, not the loops' own statistics.
+The record of the emulated bus is the reference of the intervals, not the loops' own statistics.
 """
 
 from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.bench.bare_loop import GOAL_CURRENT_0, READ_16_AT_120, REPLY_BYTES
-from haptic_wall.controller.bench.loops import BAUD, LOOPS, emulated_bus
+from haptic_wall.controller.bench.loops import BAUD, LOOPS, PERCENTILES, Turn, emulated_bus
 from haptic_wall.controller.bench.rows import Measurement, Section, over_rounds, ratio
 from haptic_wall.controller.emulated_bus.record import BusRow, read_rows
 from haptic_wall.controller.errors import PlatformError
@@ -32,20 +32,21 @@ skipped periods"""
 
 
 def measure() -> Section:
-    """Measure by how much the intervals of each loop deviate from the period; return the ratio too.
+    """Measure how far each loop's intervals are off the period, and its work; the ratios too.
 
     Raises:
         ServoError: The servo could not be started.
         PlatformError: The bus or a loop could not be started, or sent hardly any torques.
     """
     turns: dict[str, list[tuple[float, float]]] = {name: [] for name in LOOPS}
+    told: dict[str, list[Turn]] = {name: [] for name in LOOPS}
     with tempfile.TemporaryDirectory() as folder:
         record = Path(folder) / "bus.csv"
         with emulated_bus(record=str(record)) as path:
             for _ in range(_ROUNDS):
                 for name, loop in LOOPS.items():
                     began_s = time.monotonic()
-                    loop(path, _SECONDS, _RATE_HZ)
+                    told[name].append(loop(path, _SECONDS, _RATE_HZ))
                     turns[name].append((began_s, time.monotonic()))
         sent_s = torque_frames(read_rows(record))
     intervals = {
@@ -55,7 +56,8 @@ def measure() -> Section:
     own = {name: [each[~held_up(each)] for each in turns] for name, turns in intervals.items()}
     period_us = 1e6 / _RATE_HZ
     deviations = {name: [np.abs(each - period_us) for each in turns] for name, turns in own.items()}
-    return Section((*_rows(deviations), *_left_out(intervals)))
+    work_us = {name: [turn.work_us for turn in each] for name, each in told.items()}
+    return Section((*_deviations(deviations), *_work(work_us), *_left_out(intervals)))
 
 
 def torque_frames(rows: Iterable[BusRow]) -> NDArray[np.float64]:
@@ -114,26 +116,37 @@ def held_up(intervals_us: NDArray[np.float64]) -> NDArray[np.bool_]:
     return of_the_bus
 
 
-def _rows(deviations: dict[str, list[NDArray[np.float64]]]) -> list[Measurement]:
-    what = "deviation of torque frames' intervals from the period"
+def _deviations(deviations: dict[str, list[NDArray[np.float64]]]) -> list[Measurement]:
     rows = []
-    for percentile in (50, 99):
-        rounds: dict[str, Sequence[float]] = {
+    for percentile in PERCENTILES:
+        rounds = {
             name: [float(np.percentile(turn, percentile)) for turn in each]
             for name, each in deviations.items()
         }
-        rows += [
-            over_rounds(f"{name}, {what}, p{percentile}", values, "µs")
-            for name, values in rounds.items()
-        ]
-        rows.append(
-            ratio(
-                f"haptic-wall, {what}, p{percentile}: over that of the bare loop",
-                rounds["haptic-wall"],
-                rounds["bare loop"],
-            )
+        rows += _compared(
+            f"deviation of torque frames' intervals from the period, p{percentile}", rounds
         )
     return rows
+
+
+def _work(work_us: dict[str, list[dict[int, float]]]) -> list[Measurement]:
+    rows = []
+    for percentile in PERCENTILES:
+        rounds = {name: [turn[percentile] for turn in each] for name, each in work_us.items()}
+        rows += _compared(f"work of a cycle without its waits, p{percentile}", rounds)
+    return rows
+
+
+def _compared(what: str, rounds: dict[str, list[float]]) -> list[Measurement]:
+    """Return the rows of a quantity [µs], by loop, and that of the ratio."""
+    return [
+        *(over_rounds(f"{name}, {what}", values, "µs") for name, values in rounds.items()),
+        ratio(
+            f"haptic-wall, {what}: over that of the bare loop",
+            rounds["haptic-wall"],
+            rounds["bare loop"],
+        ),
+    ]
 
 
 def _left_out(intervals: dict[str, list[NDArray[np.float64]]]) -> list[Measurement]:
