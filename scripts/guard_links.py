@@ -56,11 +56,14 @@ class Box(NamedTuple):
     """Commanded K of the two-sided wall over the middle's limit at the commanded B"""
     one_sided: float
     """Commanded K of the one-sided wall over the middle's one-sided limit; else NaN"""
+    of_least: float
+    """Commanded K over margin times the least limit of the truths that were found; else NaN"""
 
 
 Kind = Literal["known", "slow", "ends", "fast", "wide", "lowpass", "notch"]
 Value = Any
 """A float, or an array"""
+Placed = Callable[[FloatArray], tuple[FloatArray, Chain, FloatArray, FloatArray]]
 Servo = tuple[Value, Value, Value, Value, Value]
 """As of ``two_mass_servo``"""
 
@@ -287,24 +290,31 @@ def outcome(case: Search) -> list[Box]:
         wall = decided("both", index)
         low, high = (share * edges[index] * 1e-9 for share in served_range(edges, index))
 
-        def growths(
-            shares: FloatArray,
-            of_stiffness: Value,
-            wall: Decision = wall,
-            ends: tuple[float, float] = (low, high),
-        ) -> FloatArray:
+        def placed(
+            shares: FloatArray, ends: tuple[float, float] = (low, high)
+        ) -> tuple[FloatArray, Chain, FloatArray, FloatArray]:
+            """Return truths, their chains, intervals, and delays without the servo's lag."""
             interval = ends[0] + shares[:, -1] * (ends[1] - ends[0])
             delay = shares[:, -2] * age + [_ring(late, t) for t in interval.tolist()]
             inner = inside(belief, shares[:, :-2])
-            chain = chain_of(inner, belief.encoder)
-            return growth(inner, chain, interval, delay, wall, filtered, of_stiffness)
+            return inner, chain_of(inner, belief.encoder), interval, delay
+
+        def growths(
+            shares: FloatArray, of_stiffness: Value, wall: Decision = wall, placed: Placed = placed
+        ) -> FloatArray:
+            return growth(*placed(shares), wall, filtered, of_stiffness)
 
         shares = _shares(random, truths, len(NAMES) + 2)
         softer = np.where(random.random(truths) < 0.2, random.random(truths), 1.0)
         worst = float(growths(shares, softer).max())
         top, beyond = _climbed(random, shares, partial(growths, of_stiffness=1.2), steps)
         worst = max(worst, float(growths(top, 1.0).max()))
-        thrown_by = of_one_sided = math.nan
+        thrown_by = of_one_sided = of_least = math.nan
+        if index == 0:
+            least = _least(*placed(np.concatenate([shares, top])), wall, filtered)
+            of_least = (
+                wall.stiffness / (GuardSettings().margin * least) if least > 0.0 else math.nan
+            )
         limit = float(chain_boundary(*servo, wall.damping * gain, *loop, 1, filtered).stiffness)
         if filtered is None and index == 0 and number % 4 == 0:  # it takes long
             one, longer = decided("above", 0), late * PERIOD
@@ -321,9 +331,25 @@ def outcome(case: Search) -> list[Box]:
                 wall.damping / possible if wall.damping < asked and index == 0 else math.nan,
                 wall.stiffness * gain / limit if limit > 0.0 and index == 0 else math.nan,
                 of_one_sided,
+                of_least,
             )
         )
     return found
+
+
+def _least(
+    truths: FloatArray,
+    chain: Chain,
+    interval: FloatArray,
+    delay: FloatArray,
+    wall: Decision,
+    velocity_filter: VelocityFilter | None,
+) -> float:
+    """Return the least stiffness at which a truth oscillates [N·m/rad]; arguments of ``growth``."""
+    gain, lag = (truths[:, NAMES.index(name)] for name in ("torque_gain", "delay"))
+    loop = (gain * wall.damping, interval, delay + lag, 1, velocity_filter)
+    limits = chain_boundary(chain, gain.shape, *loop).stiffness / gain
+    return float(limits.min())
 
 
 _TOP = 16
@@ -368,10 +394,10 @@ def lines(found: Found[Search, list[Box]]) -> list[str]:
         grow, beyond = (int(np.sum(rows[:, n] > GROWS)) for n in (1, 2))
         thrown = rows[np.isfinite(rows[:, 3]), 3]
         worst = f"{int(np.sum(thrown > 1.0 + 1e-6))} of {thrown.size}" if thrown.size else ""
-        shares = [_spread(rows[:, n]) for n in (5, 6, 4)]
+        shares = [_spread(rows[:, n]) for n in (5, 7, 6, 4)]
         cells.append((words, len(rows), grow, f"{rows[:, 1].max():.2g}", beyond, worst, *shares))
     head = ("belief", "boxes", "grow", "fastest [1/s]", "at 1.2 K", "throw")
-    return table((*head, "K two-sided", "K one-sided", "B"), *cells)
+    return table((*head, "K two-sided", "over the least", "K one-sided", "B"), *cells)
 
 
 def none_grows(found: Found[Search, list[Box]]) -> bool:
