@@ -200,6 +200,11 @@ class Backstop:
             self._asked = self.motions.bounces
 
     @property
+    def _several(self) -> bool:
+        """Whether the run has other axes."""
+        return len(self._shared.axes) > 1
+
+    @property
     def _asks(self) -> bool:
         """Whether the walls are soft because of this axis."""
         return self._shared.asking is self
@@ -230,7 +235,8 @@ class Backstop:
     def _suspect(self, seen: Regularity) -> None:
         """React to a motion on the whole wall that does not decay: alarm, probe, or wait."""
         settings, probe = self._settings, self._probe
-        if not suspected(seen, settings):
+        regular = suspected(seen, settings)
+        if not (regular or (self._several and seen.beats(self.wall.stiffness))):
             self.alarm = self.alarm and seen is not self._asked
             return
         self._asked = seen
@@ -242,6 +248,7 @@ class Backstop:
             loaded=self._gives_way(0),
             like_hand=probe.like_hand,
             held_off=probe.held_off(self._time),
+            regular=regular,
         )
         if what == Suspicion.PROBE:
             self._ask()
@@ -366,7 +373,7 @@ class Backstop:
     def _slowest(self) -> float:
         """Return the period of the slowest motion at K [s]; with links nobody knows it."""
         stiffness = self.wall.stiffness
-        if len(self._shared.axes) > 1 or stiffness <= 0.0:
+        if self._several or stiffness <= 0.0:
             return math.inf
         return math.tau * math.sqrt(self._settings.heavy / stiffness)
 

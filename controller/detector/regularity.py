@@ -121,6 +121,7 @@ class Regularity:
         self._settings = settings
         self._streak_sizes: deque[float] = deque(maxlen=TUNING.loss_half_cycles + 2)
         self._sizes: deque[float] = deque(maxlen=_SIZES)
+        self._long: deque[HalfCycle] = deque(maxlen=TUNING.beating)
         self._first: list[HalfCycle | None] = [None, None]
         self._way = self._even = self.streak = 0
         self.since = 0.0
@@ -130,6 +131,7 @@ class Regularity:
         """Discard what was seen; ``since`` stays."""
         self.motion.last.clear()
         self._sizes.clear()
+        self._long.clear()
         self.streak = self._even = 0
         self.steady = self.decays = self.grows = False
 
@@ -141,6 +143,7 @@ class Regularity:
         self.steady = self._even >= TUNING.steady and self.size >= settings.small
         regular = same_period(last)
         self.streak = self.streak + 1 if regular and lasts(last) else 0
+        self._long.append(new)
         self._streak_sizes.append(new.amplitude)
         while not regular and len(self._streak_sizes) > 4:
             self._streak_sizes.popleft()
@@ -166,6 +169,24 @@ class Regularity:
         cycles = 0.5 * (len(sizes) - 2)
         rounding = TUNING.loss_counts * self._settings.position_step
         return before - now <= max(rounding, TUNING.loss * cycles * now)
+
+    def beats(self, stiffness: float) -> bool:
+        """Whether several motions together saturate the torque far, and do not become smaller.
+
+        Args:
+            stiffness: K [N·m/rad].
+        """
+        if (
+            self.contacts
+            or len(self._long) < TUNING.beating
+            or self.size < self._settings.threshold
+        ):
+            return False
+        half, every = TUNING.beating // 2, list(self._long)
+        before, now = (sum(one.amplitude for one in part) for part in (every[:half], every[half:]))
+        mean = sum(abs(one.end) for one in every) / len(every)
+        far = stiffness * mean > TUNING.beating_far * self._settings.torque_limit
+        return far and now > TUNING.kept * before
 
     @property
     def nearly_steady(self) -> bool:

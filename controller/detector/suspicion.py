@@ -41,6 +41,7 @@ def suspicion(
     loaded: bool,
     like_hand: bool,
     held_off: bool,
+    regular: bool,
 ) -> Suspicion:
     """Return what a suspected motion calls for.
 
@@ -51,9 +52,10 @@ def suspicion(
         loaded: Its load would push through a softer wall.
         like_hand: The last hand that a probe found moved the shaft like this.
         held_off: That was not long ago.
+        regular: It is; else motions of several axes beat.
     """
     large = amplitude >= settings.threshold
-    sure = seen.size >= settings.threshold and not seen.contacts
+    sure = regular and seen.size >= settings.threshold and not seen.contacts
     if sure and beyond_hands(seen.motion.last):
         return Suspicion.END if settings.acts and loaded else Suspicion.ALARM
     if not settings.acts:

@@ -83,6 +83,13 @@ class Tuning:
     saturated_period: float = 0.3
     """The logarithm of the ratio of its durations a cycle apart is below this [1]."""
 
+    # Motions of several axes: they beat, so that no half-cycle is like the one before
+    beating: int = 16
+    """They are probed if they become no smaller over so many half-cycles, an even number [1],"""
+    beating_far: float = 1.5
+    """and their turning points' mean is at this times what saturates the torque [1]: without it
+    one of 64 arms that oscillate was never found."""
+
     # Motion beyond hands
     hands_hz: float = 15.0
     """No hand moves a shaft to and fro by a degree faster than this [Hz]."""

@@ -16,6 +16,7 @@ from haptic_wall.controller.detector.backstop import Shared
 from haptic_wall.controller.detector.settings import WatchSettings
 from haptic_wall.controller.detector.watch import Watch, oscillation_report
 from haptic_wall.controller.laws.wall import SIGNS, Side, Wall
+from haptic_wall.controller.theory.checks import FloatArray
 from tests.support.operators import NOBODY, Operator
 from tests.support.trial import Trial
 from tests.support.truth import Truth
@@ -129,6 +130,29 @@ class Arm:
             v1 + r * (a1 + 2.0 * (b1 + c1) + d1),
             v2 + r * (a2 + 2.0 * (b2 + c2) + d2),
         ]
+
+
+def energy(case: ArmCase, trials: tuple[Trial, Trial]) -> FloatArray:
+    """Return the energy of the arm and of the walls' springs as they are at each tick [J].
+
+    Args:
+        case: The arm, with a wall at each joint.
+        trials: Its records.
+    """
+    (q1, q2), (one, two) = [trial.output for trial in trials], case.truths
+    v1, v2 = (np.gradient(trial.output, trial.period) for trial in trials)
+    a, b, c = case._parts()
+    bent = c * np.cos(q2)
+    m11, m12, m22 = one.inertia + a + b + 2.0 * bent, b + bent, two.inertia + b
+    found: FloatArray = 0.5 * (m11 * v1 * v1 + m22 * v2 * v2) + m12 * v1 * v2
+    for q, trial, truth, k, at in zip(
+        (q1, q2), trials, case.truths, case.stiffness, case.pose, strict=True
+    ):
+        far = np.abs(q - at)
+        straight = np.minimum(far, truth.torque_limit / k)
+        spring = k * straight * (far - 0.5 * straight)
+        found += truth.torque_gain * trial.stiffness / k * spring
+    return found
 
 
 def run_arm(

@@ -33,6 +33,25 @@ def test_a_mode_of_the_arm_is_found_and_all_walls_are_reduced(
         assert trial.stiffness[-1] <= 0.25 * k
 
 
+def test_two_motions_that_beat_are_found_though_no_half_cycle_is_like_the_one_before() -> None:
+    first = replace(LATE, inertia=0.0102, coulomb=0.1425, torque_gain=0.795, delay=0.0036)
+    second = replace(LATE, inertia=0.0179, damping=0.0234, torque_gain=0.7, delay=0.0028)
+    case = ArmCase(
+        "xm430-w350",
+        (first, second),
+        lengths=(0.1018, 0.0671),
+        masses=(12.9, 17.4),
+        stiffness=(215.0, 26.8),
+        damping=(0.2, 0.02),
+        pose=(0.0, -0.1013),
+        start=(0.1251, 0.046),
+        duration_s=12.0,
+    )
+    told, answered = run_arm(replace(case, duration_s=5.0), "report"), run_arm(case)
+    assert min(np.ptp(trial.output[-1000:]) for trial in told) > 0.1, "it goes on"
+    assert max(np.ptp(trial.output[-1000:]) for trial in answered) < 0.01
+
+
 def test_a_probe_softens_every_wall() -> None:
     first, second = run_arm(replace(COUPLED, duration_s=1.5))
     assert first.counts[0] + second.counts[0] >= 1
