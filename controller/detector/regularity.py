@@ -184,9 +184,10 @@ class Regularity:
             return False
         half, every = TUNING.beating // 2, list(self._long)
         before, now = (sum(one.amplitude for one in part) for part in (every[:half], every[half:]))
-        mean = sum(abs(one.end) for one in every) / len(every)
-        far = stiffness * mean > TUNING.beating_far * self._settings.torque_limit
-        return far and now > TUNING.kept * before
+        limit = self._settings.torque_limit * len(every)
+        far = stiffness * sum(abs(one.end) for one in every) > TUNING.beating_far * limit
+        pulled = sum(one.pull for one in every) > TUNING.beating_pull * limit
+        return far and pulled and now > TUNING.kept * before
 
     @property
     def nearly_steady(self) -> bool:

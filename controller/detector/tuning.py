@@ -87,8 +87,10 @@ class Tuning:
     beating: int = 16
     """They are probed if they become no smaller over so many half-cycles, an even number [1],"""
     beating_far: float = 1.5
-    """and their turning points' mean is at this times what saturates the torque [1]: without it
-    one of 64 arms that oscillate was never found."""
+    """their turning points' mean is at this times what saturates the torque [1]: without it one of
+    64 arms that oscillate was never found,"""
+    beating_pull: float = 0.25
+    """and the mean pull is above this fraction of the limit: not in a law's free range [1]."""
 
     # Motion beyond hands
     hands_hz: float = 15.0

@@ -1,11 +1,16 @@
 """The watches of a two-link arm, which share one probe and one reduction, and hands at its tip."""
 
 import math
+from collections import deque
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from haptic_wall.controller.detector.half_cycles import HalfCycle
+from haptic_wall.controller.detector.regularity import Regularity
+from haptic_wall.controller.detector.settings import WatchSettings
 from tests.support.judges import called_quiet, own_oscillation
 from tests.support.operators import operator_of
 from tests.support.planar_arm import ArmCase, run_arm
@@ -50,6 +55,18 @@ def test_two_motions_that_beat_are_found_though_no_half_cycle_is_like_the_one_be
     told, answered = run_arm(replace(case, duration_s=5.0), "report"), run_arm(case)
     assert min(np.ptp(trial.output[-1000:]) for trial in told) > 0.1, "it goes on"
     assert max(np.ptp(trial.output[-1000:]) for trial in answered) < 0.01
+
+
+@pytest.mark.parametrize("pull", [0.0, 1.0])
+def test_beating_takes_the_torque_of_a_wall_and_no_free_range(pull: float) -> None:
+    settings = WatchSettings(1e-3, math.tau / 4096, "reduce", 0, torque_limit=2.0)
+    motion = SimpleNamespace(last=deque[HalfCycle](maxlen=4), gain=0.0)
+    seen = Regularity(motion, settings, contacts=False)
+    for i in range(16):
+        duration, end = 0.1 + 0.03 * (i % 3), 0.5 * (-1) ** i
+        motion.last.append(HalfCycle(duration, 0.4 + 0.1 * (i % 3), 0.01, pull, 0.0, -end, end))
+        seen.take(0.1 * i)
+    assert seen.beats(20.0) == (pull > 0.0)
 
 
 def test_a_probe_softens_every_wall() -> None:
