@@ -89,7 +89,7 @@ class Tuning:
     beating_far: float = 1.5
     """their turning points' mean is at this times what saturates the torque [1]: without it one of
     64 arms that oscillate was never found,"""
-    beating_pull: float = 0.25
+    beating_pull: float = 0.1
     """and the mean pull is above this fraction of the limit: not in a law's free range [1]."""
 
     # Motion beyond hands
