@@ -63,7 +63,6 @@ class Box(NamedTuple):
 Kind = Literal["known", "slow", "ends", "fast", "wide", "lowpass", "notch"]
 Value = Any
 """A float, or an array"""
-Placed = Callable[[FloatArray], tuple[FloatArray, Chain, FloatArray, FloatArray]]
 Servo = tuple[Value, Value, Value, Value, Value]
 """As of ``two_mass_servo``"""
 
@@ -198,11 +197,31 @@ def _filter(random: np.random.Generator, kind: Kind, hz: float) -> VelocityFilte
     return None
 
 
+class Members(NamedTuple):
+    """Truths inside a belief, each at an interval and a delay; arrays of shape (n,)."""
+
+    truths: FloatArray
+    """Columns as of the study"""
+    chain: Chain
+    """The servos"""
+    interval: FloatArray
+    """Between ticks [s]"""
+    delay: FloatArray
+    """Without the servo's lag [s]"""
+
+    @property
+    def gain(self) -> FloatArray:
+        """Return the torque gains."""
+        return self.truths[:, NAMES.index("torque_gain")]
+
+    @property
+    def total(self) -> FloatArray:
+        """Return the delays with the servos' lags [s]."""
+        return self.delay + self.truths[:, NAMES.index("delay")]
+
+
 def growth(
-    truths: FloatArray,
-    chain: Chain,
-    interval: FloatArray,
-    delay: FloatArray,
+    members: Members,
     wall: Decision,
     velocity_filter: VelocityFilter | None,
     of_stiffness: Value = 1.0,
@@ -210,17 +229,14 @@ def growth(
     """Return the rate at which each truth's loop grows, at most [1/s].
 
     Args:
-        truths: Columns as of the study.
-        chain: The servos.
-        interval: Interval between ticks of each [s].
-        delay: Delay of each, without the servo's lag [s].
+        members: The truths.
         wall: The commanded gains.
         velocity_filter: Filter of the velocity that damps.
         of_stiffness: Rendered over commanded stiffness.
     """
-    found = np.zeros(len(truths))
-    late = (delay + truths[:, NAMES.index("delay")]) / interval
-    gain = truths[:, NAMES.index("torque_gain")]
+    chain, interval, gain = members.chain, members.interval, members.gain
+    found = np.zeros(gain.size)
+    late = members.total / interval
     stiffness = gain * of_stiffness * wall.stiffness
     for whole in np.unique(np.floor(late)).tolist():
         part = np.flatnonzero(np.floor(late) == whole)
@@ -290,19 +306,19 @@ def outcome(case: Search) -> list[Box]:
         wall = decided("both", index)
         low, high = (share * edges[index] * 1e-9 for share in served_range(edges, index))
 
-        def placed(
-            shares: FloatArray, ends: tuple[float, float] = (low, high)
-        ) -> tuple[FloatArray, Chain, FloatArray, FloatArray]:
-            """Return truths, their chains, intervals, and delays without the servo's lag."""
+        def members(shares: FloatArray, ends: tuple[float, float] = (low, high)) -> Members:
             interval = ends[0] + shares[:, -1] * (ends[1] - ends[0])
             delay = shares[:, -2] * age + [_ring(late, t) for t in interval.tolist()]
             inner = inside(belief, shares[:, :-2])
-            return inner, chain_of(inner, belief.encoder), interval, delay
+            return Members(inner, chain_of(inner, belief.encoder), interval, delay)
 
         def growths(
-            shares: FloatArray, of_stiffness: Value, wall: Decision = wall, placed: Placed = placed
+            shares: FloatArray,
+            of_stiffness: Value,
+            wall: Decision = wall,
+            members: Callable[[FloatArray], Members] = members,
         ) -> FloatArray:
-            return growth(*placed(shares), wall, filtered, of_stiffness)
+            return growth(members(shares), wall, filtered, of_stiffness)
 
         shares = _shares(random, truths, len(NAMES) + 2)
         softer = np.where(random.random(truths) < 0.2, random.random(truths), 1.0)
@@ -311,7 +327,7 @@ def outcome(case: Search) -> list[Box]:
         worst = max(worst, float(growths(top, 1.0).max()))
         thrown_by = of_one_sided = of_least = math.nan
         if index == 0:
-            least = _least(*placed(np.concatenate([shares, top])), wall, filtered)
+            least = _least(members(np.concatenate([shares, top])), wall, filtered)
             of_least = (
                 wall.stiffness / (GuardSettings().margin * least) if least > 0.0 else math.nan
             )
@@ -337,18 +353,11 @@ def outcome(case: Search) -> list[Box]:
     return found
 
 
-def _least(
-    truths: FloatArray,
-    chain: Chain,
-    interval: FloatArray,
-    delay: FloatArray,
-    wall: Decision,
-    velocity_filter: VelocityFilter | None,
-) -> float:
+def _least(members: Members, wall: Decision, velocity_filter: VelocityFilter | None) -> float:
     """Return the least stiffness at which a truth oscillates [N·m/rad]; arguments of ``growth``."""
-    gain, lag = (truths[:, NAMES.index(name)] for name in ("torque_gain", "delay"))
-    loop = (gain * wall.damping, interval, delay + lag, 1, velocity_filter)
-    limits = chain_boundary(chain, gain.shape, *loop).stiffness / gain
+    gain = members.gain
+    loop = (gain * wall.damping, members.interval, members.total, 1, velocity_filter)
+    limits = chain_boundary(members.chain, gain.shape, *loop).stiffness / gain
     return float(limits.min())
 
 

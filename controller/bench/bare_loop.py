@@ -24,6 +24,8 @@ READ_16_AT_120 = bytes.fromhex("FF FF FD 00 01 07 00 02 78 00 10 00 35 5D")
 RETURN_DELAY_0 = bytes.fromhex("FF FF FD 00 01 06 00 03 09 00 00 69 63")
 GOAL_CURRENT_0 = bytes.fromhex("FF FF FD 00 FE 0A 00 83 66 00 02 00 01 00 00 15 1D")
 BAUD, REPLY_BYTES = 4_000_000, 27
+PERCENTILES = (50, 99)
+"""Of the work of a cycle"""
 SPIN_SHARE, PATIENCE_SHARE = 0.15, 0.8
 """Fractions of a period: spinning before the deadline, and waiting for a reply"""
 
@@ -79,7 +81,7 @@ def loop(descriptor: int, seconds: float, period_ns: int) -> dict[str, float]:
         missed += skipped
         deadline += (skipped + 1) * period_ns
     work_ns.sort()
-    shares = {f"work_us_p{p}": 1e-3 * work_ns[len(work_ns) * p // 100] for p in (50, 99)}
+    shares = {f"work_us_p{p}": 1e-3 * work_ns[len(work_ns) * p // 100] for p in PERCENTILES}
     return {"ticks": len(work_ns), "missed_ticks": missed, **shares}
 
 

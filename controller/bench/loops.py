@@ -16,6 +16,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from haptic_wall.controller.bench.bare_loop import PERCENTILES
 from haptic_wall.controller.emulated_bus.bus import PROGRAM
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.processes import emulator
@@ -29,7 +30,6 @@ from haptic_wall.controller.settings.load import load_config
 BAUD: Final = 4_000_000
 START_S: Final = 20.0
 """Time allowed for a child to start, and to end [s]"""
-PERCENTILES: Final = (50, 99)
 _WARM_UP_S: Final = 0.05
 FORGIVING: Final = (
     "realtime.profile=best-effort",
@@ -45,7 +45,7 @@ AT_REST: Final = ("wall.side=both", "wall.reference=start", "wall.position=0")
 
 
 class Turn(NamedTuple):
-    """What a loop tells of one of its runs."""
+    """One run of a loop."""
 
     skipped: int
     """Periods without a cycle"""

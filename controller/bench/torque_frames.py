@@ -14,8 +14,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.bench.bare_loop import GOAL_CURRENT_0, READ_16_AT_120, REPLY_BYTES
-from haptic_wall.controller.bench.loops import BAUD, LOOPS, PERCENTILES, Turn, emulated_bus
+from haptic_wall.controller.bench.bare_loop import (
+    GOAL_CURRENT_0,
+    PERCENTILES,
+    READ_16_AT_120,
+    REPLY_BYTES,
+)
+from haptic_wall.controller.bench.loops import BAUD, LOOPS, Turn, emulated_bus
 from haptic_wall.controller.bench.rows import Measurement, Section, over_rounds, ratio
 from haptic_wall.controller.emulated_bus.record import BusRow, read_rows
 from haptic_wall.controller.errors import PlatformError
@@ -55,9 +60,18 @@ def measure() -> Section:
     }
     own = {name: [each[~held_up(each)] for each in turns] for name, turns in intervals.items()}
     period_us = 1e6 / _RATE_HZ
-    deviations = {name: [np.abs(each - period_us) for each in turns] for name, turns in own.items()}
+    deviations = {
+        name: [_percentiles(np.abs(each - period_us)) for each in turns]
+        for name, turns in own.items()
+    }
     work_us = {name: [turn.work_us for turn in each] for name, each in told.items()}
-    return Section((*_deviations(deviations), *_work(work_us), *_left_out(intervals)))
+    return Section(
+        (
+            *_compared("deviation of torque frames' intervals from the period", deviations),
+            *_compared("work of a cycle without its waits", work_us),
+            *_left_out(intervals),
+        )
+    )
 
 
 def torque_frames(rows: Iterable[BusRow]) -> NDArray[np.float64]:
@@ -116,37 +130,21 @@ def held_up(intervals_us: NDArray[np.float64]) -> NDArray[np.bool_]:
     return of_the_bus
 
 
-def _deviations(deviations: dict[str, list[NDArray[np.float64]]]) -> list[Measurement]:
+def _percentiles(values: NDArray[np.float64]) -> dict[int, float]:
+    return {p: float(np.percentile(values, p)) for p in PERCENTILES}
+
+
+def _compared(what: str, told: dict[str, list[dict[int, float]]]) -> list[Measurement]:
+    """Return the rows of a quantity, whose percentiles each loop tells of each round [µs]."""
     rows = []
-    for percentile in PERCENTILES:
-        rounds = {
-            name: [float(np.percentile(turn, percentile)) for turn in each]
-            for name, each in deviations.items()
-        }
-        rows += _compared(
-            f"deviation of torque frames' intervals from the period, p{percentile}", rounds
-        )
+    for p in PERCENTILES:
+        rounds = {name: [each[p] for each in turns] for name, turns in told.items()}
+        rows += [
+            over_rounds(f"{name}, {what}, p{p}", values, "µs") for name, values in rounds.items()
+        ]
+        over = f"haptic-wall, {what}, p{p}: over that of the bare loop"
+        rows.append(ratio(over, rounds["haptic-wall"], rounds["bare loop"]))
     return rows
-
-
-def _work(work_us: dict[str, list[dict[int, float]]]) -> list[Measurement]:
-    rows = []
-    for percentile in PERCENTILES:
-        rounds = {name: [turn[percentile] for turn in each] for name, each in work_us.items()}
-        rows += _compared(f"work of a cycle without its waits, p{percentile}", rounds)
-    return rows
-
-
-def _compared(what: str, rounds: dict[str, list[float]]) -> list[Measurement]:
-    """Return the rows of a quantity [µs], by loop, and that of the ratio."""
-    return [
-        *(over_rounds(f"{name}, {what}", values, "µs") for name, values in rounds.items()),
-        ratio(
-            f"haptic-wall, {what}: over that of the bare loop",
-            rounds["haptic-wall"],
-            rounds["bare loop"],
-        ),
-    ]
 
 
 def _left_out(intervals: dict[str, list[NDArray[np.float64]]]) -> list[Measurement]:

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from haptic_wall.controller.bench import array_simulation, boundary, starts
+from haptic_wall.controller.bench import boundary, starts
 from haptic_wall.controller.bench.rows import Measurement, Section, over_rounds
 from haptic_wall.controller.cli.bench import SECTIONS
 from haptic_wall.controller.errors import PlatformError
@@ -26,16 +26,19 @@ FOUND = Section(
 )
 
 
-@pytest.fixture(autouse=True)
-def little_work(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("name", ["boundary", "starts"])
+def test_a_section_that_needs_no_bus_measures(
+    monkeypatch: pytest.MonkeyPatch, cli: Cli, name: str
+) -> None:
     monkeypatch.setattr(boundary, "_ROUNDS", 1)
     monkeypatch.setattr(boundary, "_MIXED", 500)
     monkeypatch.setattr(boundary, "_COMPARED", 3)
     monkeypatch.setattr(boundary, "_LOADED", 16)
     monkeypatch.setattr(starts, "_ROUNDS", 1)
-    monkeypatch.setattr(array_simulation, "_ROUNDS", 1)
-    monkeypatch.setattr(array_simulation, "_WALLS", 8)
-    monkeypatch.setattr(array_simulation, "_PERIODS", 200)
+    monkeypatch.setattr(starts, "CASES", dict([*starts.CASES.items()][:2]))
+    report = cli.json("bench", "--section", name)["sections"][name]
+    assert len(report["rows"]) >= 2
+    assert all(row["value"] > 0.0 for row in report["rows"])
 
 
 @pytest.fixture

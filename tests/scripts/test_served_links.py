@@ -8,7 +8,7 @@ import pytest
 from haptic_wall.controller.guard.bins import Bins
 from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation
 from haptic_wall.controller.guard.schedule import interval_bins_ns, served_range
-from scripts.guard_links import NAMES, PERIOD, chain_of, drawn, growth, inside
+from scripts.guard_links import NAMES, PERIOD, Members, chain_of, drawn, growth, inside
 
 TRUTHS = 300
 
@@ -44,8 +44,9 @@ def test_a_wall_decays_at_every_interval_of_its_bin(
             request, GuardSettings(), situation, steps, [round(age * 1e9)], bins
         ).decide_interval(index)
         assert wall.stiffness > 0.0
-        some = truths[part], chain.take(np.flatnonzero(part)), interval[part], delay[part]
-        assert growth(*some, wall, None).max() < 0.0
-        assert growth(*some, replace(wall, stiffness=30.0 * wall.stiffness), None).max() > 0.0
+        servos = chain.take(np.flatnonzero(part))
+        some = Members(truths[part], servos, interval[part], delay[part])
+        assert growth(some, wall, None).max() < 0.0
+        assert growth(some, replace(wall, stiffness=30.0 * wall.stiffness), None).max() > 0.0
         checked += int(part.sum())
     assert checked == TRUTHS
