@@ -16,6 +16,7 @@ import math
 import os
 from collections.abc import Hashable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from itertools import chain
@@ -185,10 +186,17 @@ class LinkLimits:
             if sum(each.inertia.size for each in turns[-1]) > _TOGETHER:
                 turns.append([])
             turns[-1].append(self._servos_at(at, knot))
-        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
-            scans = pool.map(partial(self._scans, at), turns if new else [])
-            for knot, scan in zip(new, chain.from_iterable(scans), strict=True):
-                self._work.keep(self._key("scan", at, knot), scan)
+        scans = chain.from_iterable(self._on_all_cores(at, turns if new else []))
+        for knot, scan in zip(new, scans, strict=True):
+            self._work.keep(self._key("scan", at, knot), scan)
+
+    def _on_all_cores(self, at: float, turns: list[list[Servos]]) -> list[list[FlexibleScan]]:
+        scans = partial(self._scans, at)
+        cores = min(len(os.sched_getaffinity(0)), len(turns))
+        if cores > 1:
+            with suppress(RuntimeError), ThreadPoolExecutor(cores) as pool:  # no thread to be had
+                return [*pool.map(scans, turns)]
+        return [*map(scans, turns)]
 
     def _servos_at(self, at: float, knot: Knot) -> Servos:
         return servos_at(self._belief, at, knot, self._filter)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
@@ -118,6 +120,29 @@ def test_doubt_about_a_link_lowers_what_is_commanded() -> None:
         doubted = one(request, situation(**{**known, name: each}))
         assert doubted.damping < 0.99 * least.damping
     assert one(request, situation(**LINK)).damping < least.damping
+
+
+def test_limits_of_a_link_are_the_same_on_all_cores_and_where_no_thread_can_be_had(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    request = Request(1e6, 0.2, "both")
+    where = situation(**{**LINK, "flexible_hz": Bounded(46.0, 10.0, 100.0)})
+    delays = [16e-3, 18e-3]
+    turns: list[int] = []
+
+    def refuse(*_: object, **__: object) -> None:
+        turns.append(1)
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _pid: {0, 1})
+    together = decide(request, GuardSettings(), where, delays)
+    monkeypatch.setattr(ThreadPoolExecutor, "submit", refuse)
+    assert decide(request, GuardSettings(), where, delays) == together
+    assert turns, "there was something to share"
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _pid: {0})
+    turns.clear()
+    assert decide(request, GuardSettings(), where, delays) == together
+    assert not turns
 
 
 @pytest.mark.parametrize("stiffness", [1e6, 1e12, 1e300])
