@@ -60,7 +60,7 @@ class Box(NamedTuple):
     """Commanded K over margin times the least limit of the truths that were found; else NaN"""
 
 
-Kind = Literal["known", "slow", "ends", "fast", "wide", "lowpass", "notch"]
+Kind = Literal["known", "slow", "ends", "fast", "wide", "lowpass", "notch", "notch_ends"]
 Value = Any
 """A float, or an array"""
 Servo = tuple[Value, Value, Value, Value, Value]
@@ -105,7 +105,7 @@ def drawn(random: np.random.Generator, kind: Kind = "known") -> tuple[Belief, fl
     elif kind == "fast":
         hz, of_ceiling = between(60.0, 1000.0), 0.3 * of_ceiling
         belief = replace(belief, flexible_hz=doubted(hz), encoder="output")
-    elif kind == "ends":
+    elif kind in ("ends", "notch_ends"):
         load = m * between(0.01, 20.0)
         lag = float(random.choice([0.0, 5e-4, 1e-3, 2e-3, random.uniform(0.0, 4e-3)]))
         belief = replace(
@@ -119,6 +119,10 @@ def drawn(random: np.random.Generator, kind: Kind = "known") -> tuple[Belief, fl
             flexible_damping_ratio=doubted(between(1e-4, 0.3), 1e-3, 3.0),
         )
         of_ceiling = float(random.choice([of_ceiling, 1.0, 10.0]))
+    if kind == "notch_ends":
+        side: EncoderSide = "motor" if random.random() < 0.6 else "output"
+        hz = belief.flexible_hz.value
+        belief = replace(belief, flexible_hz=doubted(min(hz, 120.0), 1e-3, 1.0), encoder=side)
     return belief, age, of_ceiling
 
 
@@ -191,6 +195,9 @@ def _filter(random: np.random.Generator, kind: Kind, hz: float) -> VelocityFilte
     """Return a filter of this kind for a vibration at ``hz``; None: this kind has none."""
     if kind == "notch":
         return VelocityFilter("notch", math.tau * hz * PERIOD, float(random.uniform(0.3, 3.0)))
+    if kind == "notch_ends":
+        at = hz * math.exp(random.uniform(-0.5, 0.5))
+        return VelocityFilter("notch", math.tau * at * PERIOD, _between(random, 0.3, 4.0))
     if kind == "lowpass":
         corner = hz * math.exp(random.uniform(math.log(0.2), math.log(3.0)))
         return VelocityFilter("lowpass", math.tau * corner * PERIOD, 0.7)
@@ -428,6 +435,7 @@ KINDS: dict[Kind, str] = {
     "wide": "wide doubt",
     "lowpass": "low-pass",
     "notch": "notch",
+    "notch_ends": "notch, at the ends",
 }
 
 LINKS = Part(

@@ -14,6 +14,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import hypothesis
 import pytest
+from _pytest.runner import runtestprotocol
 
 from tests.cases import is_left_to_whole
 
@@ -23,14 +24,22 @@ if TYPE_CHECKING:
 # What is said is as wide on every terminal.
 os.environ["COLUMNS"] = "98"
 
-# Ends what the tests have started, when they have ended: a test that is killed cannot. A run that a
-# user starts outlives its terminal where nohup asks for it, so the program itself cannot know.
+STILL_S = 0.1
+"""From then on a machine that stands still may fail a test [s]"""
+# Says when it was woken too late. Ends what the tests have started, when they have ended:
+# a test that is killed cannot. A run that a user starts outlives its terminal where nohup asks for
+# it, so the program itself cannot know.
 AFTERWARDS = """
-import os, select, signal, sys
+import os, select, signal, sys, time
 mark = sys.argv[1].encode()
 try:
-    select.select([os.pidfd_open(int(sys.argv[2]))], [], [])
-except ProcessLookupError:
+    tests, before = os.pidfd_open(int(sys.argv[2])), time.monotonic()
+    while not select.select([tests], [], [], 0.02)[0]:
+        now = time.monotonic()
+        if now - before > float(sys.argv[3]):
+            print("late", flush=True)
+        before = now
+except (ProcessLookupError, BrokenPipeError):
     pass
 for pid in filter(str.isdigit, os.listdir("/proc")):
     try:
@@ -80,17 +89,48 @@ def pytest_configure(config: pytest.Config) -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+stalls: list[int] = []
+"""Where the process that watches writes: a file descriptor"""
+
+
 def begin_to_watch() -> None:
     """Start the process that ends what is left when this one has ended, however it ends."""
     me = str(os.getpid())
     os.environ["TESTS_OF"] = mark = f"{me} {time.monotonic_ns()}"
+    told, tells = os.pipe()
+    os.set_blocking(told, False)
     subprocess.Popen(
-        [sys.executable, "-ISc", AFTERWARDS, f"TESTS_OF={mark}", me],
+        [sys.executable, "-ISc", AFTERWARDS, f"TESTS_OF={mark}", me, str(STILL_S)],
         stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
+        stdout=tells,
         stderr=subprocess.DEVNULL,
         start_new_session=True,
     ).returncode = 0  # nobody waits for it
+    os.close(tells)
+    stalls.append(told)
+
+
+def stood_still() -> bool:
+    """Whether the machine has stood still since the last call."""
+    try:
+        return bool(os.read(stalls[-1], 1 << 20))
+    except BlockingIOError:
+        return False
+
+
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool:
+    """Run a test, and again if it failed while the machine stood still, up to twice."""
+    where = {"nodeid": item.nodeid, "location": item.location}
+    item.ihook.pytest_runtest_logstart(**where)
+    stood_still()
+    for _ in range(3):
+        reports = runtestprotocol(item, nextitem=nextitem, log=False)
+        if not any(report.failed for report in reports) or not stood_still():
+            break
+    for report in reports:
+        item.ihook.pytest_runtest_logreport(report=report)
+    item.ihook.pytest_runtest_logfinish(**where)
+    return True
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -25,6 +25,16 @@ _NOTCH = 0.25
 """Largest relative step of the interval, in widths of a notch"""
 
 
+class Interval(NamedTuple):
+    """An interval that stands for those up to the next."""
+
+    length: float
+    """[s]"""
+    reach: float = 1.0
+    """With a notch the next one over it: with a longer interval the notch is slower, so that a
+    vibration passes it as a faster one does here"""
+
+
 class Knot(NamedTuple):
     """A delay of the grid, and the frequencies that are counted there."""
 
@@ -41,21 +51,24 @@ def intervals(
     period: float,
     served: tuple[float, float],
     velocity_filter: VelocityFilter | None,
-) -> list[float]:
-    """Return the intervals that stand for all from ``served[0]`` to ``served[1]`` periods [s].
+) -> list[Interval]:
+    """Return the intervals that stand for all from ``served[0]`` to ``served[1]`` periods.
 
     Between two of them the phase of no vibration over the interval turns by more than ``PHASE``.
     """
     low, high = served[0] * period, served[1] * period
     if low == high:
-        return [period]
+        return [Interval(period)]
     hz = belief.flexible_hz
     even = math.ceil(math.tau * hz.high * (high - low) / PHASE)
     if velocity_filter is not None:
         # a filter is slower by the interval, and a notch then lies elsewhere
         even = max(even, math.ceil(velocity_filter.q * math.log(high / low) / _NOTCH))
     found: list[float] = np.linspace(low, high, even + 1).tolist()
-    return found
+    if velocity_filter is None or velocity_filter.kind != "notch":
+        return [Interval(each) for each in found]
+    after = [*found[1:], high]
+    return [Interval(one, next_one / one) for one, next_one in zip(found, after, strict=True)]
 
 
 def is_quick(belief: Belief, period: float) -> bool:
@@ -81,10 +94,8 @@ def delays(
         every: Whether all frequencies are counted at each delay.
         quick: ``is_quick``.
     """
-    if every:
-        step = PHASE / (math.tau * high)
-        return [Knot(k * step, low, high) for k in range(math.floor(longest / step + 1e-9) + 2)]
-    found = [Knot(0.0, *_counted(low, high, period, 0.0))]
+    span = math.inf if every else _CYCLES
+    found = [Knot(0.0, *_counted(low, high, period, 0.0, span))]
     while found[-1].delay <= longest + 1e-12:
         last = found[-1]
         after = last.delay + period
@@ -93,22 +104,24 @@ def delays(
         if quick:
             step = min(step, _QUARTER * period)
         widened = (1.0 / _SLOWER - 1.0) * after
-        if step < widened and (last.high < high or low * after > 1.0):
+        if not every and step < widened and (last.high < high or low * after > 1.0):
             delay = last.delay + widened
-            found.append(Knot(delay, *_counted(_SLOWER * low, high, period, delay)))
+            found.append(Knot(delay, *_counted(_SLOWER * low, high, period, delay, span)))
         else:
             delay = last.delay + step
-            found.append(Knot(delay, *_counted(low, high, period, delay)))
+            found.append(Knot(delay, *_counted(low, high, period, delay, span)))
     return found
 
 
-def _counted(low: float, high: float, period: float, delay: float) -> tuple[float, float]:
+def _counted(
+    low: float, high: float, period: float, delay: float, cycles: float
+) -> tuple[float, float]:
     """Return the lowest and the highest of the frequencies that matter after a delay [Hz].
 
     Faster ones than a cycle above the lowest meet the same phases, and bound less: both damping and
     stiffness that a vibration allows rise with its frequency.
     """
-    span = _CYCLES / (delay + 0.5 * period)
+    span = cycles / (delay + 0.5 * period)
     if high <= low + span:
         return low, high
     return low, low + span

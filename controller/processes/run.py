@@ -39,8 +39,10 @@ class Notifier:
         """Queue ``text``; never waits."""
         self._texts.put(text)
         if self._thread is None:
-            self._thread = threading.Thread(target=self._say, daemon=True)
-            self._thread.start()
+            thread = threading.Thread(target=self._say, daemon=True)
+            with contextlib.suppress(RuntimeError):  # no thread to be had: passed on at the end
+                thread.start()
+                self._thread = thread
 
     def __enter__(self) -> Notifier:
         return self
@@ -48,7 +50,9 @@ class Notifier:
     def __exit__(self, *_: object) -> None:
         """Wait until all messages are passed on."""
         self._texts.put(None)
-        if self._thread is not None:
+        if self._thread is None:
+            self._say()
+        else:
             self._thread.join()
 
     def _say(self) -> None:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 
+from haptic_wall.controller.guard.belief import HEAVIEST
 from haptic_wall.controller.laws import own
 from haptic_wall.controller.laws.engagement import MOST_TORQUE
 from haptic_wall.controller.laws.shape import Grid, LawError
@@ -269,13 +270,14 @@ def _load(config: Sections) -> Iterator[Problem]:
         )
     truth = (servo.inertia or 0.0) + servo.load_inertia
     whole = truth if model.inertia is None else model.inertia.value
-    part = None if model.bare else model.load_inertia
-    if part is not None and 0.0 < whole <= part.value:
+    believed = model.load_inertia is not None
+    part = model.load_inertia.value if model.load_inertia else servo.load_inertia
+    if not model.bare and 0.0 < HEAVIEST * whole < part:
         yield Problem(
-            f"found {part.value:g} kg·m²",
-            wanted=f"less than model.inertia, {whole:g}, the inertia of everything that the servo"
-            " turns, as identify measures it: the load is a part of it",
-            field="model.load_inertia",
+            f"found {part:g} kg·m²",
+            wanted=f"at most {HEAVIEST:g} times model.inertia, {whole:g}, the inertia of everything"
+            " that the servo turns, as identify measures it: the load is a part of it",
+            field="model.load_inertia" if believed else "servo.load_inertia",
         )
 
 

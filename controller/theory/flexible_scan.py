@@ -22,7 +22,7 @@ from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 _FEW, _EVEN = 64, 80
 """Frequencies of the grid: in equal ratios, and in equal steps. A coarser one gives lower limits"""
 _FLANK = np.geomspace(1e-5, 0.4, 80)
-_ABOUT = np.concatenate([1.0 - _FLANK, 1.0 + _FLANK])
+_ABOUT = np.concatenate([1.0 - _FLANK, [1.0], 1.0 + _FLANK])
 """Frequencies about a filter's, relative to it: on the flanks of a notch its phase turns"""
 _SLOWEST = 1e-3
 """Least frequency of the grid, in periods of one delay and one sample [rad]; a slower resonance
@@ -57,21 +57,24 @@ class FlexibleScan:
     F is dampings × servos × frequencies, D servos × frequencies; each as real and imaginary part.
     """
 
-    def __init__(self, f: _Parts, d: _Parts) -> None:
-        self._f, self._d = f, d
+    def __init__(self, f: _Parts, d: _Parts, size: FloatArray) -> None:
+        self._f, self._d, self._size = f, d, size
         self._ceiling = self._dampings(1.0)
 
     def _dampings(self, sign: float) -> FloatArray:
         """Return the least size of a damping of this sign at which a pole is on the circle."""
-        f, d = self._f, self._d
+        f, d, size = self._f, self._d, self._size
 
         def values(at: IntArray) -> tuple[FloatArray, FloatArray]:
-            (f_real, f_imag), (d_real, d_imag) = f.at(at), d.at(at % d.real.size)
+            at_d = at % d.real.size
+            (f_real, f_imag), (d_real, d_imag) = f.at(at), d.at(at_d)
             square = d_real**2 + d_imag**2
             real = (f_real * d_real + f_imag * d_imag) / square
-            return sign * real, (f_imag * d_real - f_real * d_imag) / square
+            imag = (f_imag * d_real - f_real * d_imag) / square
+            return sign * real, imag * size.ravel()[at_d]
 
-        return _least(f.imag * d.real > f.real * d.imag, values)
+        # where D goes through 0, F/D changes its sign and no pole is on the circle
+        return _least((f.imag * d.real > f.real * d.imag) ^ (size < 0.0), values)
 
     @classmethod
     def of(
@@ -117,7 +120,8 @@ class FlexibleScan:
         late = turned((whole[:, None].astype(w.dtype) + 1.0) * w)
         f = _inverse(numerator, below, 2j * half.imag * half, late)
         d = _Parts.of(difference(w, half, samples, period, velocity_filter))
-        return [cls(f.of_servos(own), d.of_servos(own)) for own in spans]
+        size = _size(w, samples, velocity_filter)
+        return [cls(f.of_servos(own), d.of_servos(own), size[own]) for own in spans]
 
     def ceilings(self) -> FloatArray:
         """Return the virtual damping above which no stiffness from 0 on is stable [N·m·s/rad]."""
@@ -163,6 +167,12 @@ class _Parts(NamedTuple):
     def at(self, index: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return the parts at flat indices."""
         return self.real.ravel()[index], self.imag.ravel()[index]
+
+
+def _size(w: FloatArray, samples: int, velocity_filter: VelocityFilter | None) -> FloatArray:
+    """Return D over its direction and what is above 0, servos × frequencies."""
+    found = np.ones_like(w) if samples == 1 else np.sin(0.5 * samples * w)
+    return found if velocity_filter is None else found * velocity_filter.above(w)
 
 
 def _inverse(
@@ -219,7 +229,7 @@ def _grid(
     if velocity_filter is None:
         return found
     w0 = velocity_filter.w0  # at a notch itself no damping acts
-    return np.where(np.abs(found - w0) < 1e-7 * w0, (1.0 + 1e-6) * w0, found)
+    return np.where(np.abs(found - w0) < 1e-12 * w0, (1.0 + 1e-12) * w0, found)
 
 
 def _least(

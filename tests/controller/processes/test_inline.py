@@ -1,6 +1,7 @@
 """A run in one process says how many rows its log lacks, and what the disk told last."""
 
 import errno
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.writer import LogWriter
 from haptic_wall.controller.processes.inline import run_inline
 from haptic_wall.controller.processes.plan import Ended, Plan
+from haptic_wall.controller.processes.run import Notifier
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 
@@ -44,3 +46,15 @@ def test_a_full_disk_leaves_out_what_it_did_not_take(
     assert cut.lacking == rows - len(LogReader.open(tmp_path / "run.hwlog").rows()) > 0
     (warning,) = cut.warnings
     assert f"{tmp_path / 'run.hwlog'} is incomplete: No space left on device" in warning
+
+
+def test_without_threads_messages_are_passed_on_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, "start", refuse)
+    heard: list[str] = []
+    with Notifier(heard.append) as notifier:
+        notifier("one")
+        notifier("two")
+    assert heard == ["one", "two"]

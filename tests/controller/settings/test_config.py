@@ -142,3 +142,12 @@ def test_a_velocity_filter_that_is_not_counted_is_refused(
         load_config("simulated", [*plain, *sets])
     assert field in str(caught.value)
     assert said in str(caught.value)
+
+
+def test_a_load_of_nearly_all_is_refused() -> None:
+    sets = ["model.inertia=0.01", "model.flexible_hz=40"]
+    load_config("simulated", [*sets, "model.load_inertia=0.0099"])
+    with pytest.raises(
+        ConfigError, match=r"model\.load_inertia.*at most 0\.99 times model\.inertia"
+    ):
+        load_config("simulated", [*sets, "model.load_inertia=0.00995"])
