@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from enum import IntEnum
 
 from haptic_wall.controller.detector.regularity import (
@@ -102,7 +103,8 @@ class Reduction:
             settings: Those of the watch.
             at: Time now [s].
             softest: The load would push through softer walls.
-            slowest: Period of the slowest motion that the wall may make [s].
+            slowest: Period of the slowest motion that the wall may make [s]; infinite: the motion
+                is that of a link as well, which a hand that hits it again and again keeps going.
         """
         last, size = seen.motion.last, seen.size
         large = size >= settings.threshold
@@ -119,17 +121,18 @@ class Reduction:
             self._begun = at
         if self._small and not (lasts(last) and self.count >= TUNING.steady):
             return Course.OPEN
+        enough = TUNING.regular_long if math.isinf(slowest) else 1
         softest = softest or self.step >= TUNING.steps
         longest = min(TUNING.cycles * slowest, TUNING.longest_s)
         late = not seen.contacts and at - self._begun > longest
-        if large and (softest or late) and self._own(seen, before):
+        if large and (softest or late) and self._own(seen, before, enough):
             feeds = not seen.contacts or seen.motion.gain > TUNING.reduced_gain
             ends = feeds and self.count >= TUNING.reduced_half_cycles
             return Course.END if ends else Course.PERSISTS
         return Course.PERSISTS if softest else Course.SOFTEN
 
-    def _own(self, seen: Regularity, before: Sighting) -> bool:
-        """Whether the wall certainly makes this motion."""
+    def _own(self, seen: Regularity, before: Sighting, enough: int) -> bool:
+        """Whether the wall certainly makes this motion; ``enough``: regular half-cycles."""
         if self.cause == Cause.STOPPED:
             return seen.steady
         last = seen.motion.last
@@ -137,5 +140,5 @@ class Reduction:
         least, most = TUNING.lightest_probed, TUNING.heaviest_probed
         explained = least * before.inertia < inertia < most * before.inertia
         if self.cause == Cause.LONGER:
-            return explained and seen.streak > 0
+            return explained and seen.streak >= enough
         return explained or seen.steady or (not seen.contacts and beyond_hands(last))
