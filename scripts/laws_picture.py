@@ -1,4 +1,4 @@
-"""Draws docs/pictures/laws.png: the elastic torque of each law over position.
+"""Draws docs/pictures/laws.png: the elastic torque over position of each law that has one.
 
 scripts/study laws_picture [FILE]
 """
@@ -26,12 +26,13 @@ STIFFNESS = 8.0
 def drawn(path: Path) -> None:
     """Draw the picture."""
     way = np.linspace(-REACH, REACH, 1601)
-    rows = -(-len(EXAMPLES) // 2)
+    examples = {law: numbers for law, numbers in EXAMPLES.items() if law != "damper"}
+    rows = -(-len(examples) // 2)
     with picture(path, PAGE, 1.44 * rows) as figure:
         axes = figure.subplots(rows, 2, sharex=True).ravel()
-        for ax in axes[len(EXAMPLES) :]:
+        for ax in axes[len(examples) :]:
             ax.set_axis_off()
-        for ax, (law, numbers) in zip(axes, EXAMPLES.items(), strict=False):
+        for ax, (law, numbers) in zip(axes, examples.items(), strict=False):
             shape = shape_of(Wall.model_validate({"law": law, **numbers}), Grid(1e-3, 0.0))
             stiffness = getattr(shape, "stiffness", STIFFNESS)
             shape.settle(way[0])
@@ -40,11 +41,9 @@ def drawn(path: Path) -> None:
             ax.axhline(0.0, color=INK, linewidth=0.5)
             ax.plot(moved, torque, color=GREEN if shape.lowest_slope < 0.0 else BLUE, linewidth=1.2)
             said = ", ".join(f"{k} {v:g}" for k, v in numbers.items() if isinstance(v, float | int))
-            ax.set_title(f"{law} {said}".strip(), fontsize=8.5, loc="left")
-            if not any(torque):
-                ax.set_ylim(-1.0, 1.0)
+            ax.set_title(f"{law}: {said}" if said else law, fontsize=8.5, loc="left")
             grid(ax)
-        for ax in axes[len(EXAMPLES) - 2 : len(EXAMPLES)]:
+        for ax in axes[len(examples) - 2 : len(examples)]:
             ax.set_xlabel("position [rad]")
             ax.tick_params(labelbottom=True)
         for ax in axes[::2]:
