@@ -317,8 +317,8 @@ class Backstop:
         """Reduce the walls; keep the damping if the probe took longer: the spring is the cause."""
         self.alarms += not self.alarm
         self.alarm = True
-        if not self._settings.acts:
-            return
+        if self._settings.answer != "reduce":
+            return  # there is no other answer, or the run ends now
         shared, probe, scale = self._shared, self._probe, TUNING.scale
         small = probe.before.amplitude < self._settings.threshold
         shared.asking = self

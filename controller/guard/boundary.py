@@ -186,9 +186,20 @@ def _believed_peak(question: Question) -> dict[str, float]:
     }
 
 
+def encoder_ceiling(question: Question) -> float:
+    """Return the virtual damping at which one encoder count commands the most that it may.
+
+    Returns:
+        [N·m·s/rad]; infinite: position or torque limit is not known.
+    """
+    rigid = np.array([np.inf]) if question.load else _evaluation(question).rigid_ceiling
+    asked = (question.request, EVERY_DAMPING, question.situation, question.plants(1).period, rigid)
+    return float(encoder_damping(*asked)[0])
+
+
 def default_dampings(question: Question) -> tuple[float, ...]:
-    """Return virtual dampings from zero to 90 % of the ceiling, in two digits [N·m·s/rad]."""
-    top = ceiling(question)
+    """Return virtual dampings from zero to 90 % of the lower ceiling, in two digits [N·m·s/rad]."""
+    top = min(ceiling(question), encoder_ceiling(question))
     return tuple(float(f"{share * top:.2g}") for share in _DEFAULT_SHARES)
 
 
@@ -209,11 +220,9 @@ def report(question: Question, virtual_damping: Sequence[float]) -> dict[str, An
     if question.side == "both":
         limits.pop("one_sided", None)
     binding, stiffness = smallest(limits)
-    rigid = np.array([np.inf]) if question.load else _evaluation(question).rigid_ceiling
-    asked = (question.request, EVERY_DAMPING, question.situation, question.plants(1).period, rigid)
     return {
         "max_virtual_damping": ceiling(question),
-        "encoder_damping": finite(float(encoder_damping(*asked)[0])),
+        "encoder_damping": finite(encoder_ceiling(question)),
         "peak": highest(question),
         "points": points,
         "design": {

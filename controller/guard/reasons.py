@@ -45,7 +45,7 @@ def _off(decision: Decision) -> Iterator[str]:
     yield (
         f"the guard is off: stiffness {decision.stiffness:.4g} N·m/rad and damping "
         f"{decision.damping:.4g} N·m·s/rad are commanded as requested; the smallest limit at "
-        f"this damping is {name}, {value:.4g} N·m/rad"
+        f"this damping is {name}, {value:.4g} N·m/rad; an oscillation ends the run"
     )
     exact = decision.limits["exact"]
     if decision.only_friction:

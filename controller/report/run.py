@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 MOST_AXES: Final = 6
 """Axes in one picture"""
+_PROBED_S: Final = 0.5
+"""Of the end, in which a probe may have taken most of the stiffness [s]"""
 
 
 def plot_log(log: LogReader, path: Path, stop_reason: str | None = None) -> None:
@@ -157,9 +159,11 @@ def _title(run: run_panels.DrawnRun, name: str, stop_reason: str) -> str:
     if servo.kind == "emulated":
         where = ", emulated"
     last = run.rows[-1]
+    probed = Trip.of(stop_reason) is Trip.OSCILLATION
+    shown = run.rows[run.time > run.time[-1] - _PROBED_S] if probed else run.rows[-1:]
     parts = [
-        _commanded("K", float(last["stiffness"]), wall.stiffness, "N·m/rad"),
-        _commanded("B", float(last["damping"]), wall.damping, "N·m·s/rad"),
+        _commanded("K", float(shown["stiffness"].max()), wall.stiffness, "N·m/rad"),
+        _commanded("B", float(shown["damping"].max()), wall.damping, "N·m·s/rad"),
         f"delay {1000 * float(last['delay_s']):.2f} ms",
         f"{run.config.loop.rate_hz:g} Hz",
     ]

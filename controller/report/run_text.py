@@ -33,7 +33,7 @@ def report_text(report: Mapping[str, Any], *, brief: bool = False) -> str:
     notes, changes = report.get("warnings") or [], report.get("changes") or []
     reasons = [text for _, text in _of_guards(report, _reasons)]
     told = [*_ending(report), *_motion(report)]
-    told += _axes(report) if report.get("axes") else _wall(report.get("guard"))
+    told += _axes(report) if report.get("axes") else _wall(report)
     if brief and str(report.get("log_state")) not in _WITHOUT_END:
         others = (len(notes) - 1, "note"), (len(changes), "change"), (len(reasons) - 1, "reason")
         more = [f"{count} {what}{'s' * (count > 1)}" for count, what in others if count > 0]
@@ -108,7 +108,7 @@ def _reasons(guard: Mapping[str, Any] | None) -> Lines:
 def _axes(report: Mapping[str, Any]) -> Lines:
     """Say in a line for each axis what it commanded, and what it saw."""
     for name, part in _parts(report):
-        said = [text for _, text in (*_wall(part.get("guard")), *_motion(part))]
+        said = [text for _, text in (*_wall(part), *_motion(part))]
         bus = part.get("bus") or {}
         said += [f"{bus[kind]} {kind}" for kind in ("lost", "corrupt", "refused") if bus.get(kind)]
         yield "axis", f"{name}: {'; '.join(said)}"
@@ -126,8 +126,7 @@ def _motion(report: Mapping[str, Any]) -> Lines:
         if (probes := seen.get("probes")) or seen.get("probed_s"):  # axes share a probe
             times = f"{probes} probe{'s' * (probes > 1)}" if probes else "no probe of its own"
             parts.append(f"{times}, wall softer for {number(seen.get('probed_s'), 2)} s")
-        share = (seen.get("reduced_to") or {}).get("stiffness", 1.0)
-        if share < 1.0:
+        if (share := _left(report)) < 1.0:
             parts.append(f"wall reduced to {100.0 * share:.0f} %")
     if torque.get("max") is not None:
         ticks = torque["saturated_ticks"]
@@ -137,15 +136,23 @@ def _motion(report: Mapping[str, Any]) -> Lines:
         yield "oscillation" if seen else "torque", "; ".join(parts)
 
 
-def _wall(guard: Mapping[str, Any] | None) -> Lines:
-    if not guard:
+def _left(report: Mapping[str, Any]) -> float:
+    """Return the share of the stiffness that alarms have left."""
+    reduced = (report.get("oscillation") or {}).get("reduced_to") or {}
+    return float(reduced.get("stiffness", 1.0))
+
+
+def _wall(report: Mapping[str, Any]) -> Lines:
+    if not (guard := report.get("guard")):
         return
     asked, commanded = guard["requested"], guard["commanded"]
     parts = []
     for key, unit in (("stiffness", "N·m/rad"), ("damping", "N·m·s/rad")):
         of = "" if asked[key] == commanded[key] else f" of {number(asked[key])} requested"
         parts.append(f"{number(commanded[key])} {unit}{of}")
-    if guard["binding"]:
+    if _left(report) < 1.0:
+        parts.append("reduced after an oscillation")
+    elif guard["binding"]:
         parts.append(f"limited by {guard['binding']}")
     elif asked == commanded:
         parts.append("as requested")

@@ -93,8 +93,8 @@ EXPLANATIONS: Final[Mapping[Trip, Problem]] = {
     ),
     Trip.OSCILLATION: Problem(
         "the wall oscillates by itself",
-        advice="request less stiffness or damping, set guard.mode=stable, or correct the "
-        "belief about the servo in model.*",
+        advice="request less stiffness or damping, correct the belief about the servo in "
+        "model.* (identify measures it), and leave guard.mode at stable",
     ),
     Trip.LOSSES_IN_ROW: Problem(
         "all readings failed for longer than safety.max_silence_s allows",

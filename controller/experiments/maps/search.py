@@ -28,8 +28,9 @@ _CYCLES: Final = 20.0
 """Oscillations to which the growth is fitted"""
 _NEAR: Final = 0.45
 """Distance of a tried stiffness from the interpolated limit, in units of the tolerance"""
-_SHARE: Final = 0.5
-"""Fraction of the torque limit for the spring alone: its damper needs some too"""
+_SHARE: Final = 0.9
+"""Fraction of the torque limit for the spring alone: its damper needs some too. With half of it
+friction stops motion that a run shows to grow"""
 _COUNTS: Final = 4.0
 """Smallest motion that the encoder resolves [counts]"""
 
