@@ -140,7 +140,8 @@ class Regularity:
         last, settings = self.motion.last, self._settings
         new = last[-1]
         self._count_even(new)
-        self.steady = self._even >= TUNING.steady and self.size >= settings.small
+        enough = self._even >= TUNING.steady and self.size >= settings.small
+        self.steady = enough and self.pulled
         regular = same_period(last)
         self.streak = self.streak + 1 if regular and lasts(last) else 0
         self._long.append(new)
@@ -158,12 +159,17 @@ class Regularity:
         return min(last[-1].amplitude, last[-2].amplitude) if len(last) > 1 else 0.0
 
     @property
+    def pulled(self) -> bool:
+        """Whether the wall had a part in the last half-cycles; not in a law's free range."""
+        return any(one.pull > 0.0 for one in self.motion.last)
+
+    @property
     def repeats(self) -> bool:
         """Whether the motion is regular above the threshold, and does not die by itself."""
         last, sizes = self.motion.last, self._streak_sizes
         least, threshold = min(one.amplitude for one in last), self._settings.threshold
         enough = TUNING.regular if least > 2.0 * threshold else TUNING.loss_half_cycles
-        if self.streak < enough or least < threshold:
+        if self.streak < enough or least < threshold or not self.pulled:
             return False
         before, now = 0.5 * (sizes[0] + sizes[1]), 0.5 * (sizes[-1] + sizes[-2])
         cycles = 0.5 * (len(sizes) - 2)

@@ -103,7 +103,9 @@ class DynamixelGroup:
         return [(each["supply"] / 10, float(each["temperature"])) for each in seen]
 
     def start(self) -> list[list[Check]]:
-        """Check and set up each servo in sequence; then switch the torques on at goals of zero.
+        """Check and set up each servo in sequence; then switch on one torque after another.
+
+        Goals are zero. Where one servo is refused, none has had a torque.
 
         Returns:
             The checks of each servo.
@@ -116,7 +118,8 @@ class DynamixelGroup:
         """
         exchange, servos, count = self.exchange, self.servos, len(self.servos)
         self.left_on = servos
-        ready, chosen = [], []
+        ready, chosen, checked = [], [], dict[Driven, Startup]()
+        longest_ns = 0
         for one in servos:
             one.forget()
         try:
@@ -124,11 +127,22 @@ class DynamixelGroup:
                 self._go_on()
                 exchange.select([one.station])
                 with _about(one):
-                    ready.append(Startup(one).run())
+                    startup = Startup(one)
+                    longest_ns = max(longest_ns, startup.check())
                     if count > 1:
                         one.obeys_only_itself(exchange.by_id)
-                self._keep(servos[: len(ready)])
-            longest_s = max(longest_ns for _, longest_ns in ready) * 1e-9
+                checked[one] = startup
+                self._keep(list(checked))
+            for one, startup in checked.items():
+                self._go_on()
+                self._keep([other for other in servos if other is not one])
+                exchange.select([one.station])
+                with _about(one):
+                    if count > 1:
+                        startup.wake()
+                    ready.append(startup.enable())
+            self._keep(servos)
+            longest_s = longest_ns * 1e-9
             hold_s = longest_s - asking_s(self._baud)
             if count > 1:
                 chosen.append(self._choose_way())
@@ -157,7 +171,7 @@ class DynamixelGroup:
             traffic.counts.append(one.station.counts)
         self.running = True
         chosen.append(Check("watched while it runs", True, *self._polls.describe()))
-        return [[*checks, *chosen] for checks, _ in ready]
+        return [[*checks, *chosen] for checks in ready]
 
     def request(self) -> None:
         """Request all positions, without waiting unless a Bus Watchdog may have tripped.

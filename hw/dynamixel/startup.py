@@ -16,6 +16,7 @@ from haptic_wall.hw.dynamixel.register_access import UNHELD
 from haptic_wall.hw.dynamixel.registers import CURRENT_MODE, POSITION_UNIT
 from haptic_wall.hw.dynamixel.rules import (
     STATUS_LEVEL,
+    Seen,
     Verdict,
     judge,
     judge_firmware,
@@ -46,12 +47,13 @@ class Startup:
         self._clock = servo.table.clock
         self._name = f"servo with id {servo.settings.id} on {servo.where}"
         self._checks: list[Check] = []
+        self._seen: Seen
 
-    def run(self) -> tuple[list[Check], int]:
-        """Check everything, set what the driver may set, and enable torque at zero torque.
+    def check(self) -> int:
+        """Check everything without torque, and set what the driver may set.
 
         Returns:
-            The checks, and the usual time of a reply at the worst phase of an adapter's timer [ns].
+            The usual time of a reply at the worst phase of an adapter's timer [ns].
 
         Raises:
             ServoMissingError: No reply.
@@ -73,13 +75,34 @@ class Startup:
         self._checks.append(Check("position", True, f"{position:.3f} rad", "known"))
         longest_ns = self._measure_reply()
         self._refuse_if_unfit()
+        self._seen = seen
+        return longest_ns
+
+    def wake(self) -> None:
+        """Arm the Bus Watchdog again if it has tripped while other servos were checked."""
+        table = self._table
+        if table.read("bus_watchdog") != self._servo.units:
+            table.write("bus_watchdog", 0)
+            table.write("bus_watchdog", self._servo.units)
+
+    def enable(self) -> list[Check]:
+        """Switch torque on at a goal of zero, after ``check``, and prove its sign.
+
+        Returns:
+            All checks.
+
+        Raises:
+            ServoLostError: It stops replying.
+            UnfitServoError: A check failed.
+        """
+        servo, seen = self._servo, self._seen
         advice = "check its supply voltage and Hardware Error Status (70)"
         self._settle("torque_enable", 1, "torque", advice=advice)  # the goal is zero
         self._refuse_if_unfit()
         self._checks.append(prove_the_sign(servo, seen.law, seen["current_limit"], self._name))
         self._refuse_if_unfit()
         servo.begin(seen)
-        return self._checks, longest_ns
+        return self._checks
 
     def _identify(self, number: int) -> None:
         """Check model and firmware, and have every instruction answered."""

@@ -345,6 +345,17 @@ def test_a_law_that_holds_no_load_is_not_probed_under_one(mean: float) -> None:
     assert trial.stiffness.min() == 19.0
 
 
+def test_a_free_range_is_never_probed() -> None:
+    """There is no torque that could move the shaft, however evenly somebody swings it."""
+    swung = 0.3 * np.sin(math.tau * 3.0 * np.arange(20_000) * 1e-3)
+    stops = "wall.law=stops", "wall.low=-1.5", "wall.high=1.5"
+    trial = run(
+        VALUE, 0.02, *stops, operator=operator_of(20.0, 0.3, swung), stiffness=19.0, duration_s=20.0
+    )
+    assert np.ptp(trial.output) > 0.4
+    assert trial.counts == (0, 0, 0)
+
+
 def test_a_damped_wall_that_swings_under_a_load_is_found() -> None:
     """At its frequency late damping is most of the stiffness; the probe must take it, too."""
     truth = replace(XL330, inertia=0.0036284, damping=0.0036617, delay=0.02, back_emf="current")

@@ -292,11 +292,13 @@ def test_a_flaky_servo_costs_the_others_one_reading_at_most(read: Way, fault: st
         assert all(reading.outcome is Outcome.OK for reading in readings)
 
 
-def test_a_start_that_fails_leaves_no_torque_on() -> None:
-    bench = Bench([48, 48, 48])
+def test_a_start_that_fails_has_no_torque_on_at_any_time() -> None:
+    bench = Bench([48, 48, 48], probes=True)
     bench.truths[2].memory["drive_mode"] = 1
     with pytest.raises(UnfitServoError, match="reverse"):
         bench.group.start()
+    torque_on = bytes([Instruction.WRITE, 64, 0, 1])
+    assert not any(torque_on in frame for frame in bench.line.frames)
     assert [truth.memory["torque_enable"] for truth in bench.truths] == [0, 0, 0]
 
 
