@@ -249,6 +249,7 @@ class Backstop:
             like_hand=probe.like_hand,
             held_off=probe.held_off(self._time),
             regular=regular,
+            alone=not self._several,
         )
         if what == Suspicion.PROBE:
             self._ask()

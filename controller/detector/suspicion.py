@@ -42,6 +42,7 @@ def suspicion(
     like_hand: bool,
     held_off: bool,
     regular: bool,
+    alone: bool,
 ) -> Suspicion:
     """Return what a suspected motion calls for.
 
@@ -53,9 +54,11 @@ def suspicion(
         like_hand: The last hand that a probe found moved the shaft like this.
         held_off: That was not long ago.
         regular: It is; else motions of several axes beat.
+        alone: The run has no other axis. A hand at the tip of an arm moves a joint faster than it
+            could move it alone.
     """
     large = amplitude >= settings.threshold
-    sure = regular and seen.size >= settings.threshold and not seen.contacts
+    sure = alone and regular and seen.size >= settings.threshold and not seen.contacts
     if sure and beyond_hands(seen.motion.last):
         return Suspicion.END if settings.acts and loaded else Suspicion.ALARM
     if not settings.acts:
