@@ -120,9 +120,10 @@ def drawn(random: np.random.Generator, kind: Kind = "known") -> tuple[Belief, fl
         )
         of_ceiling = float(random.choice([of_ceiling, 1.0, 10.0]))
     if kind == "notch_ends":
-        side: EncoderSide = "motor" if random.random() < 0.6 else "output"
-        hz = belief.flexible_hz.value
-        belief = replace(belief, flexible_hz=doubted(min(hz, 120.0), 1e-3, 1.0), encoder=side)
+        hz = min(belief.flexible_hz.value, 120.0)
+        belief = replace(belief, flexible_hz=doubted(hz, 1e-3, 1.0))
+    if kind in ("notch", "notch_ends"):
+        belief = replace(belief, encoder="output")
     return belief, age, of_ceiling
 
 

@@ -25,7 +25,7 @@ import numpy as np
 
 from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.fast_vibration import UNBOUND
-from haptic_wall.controller.guard.link_grid import Interval, Knot, delays, intervals, is_quick
+from haptic_wall.controller.guard.link_grid import Knot, delays, intervals, is_quick
 from haptic_wall.controller.guard.link_servos import servos_at
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.theory.checks import FloatArray
@@ -89,8 +89,7 @@ class LinkLimits:
             late = delay[period == t].tolist()
             for at in self._intervals(t):
                 grids = (self._knots(at, t_d) for t_d in late)
-                every = [*dict.fromkeys(knot for grid in grids for knot in grid)]
-                self._scan_together(at, every)
+                self._scan_together(at, [*dict.fromkeys(knot for grid in grids for knot in grid)])
         found = [
             min(
                 self._ceiling_at(at, knot)
@@ -118,17 +117,17 @@ class LinkLimits:
         ]
         return np.minimum(WITHIN * np.array(found), UNBOUND)
 
-    def _intervals(self, period: float) -> list[Interval]:
+    def _intervals(self, period: float) -> list[float]:
         asked = (self._belief, period, self._served, self._filter)
         key = ("intervals", self._asked, period, self._served)
         every = self._work.once(key, lambda: intervals(*asked))
-        return [at._replace(length=self._shared(at.length)) for at in every]
+        return [self._shared(at) for at in every]
 
-    def _shared(self, length: float) -> float:
-        """Return a length, or one that differs by rounding: a bin ends where the next begins."""
-        return self._work.once(("interval", round(length, _DIGITS)), lambda: length)
+    def _shared(self, at: float) -> float:
+        """Return an interval, or one that differs by rounding: a bin ends where the next begins."""
+        return self._work.once(("interval", round(at, _DIGITS)), lambda: at)
 
-    def _knots(self, at: Interval, delay: float) -> list[Knot]:
+    def _knots(self, at: float, delay: float) -> list[Knot]:
         """Return the grid from below the shortest possible delay to above ``delay`` [s].
 
         Delays a cycle of the slowest vibration ago are left out: the phases were the same then, and
@@ -136,8 +135,7 @@ class LinkLimits:
         each delay: it lets a faster vibration pass where it stops a slower one.
         """
         hz = self._belief.flexible_hz
-        quick = is_quick(self._belief, at.length)
-        asked = (hz.low, hz.high, at.length, delay, self._notch, quick)
+        asked = (hz.low, hz.high, at, delay, self._notch, is_quick(self._belief, at))
         grid = self._work.once(("delays", *asked), lambda: delays(*asked))
         shortest = min(self._inserted + self._belief.delay.low, delay)
         if grid[-1].low > 0.0:
@@ -147,17 +145,17 @@ class LinkLimits:
         )
         return grid[first:]
 
-    def _limit(self, at: Interval, delay: float, damping: float) -> float:
+    def _limit(self, at: float, delay: float, damping: float) -> float:
         *shorter, below, above = self._knots(at, delay)
         found = [self._limit_at(at, knot, damping) for knot in shorter]
         for knot in (below, above):
-            scale = (0.5 * at.length + knot.delay) / (0.5 * at.length + delay)
-            if is_quick(self._belief, at.length):
+            scale = (0.5 * at + knot.delay) / (0.5 * at + delay)
+            if is_quick(self._belief, at):
                 scale = min(scale, 1.0)
             found.append(scale * self._limit_at(at, knot, damping))
         return min(found)
 
-    def _limit_at(self, at: Interval, knot: Knot, damping: float) -> float:
+    def _limit_at(self, at: float, knot: Knot, damping: float) -> float:
         gains = {self._belief.torque_gain.low, self._belief.torque_gain.high}
 
         def least() -> float:
@@ -166,18 +164,18 @@ class LinkLimits:
 
         return self._work.once((*self._key("limit", at, knot), damping), least)
 
-    def _ceiling_at(self, at: Interval, knot: Knot) -> float:
+    def _ceiling_at(self, at: float, knot: Knot) -> float:
         key = self._key("ceiling", at, knot)
         return self._work.once(key, lambda: float(self._scan(at, knot).ceilings().min()))
 
-    def _key(self, kind: str, at: Interval, knot: Knot) -> tuple[Hashable, ...]:
+    def _key(self, kind: str, at: float, knot: Knot) -> tuple[Hashable, ...]:
         return kind, self._asked, at, knot
 
-    def _scan(self, at: Interval, knot: Knot) -> FlexibleScan:
+    def _scan(self, at: float, knot: Knot) -> FlexibleScan:
         key = self._key("scan", at, knot)
         return self._work.once(key, lambda: self._scans(at, [self._servos_at(at, knot)])[0])
 
-    def _scan_together(self, at: Interval, grid: list[Knot]) -> None:
+    def _scan_together(self, at: float, grid: list[Knot]) -> None:
         """Compute the scans of many delays: most have hardly any servo, so several in a turn.
 
         Turns run on all cores. numpy lets go of the interpreter in large arrays.
@@ -192,7 +190,7 @@ class LinkLimits:
         for knot, scan in zip(new, scans, strict=True):
             self._work.keep(self._key("scan", at, knot), scan)
 
-    def _on_all_cores(self, at: Interval, turns: list[list[Servos]]) -> list[list[FlexibleScan]]:
+    def _on_all_cores(self, at: float, turns: list[list[Servos]]) -> list[list[FlexibleScan]]:
         scans = partial(self._scans, at)
         cores = min(len(os.sched_getaffinity(0)), len(turns))
         if cores > 1:
@@ -200,11 +198,11 @@ class LinkLimits:
                 return [*pool.map(scans, turns)]
         return [*map(scans, turns)]
 
-    def _servos_at(self, at: Interval, knot: Knot) -> Servos:
+    def _servos_at(self, at: float, knot: Knot) -> Servos:
         return servos_at(self._belief, at, knot, self._filter)
 
-    def _scans(self, at: Interval, groups: list[Servos]) -> list[FlexibleScan]:
-        return FlexibleScan.of(groups, at.length, self._samples, self._belief.encoder, self._filter)
+    def _scans(self, at: float, groups: list[Servos]) -> list[FlexibleScan]:
+        return FlexibleScan.of(groups, at, self._samples, self._belief.encoder, self._filter)
 
 
 def returned_share(belief: Belief, stiffness: FloatArray) -> FloatArray:

@@ -25,16 +25,6 @@ _NOTCH = 0.25
 """Largest relative step of the interval, in widths of a notch"""
 
 
-class Interval(NamedTuple):
-    """An interval that stands for those up to the next."""
-
-    length: float
-    """[s]"""
-    reach: float = 1.0
-    """With a notch the next one over it: with a longer interval the notch is slower, so that a
-    vibration passes it as a faster one does here"""
-
-
 class Knot(NamedTuple):
     """A delay of the grid, and the frequencies that are counted there."""
 
@@ -51,24 +41,21 @@ def intervals(
     period: float,
     served: tuple[float, float],
     velocity_filter: VelocityFilter | None,
-) -> list[Interval]:
-    """Return the intervals that stand for all from ``served[0]`` to ``served[1]`` periods.
+) -> list[float]:
+    """Return the intervals that stand for all from ``served[0]`` to ``served[1]`` periods [s].
 
     Between two of them the phase of no vibration over the interval turns by more than ``PHASE``.
     """
     low, high = served[0] * period, served[1] * period
     if low == high:
-        return [Interval(period)]
+        return [period]
     hz = belief.flexible_hz
     even = math.ceil(math.tau * hz.high * (high - low) / PHASE)
     if velocity_filter is not None:
         # a filter is slower by the interval, and a notch then lies elsewhere
         even = max(even, math.ceil(velocity_filter.q * math.log(high / low) / _NOTCH))
     found: list[float] = np.linspace(low, high, even + 1).tolist()
-    if velocity_filter is None or velocity_filter.kind != "notch":
-        return [Interval(each) for each in found]
-    after = [*found[1:], high]
-    return [Interval(one, next_one / one) for one, next_one in zip(found, after, strict=True)]
+    return found
 
 
 def is_quick(belief: Belief, period: float) -> bool:

@@ -16,7 +16,7 @@ from haptic_wall.controller.guard.belief import (
     motor_side,
     vibration,
 )
-from haptic_wall.controller.guard.link_grid import PHASE, Interval, Knot
+from haptic_wall.controller.guard.link_grid import PHASE, Knot
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.flexible_scan import Servos
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
@@ -29,11 +29,8 @@ _STOPPED, _STEPS = 3.0, 1.4
 the servo; the ratio"""
 _MOTORS = 1.6
 """Largest ratio of two motor inertias of the grid"""
-_LEAST, _MOST, _TRIPLE = 0.006, 0.1, 3.0
-"""Frequencies below a notch, in widths of it: the nearest, the same over the phase of the delay in
-radians, and their ratio. There, up to half that phase away, damping drives the load"""
-_NEAR, _FILLED, _OF_PHASE = 2.0, 0.08, 0.25
-"""Ratio to a notch's frequency up to which frequencies follow each other by a step; the step"""
+_BESIDE = np.linspace(-2.0, 2.0, 17)
+"""Frequencies beside that of a notch, in widths of it"""
 
 
 def slices(belief: Belief) -> list[Belief]:
@@ -64,10 +61,9 @@ def _loads(belief: Belief, most: float) -> list[float]:
 
 
 def servos_at(
-    belief: Belief, at: Interval, knot: Knot, velocity_filter: VelocityFilter | None
+    belief: Belief, period: float, knot: Knot, velocity_filter: VelocityFilter | None
 ) -> Servos:
-    """Return the servos that stand for the belief at an interval and a delay."""
-    period = at.length
+    """Return the servos that stand for the belief at a delay."""
     phase = math.tau * (knot.high - knot.low) * (knot.delay + period)
     count = 2 + math.ceil(phase / PHASE) if phase > 0.0 else 1
     rates = np.linspace(knot.low, knot.high, count)
@@ -76,26 +72,20 @@ def servos_at(
     if 0.0 < knot.low < slow:
         more = math.ceil(math.log(slow / knot.low) / math.log(_STEPS))
         rates = np.unique([*rates, *np.geomspace(knot.low, slow, more + 1)])
-    evenly = rates.size
     if velocity_filter is not None and velocity_filter.kind == "notch":
-        per_sample = math.tau * period
-        step = per_sample * (knot.high - knot.low) / (count - 1) if count > 1 else 0.0
-        near = _near_notch(belief, velocity_filter, knot.delay / period, step) / per_sample
-        rates = np.concatenate([rates, near[(near > knot.low) & (near < at.reach * knot.high)]])
+        middle = velocity_filter.w0 / (math.tau * period)
+        near = middle * (1.0 + _BESIDE / velocity_filter.q)
+        rates = np.unique([*rates, *near[(near > knot.low) & (near < knot.high)]])
     ratios = np.unique([belief.flexible_damping_ratio.low, belief.flexible_damping_ratio.high])
     wholes, loads = _bodies(belief)
-    every = np.meshgrid(ratios, np.arange(rates.size), np.arange(wholes.size), indexing="ij")
-    ratio, index, body = (each.ravel() for each in every)
-    rate = math.tau * rates[index]
+    every = np.meshgrid(ratios, math.tau * rates, np.arange(wholes.size), indexing="ij")
+    ratio, rate, body = (each.ravel() for each in every)
     whole, load = wholes[body], loads[body]
     stiffness = belief.transmission_stiffness
     if belief.bare and stiffness.high > 0.0:
         # each body from its own slowest vibration on, over as many cycles of the phase
         slowest = np.sqrt(stiffness.low * whole / (load * (whole - load)))
-        lowest = slowest * knot.low / belief.flexible_hz.low
-        rate = np.where(
-            index < evenly, rate + lowest - math.tau * knot.low, np.maximum(rate, lowest)
-        )
+        rate += slowest * knot.low / belief.flexible_hz.low - math.tau * knot.low
         rate = np.minimum(rate, slowest * math.sqrt(stiffness.high / stiffness.low))
     friction = np.unique([belief.damping.low, belief.damping.high])
     motor = whole - load
@@ -108,30 +98,6 @@ def servos_at(
         2.0 * ratio * moving * rate,
         knot.delay,
     )
-
-
-def _near_notch(belief: Belief, notch: VelocityFilter, late: float, step: float) -> FloatArray:
-    """Return frequencies with both ends free that matter near a notch [rad/sample].
-
-    A wall on the motor's side that holds it slows the vibration, up to the ratio of ``held``.
-
-    Args:
-        belief: Of the link.
-        notch: The filter.
-        late: The delay [samples].
-        step: Between frequencies that are counted anyway [rad/sample].
-    """
-    held = math.sqrt(1.0 + belief.load_inertia.high / belief.lightest_motor)
-    phase = min(notch.w0 * (late + 0.5), 1.0)
-    count = 1 + math.ceil(math.log(0.5 / max(_LEAST, _MOST * phase), _TRIPLE))
-    beside = np.geomspace(max(_LEAST, _MOST * phase), 0.5, count) / notch.q
-    about = np.array([1.0, *(1.0 - beside[beside < 1.0])])
-    most = max(_FILLED, _OF_PHASE * phase / notch.q)
-    filled = np.empty(0)
-    if step > most * notch.w0:
-        steps = math.ceil(math.log(_NEAR * _NEAR * held) / most)
-        filled = np.geomspace(1.0 / _NEAR, _NEAR * held, steps + 1)
-    return notch.w0 * np.concatenate([about, held * about, filled])
 
 
 def _bodies(belief: Belief) -> tuple[FloatArray, FloatArray]:

@@ -118,31 +118,11 @@ class DynamixelGroup:
         """
         exchange, servos, count = self.exchange, self.servos, len(self.servos)
         self.left_on = servos
-        ready, chosen, checked = [], [], dict[Driven, Startup]()
-        longest_ns = 0
+        chosen = []
         for one in servos:
             one.forget()
         try:
-            for one in servos:
-                self._go_on()
-                exchange.select([one.station])
-                with _about(one):
-                    startup = Startup(one)
-                    longest_ns = max(longest_ns, startup.check())
-                    if count > 1:
-                        one.obeys_only_itself(exchange.by_id)
-                checked[one] = startup
-                self._keep(list(checked))
-            for one, startup in checked.items():
-                self._go_on()
-                self._keep([other for other in servos if other is not one])
-                exchange.select([one.station])
-                with _about(one):
-                    if count > 1:
-                        startup.wake()
-                    ready.append(startup.enable())
-            self._keep(servos)
-            longest_s = longest_ns * 1e-9
+            ready, longest_s = self._started()
             hold_s = longest_s - asking_s(self._baud)
             if count > 1:
                 chosen.append(self._choose_way())
@@ -172,6 +152,31 @@ class DynamixelGroup:
         self.running = True
         chosen.append(Check("watched while it runs", True, *self._polls.describe()))
         return [[*checks, *chosen] for checks in ready]
+
+    def _started(self) -> tuple[list[list[Check]], float]:
+        """Check every servo, then enable every one; return checks and the longest reply [s]."""
+        servos, exchange, several = self.servos, self.exchange, len(self.servos) > 1
+        ready, checked, longest_ns = [], dict[Driven, Startup](), 0
+        for one in servos:
+            self._go_on()
+            exchange.select([one.station])
+            with _about(one):
+                startup = Startup(one)
+                longest_ns = max(longest_ns, startup.check())
+                if several:
+                    one.obeys_only_itself(exchange.by_id)
+            checked[one] = startup
+            self._keep(list(checked))
+        for one, startup in checked.items():
+            self._go_on()
+            self._keep([other for other in servos if other is not one])
+            exchange.select([one.station])
+            with _about(one):
+                if several:
+                    startup.wake()
+                ready.append(startup.enable())
+        self._keep(servos)
+        return ready, longest_ns * 1e-9
 
     def request(self) -> None:
         """Request all positions, without waiting unless a Bus Watchdog may have tripped.

@@ -507,28 +507,6 @@ def test_a_notch_at_the_vibration_allows_many_times_the_damping() -> None:
     assert 0.8 * slower < jittered.damping_ceiling < slower < ceiling
 
 
-def test_below_a_notch_a_slow_link_allows_hardly_any_damping() -> None:
-    """Of the believed frequencies 6 % oscillate on 0.14: the notch turns the damper's phase."""
-    servo: dict[str, Any] = {
-        "inertia": Bounded.exactly(2e-3),
-        "damping": Bounded.exactly(1.5e-4),
-        "load_inertia": Bounded.exactly(1.57e-4),
-        "flexible_hz": Bounded(4.8, 2.5, 9.2),
-        "flexible_damping_ratio": Bounded.exactly(5e-4),
-        "encoder": "motor",
-    }
-    where = replace(situation(**servo), served=(1.0, 1.0))
-    notch = VelocityFilter("notch", 0.03417, 0.782)
-    wall = one(Request(1e9, 1e3, "both", velocity_filter=notch), where, delay=2.46e-3)
-    rate = math.tau * np.linspace(2.5, 9.2, 300)
-    moving = 1.57e-4 * (2e-3 - 1.57e-4) / 2e-3
-    chain = two_masses(
-        2e-3 - 1.57e-4, 1.5e-4, 1.57e-4, moving * rate**2, 1e-3 * moving * rate, encoder="motor"
-    )
-    ceiling = chain_ceiling(*chain, 1e-3, 2.46e-3 + 0.5e-3, velocity_filter=notch).min()
-    assert 0.7 * ceiling < wall.damping_ceiling < ceiling
-
-
 @pytest.mark.parametrize("kind", ["lowpass", "notch"])
 def test_a_rigid_servos_limits_count_the_filter(kind: FilterKind) -> None:
     """With fractions of a period and an interval of two periods."""

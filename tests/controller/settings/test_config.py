@@ -131,6 +131,16 @@ def test_around_what_the_wall_comes_on_at_once(preset: str, sets: list[str], roo
             "wall.velocity_filter",
             "known to 60 Hz for a notch",
         ),
+        (
+            [
+                "wall.velocity_filter=notch",
+                "model.load_inertia=0.001",
+                "model.flexible_hz=50",
+                "servo.encoder=motor",
+            ],
+            "wall.velocity_filter",
+            "servo.encoder output",
+        ),
     ],
 )
 def test_a_velocity_filter_that_is_not_counted_is_refused(
