@@ -120,6 +120,10 @@ def _axes(ids: list[int] | None, urdf: Path | None, margin: float) -> Axes:
     }
 
 
+ARM = "loop.rate_hz=500", "wall.law=none", "wall.position=0"
+"""What a file for several axes begins with: a rate that six servos hold, and no wall"""
+
+
 def commented(preset: str, axes: Axes | None = None) -> str:
     """Return a configuration with every field, those that the preset does not set as comments.
 
@@ -130,7 +134,7 @@ def commented(preset: str, axes: Axes | None = None) -> str:
     Raises:
         UserError: They do not fit the preset.
     """
-    loaded = load_config(preset)
+    loaded = load_config(preset, ARM if axes and len(axes) > 1 else ())
     if axes:
         try:
             load_config(preset, [f"axes={json.dumps(axes)}"])

@@ -21,6 +21,7 @@ from haptic_wall.controller.settings.axis_names import split_path
 from haptic_wall.controller.settings.changes import changed, difference
 from haptic_wall.controller.settings.config import RUNS, Config
 from haptic_wall.hw.errors import ExplainedError
+from haptic_wall.hw.names import did_you_mean
 
 START_S: Final = 1.0
 """Least wait for the servo's start [s]"""
@@ -119,8 +120,17 @@ class ChangeDesk:
             prefix = self._prefix(axis)
             if not name or (sets and all(each.startswith(f"{prefix}wall.") for each in sets)):
                 return axis, [each.removeprefix(prefix) for each in sets]
+        found = "no change of the wall of one axis"
+        named = dict.fromkeys(
+            e.split(".")[1] for e in sets if e.startswith("axes.") and "." in e[5:]
+        )
+        if unknown := [name for name in named if name not in self._names]:
+            near = did_you_mean(unknown[0], self._names)
+            found = f"no axis {unknown[0]}{near and f' ({near})'}"
+        elif len(named) > 1:
+            found = f"changes of {len(named)} axes"
         raise UserError(
-            "found no change of the wall of one axis",
+            f"found {found}",
             field="set",
             wanted=f"axes.NAME.wall...=VALUE, where NAME is one of {', '.join(self._names)}",
             advice="give a command for each axis",

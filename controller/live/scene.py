@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from haptic_wall.controller.laws.wall import NONE
 from haptic_wall.controller.settings.config import Config
 
 POINTS: Final = 401
@@ -36,8 +37,8 @@ def law_over_position(
     """
     law = config.law(0.0)
     law.position = config.surface(started_at)
-    law.stiffness = stiffness
     wall = config.wall
+    law.stiffness = 0.0 if wall.law == NONE else stiffness
     ends = (wall.low or 0.0, wall.high or 0.0) if wall.law == "stops" else (0.0,)
     edges = [law.position + end for end in ends]
     low, high = min(low, *edges), max(high, *edges)

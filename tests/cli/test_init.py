@@ -47,6 +47,7 @@ def test_a_file_has_an_axis_for_each_id(cli: Cli, tmp_path: Path) -> None:
     assert cli("init", file, "--axes", "3,1", "--from", "xm430-w350").status == 0
     config = load_config(str(file)).config
     assert {name: one.servo.id for name, one in config.each.items()} == {"axis_3": 3, "axis_1": 1}
+    assert (config.loop.rate_hz, config.wall.law, config.wall.position) == (500.0, "none", 0.0)
     told = cli.refused("init", file, "--axes", "1,2", "--from", "emulated-arm", "--force")
     assert "wall.low: found nothing" in told and "give --urdf" in told and "axis_2" not in told
 

@@ -53,15 +53,16 @@ def test_a_change_is_of_the_wall_of_one_axis() -> None:
     config = load_config("simulated", sets).config
     desk = ChangeDesk(config, telemetry, Offers(telemetry), told.append)
     inbox.tell([KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, True)] * 2)
-    for wrong in (
-        ["wall.stiffness=3"],
-        ["axes.arm.delay.steps=2"],
-        ["axes.arm.wall.damping=0", "axes.elbow.wall.damping=0"],
-        ["axes.elbwo.wall.damping=0"],
+    no_wall = "no change of the wall of one axis"
+    for wrong, found in (
+        (["wall.stiffness=3"], no_wall),
+        (["axes.arm.delay.steps=2"], no_wall),
+        (["axes.arm.wall.damping=0", "axes.elbow.wall.damping=0"], "changes of 2 axes"),
+        (["axes.elbwo.wall.damping=0"], "no axis elbwo (did you mean elbow?)"),
     ):
         answer = desk.begin(wrong, 1.0)
         assert answer is not None
-        assert "found no change of the wall of one axis" in answer["error"]
+        assert f"found {found}, wanted" in answer["error"]
         assert "NAME is one of arm, elbow" in answer["error"]
     answer = desk.begin(["axes.elbow.wall.stiffness=-1"], 1.0)
     assert answer is not None and answer["field"] == "axes.elbow.wall.stiffness"
