@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from haptic_wall.controller.report.style import BLUE, GREY, INK, ORANGE, PAGE, g
 
 _SHADES = {State.DECAYING: "#e3efe4", State.SUSTAINED: "#fbe3c8", State.GROWING: "#f6c6c0"}
 MOST_PARTS = 200
+FEW = 5
+"""Samples with an oscillation below which they are dots"""
 
 
 def plot_detection(parts: Sequence[Part], found: Sequence[DetectionRecord], path: Path) -> None:
@@ -27,6 +30,8 @@ def plot_detection(parts: Sequence[Part], found: Sequence[DetectionRecord], path
     with picture(path, PAGE, 4.4) as figure:
         motion, pace = figure.subplots(2, 1, sharex=True, height_ratios=[2.6, 1.0])
         drawn = list(zip(parts, found, strict=True))[:MOST_PARTS]
+        states = {each for _, record in drawn for each in np.unique(record.state).tolist()}
+        any_seen = any(np.any(record.amplitude > 0.0) for _, record in drawn)
         for number, (part, record) in enumerate(drawn):
             first = number == 0
             label = "position" if first else None
@@ -34,13 +39,16 @@ def plot_detection(parts: Sequence[Part], found: Sequence[DetectionRecord], path
             seen = record.amplitude > 0.0
             size = np.where(seen, record.amplitude, np.nan)
             middle = float(np.nanmean(part.positions))
+            # a run that ends at the alarm has one such sample
+            dot: dict[str, Any] = {"marker": "o", "markersize": 3.0} if np.sum(seen) < FEW else {}
             for sign in (1.0, -1.0):
-                label = "amplitude" if first and sign > 0 else None
-                motion.plot(part.times, middle + sign * size, color=ORANGE, lw=0.9, label=label)
+                label = "amplitude" if first and sign > 0 and any_seen else None
+                at = middle + sign * size
+                motion.plot(part.times, at, color=ORANGE, lw=0.9, label=label, **dot)
             for state, color in _SHADES.items():
-                label = state.name.lower() if first else None
+                label = state.name.lower() if first and state in states else None
                 shade(motion, part.times, record.state == state, color=color, label=label)
-            pace.plot(part.times, record.frequency_hz, color=BLUE, lw=0.9)
+            pace.plot(part.times, record.frequency_hz, color=BLUE, lw=0.9, **dot)
         alarms = [record.first_alarm_s for record in found if np.isfinite(record.first_alarm_s)]
         if alarms:
             motion.axvline(alarms[0], color=GREY, lw=0.9, ls="--", label="first alarm")
