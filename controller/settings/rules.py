@@ -294,9 +294,9 @@ def _filter(config: Sections) -> Iterator[Problem]:
         yield Problem(f"found {wall.velocity_q:g}", wanted=wanted, field="wall.velocity_q")
     hz = model.flexible_hz
     wide = hz is None or hz.high - hz.low > WIDEST_NOTCHED_HZ
-    notched = wall.velocity_filter == "notch" and (
-        model.load_inertia is not None and model.load_inertia.high > 0.0
-    )
+    load = model.load_inertia
+    linked = config.servo.load_inertia > 0.0 if load is None else load.high > 0.0
+    notch = wall.velocity_filter == "notch"
     lacking = {
         "wall.law wall": wall.law != "wall",
         "wall.side both: a one-sided wall's limit is not known with a filter": wall.side != "both",
@@ -307,9 +307,13 @@ def _filter(config: Sections) -> Iterator[Problem]:
         "model.backlash 0: its limit is not known with a filter": (
             model.backlash is not None and model.backlash.high > 0.0
         ),
-        f"model.flexible_hz known to {WIDEST_NOTCHED_HZ:g} Hz for a notch": (notched and wide),
+        f"model.flexible_hz known to {WIDEST_NOTCHED_HZ:g} Hz for a notch": (
+            notch and load is not None and linked and wide
+        ),
         "servo.encoder output for a notch: on the motor's side a damper needs none against a link, "
-        "and its limits are not known with one": notched and config.servo.encoder == "motor",
+        "and its limits are not known with one": (
+            notch and linked and config.servo.encoder == "motor"
+        ),
     }
     for wanted in [each for each, broken in lacking.items() if broken][:1]:
         found = f"found {wall.velocity_filter}"
