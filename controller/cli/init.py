@@ -121,7 +121,7 @@ def _axes(ids: list[int] | None, urdf: Path | None, margin: float) -> Axes:
 
 
 ARM = "loop.rate_hz=500", "wall.law=none", "wall.position=0"
-"""What a file for several axes begins with: a rate that six servos hold, and no wall"""
+"""Defaults of a file for several axes: a rate that six servos hold, and no wall"""
 
 
 def commented(preset: str, axes: Axes | None = None) -> str:

@@ -200,9 +200,9 @@ class Backstop:
             self._asked = self.motions.bounces
 
     @property
-    def _several(self) -> bool:
-        """Whether the run has other axes."""
-        return len(self._shared.axes) > 1
+    def _alone(self) -> bool:
+        """Whether the run has no other axis."""
+        return len(self._shared.axes) == 1
 
     @property
     def _asks(self) -> bool:
@@ -236,7 +236,7 @@ class Backstop:
         """React to a motion on the whole wall that does not decay: alarm, probe, or wait."""
         settings, probe = self._settings, self._probe
         regular = suspected(seen, settings)
-        if not (regular or (self._several and seen.beats(self.wall.stiffness))):
+        if not (regular or (not self._alone and seen.beats(self.wall.stiffness))):
             self.alarm = self.alarm and seen is not self._asked
             return
         self._asked = seen
@@ -249,7 +249,7 @@ class Backstop:
             like_hand=probe.like_hand,
             held_off=probe.held_off(self._time),
             regular=regular,
-            alone=not self._several,
+            alone=self._alone,
         )
         if what == Suspicion.PROBE:
             self._ask()
@@ -351,6 +351,7 @@ class Backstop:
             self._time,
             softest=self._gives_way(reduction.step),
             slowest=self._slowest,
+            alone=self._alone,
         )
         if course == Course.DIED:
             self._died()
@@ -374,7 +375,7 @@ class Backstop:
     def _slowest(self) -> float:
         """Return the period of the slowest motion at K [s]; with links nobody knows it."""
         stiffness = self.wall.stiffness
-        if self._several or stiffness <= 0.0:
+        if not self._alone or stiffness <= 0.0:
             return math.inf
         return math.tau * math.sqrt(self._settings.heavy / stiffness)
 

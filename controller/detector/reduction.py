@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from enum import IntEnum
 
 from haptic_wall.controller.detector.regularity import (
@@ -94,6 +93,7 @@ class Reduction:
         *,
         softest: bool,
         slowest: float,
+        alone: bool,
     ) -> Course:
         """Judge the motion, whose last half-cycle has just ended.
 
@@ -103,8 +103,9 @@ class Reduction:
             settings: Those of the watch.
             at: Time now [s].
             softest: The load would push through softer walls.
-            slowest: Period of the slowest motion that the wall may make [s]; infinite: the motion
-                is that of a link as well, which a hand that hits it again and again keeps going.
+            slowest: Period of the slowest motion that the wall may make [s].
+            alone: The run has no other axis. A hand that taps an arm keeps the motion of its links
+                going.
         """
         last, size = seen.motion.last, seen.size
         large = size >= settings.threshold
@@ -121,7 +122,7 @@ class Reduction:
             self._begun = at
         if self._small and not (lasts(last) and self.count >= TUNING.steady):
             return Course.OPEN
-        enough = TUNING.regular_long if math.isinf(slowest) else 1
+        enough = 1 if alone else TUNING.regular_long
         softest = softest or self.step >= TUNING.steps
         longest = min(TUNING.cycles * slowest, TUNING.longest_s)
         late = not seen.contacts and at - self._begun > longest

@@ -18,14 +18,14 @@ _MEASURE = (
 
 def decision_report(
     decision: Decision,
-    further: Sequence[str] = (),
+    reasons: Sequence[str] | None = None,
     now: tuple[float, float] | None = None,
 ) -> dict[str, object]:
     """Return the decision for a JSON report: no NaN, no infinity, None for what does not apply.
 
     Args:
         decision: Decision of the guard.
-        further: Reasons besides the guard's, placed after them.
+        reasons: Why less is commanded than requested; None: the guard's reasons alone.
         now: Stiffness and damping that are really commanded; None: those of the decision.
     """
     stiffness, damping = now or (decision.stiffness, decision.damping)
@@ -40,7 +40,7 @@ def decision_report(
         "encoder_damping": finite(decision.encoder_damping),
         "margin": decision.margin,
         "binding": decision.binding,
-        "reasons": [*decision.reasons, *further],
+        "reasons": list(decision.reasons if reasons is None else reasons),
         "only_friction": decision.only_friction,
         "interval_s": decision.period,
         "velocity_filter": filter_report(decision.request.velocity_filter, decision.period),

@@ -81,8 +81,8 @@ def delays(
         every: Whether all frequencies are counted at each delay.
         quick: ``is_quick``.
     """
-    span = math.inf if every else _CYCLES
-    found = [Knot(0.0, *_counted(low, high, period, 0.0, span))]
+    cycles = math.inf if every else _CYCLES
+    found = [Knot(0.0, *_counted(low, high, period, 0.0, cycles))]
     while found[-1].delay <= longest + 1e-12:
         last = found[-1]
         after = last.delay + period
@@ -93,10 +93,10 @@ def delays(
         widened = (1.0 / _SLOWER - 1.0) * after
         if not every and step < widened and (last.high < high or low * after > 1.0):
             delay = last.delay + widened
-            found.append(Knot(delay, *_counted(_SLOWER * low, high, period, delay, span)))
+            found.append(Knot(delay, *_counted(_SLOWER * low, high, period, delay, cycles)))
         else:
             delay = last.delay + step
-            found.append(Knot(delay, *_counted(low, high, period, delay, span)))
+            found.append(Knot(delay, *_counted(low, high, period, delay, cycles)))
     return found
 
 

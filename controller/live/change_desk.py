@@ -121,9 +121,8 @@ class ChangeDesk:
             if not name or (sets and all(each.startswith(f"{prefix}wall.") for each in sets)):
                 return axis, [each.removeprefix(prefix) for each in sets]
         found = "no change of the wall of one axis"
-        named = dict.fromkeys(
-            e.split(".")[1] for e in sets if e.startswith("axes.") and "." in e[5:]
-        )
+        prefixes = dict.fromkeys(split_path(each)[0] for each in sets)
+        named = [prefix.split(".")[1] for prefix in prefixes if prefix]
         if unknown := [name for name in named if name not in self._names]:
             near = did_you_mean(unknown[0], self._names)
             found = f"no axis {unknown[0]}{near and f' ({near})'}"

@@ -49,42 +49,36 @@ def guard_report(
     unknown = model.flexible_hz is None and (
         config.servo.kind == "hardware" or belief.transmission_stiffness.high > 0.0
     )
-    further = list(_besides_the_guard(config, decision, axis, missed, bus))
-    report = decision_report(decision, further, now=axis.commanded)
-    if reduced := _reduced(decision, axis):
-        report |= {"reasons": [reduced, *decision.reasons, *further]}
+    reasons = list(_reasons(config, decision, axis, missed, bus))
     return {
-        **report,
+        **decision_report(decision, reasons, now=axis.commanded),
         "assumed": assumed(belief, decision) if unknown else None,
     }
 
 
-def _besides_the_guard(
+def _reasons(
     config: Config, decision: Decision, axis: Axis, missed: int, bus: Mapping[str, Any] | None
 ) -> Iterator[str]:
-    """Say why less is commanded than the guard allows of the grid's own period."""
-    stiffness = axis.commanded[0]
+    """Say why less is commanded than requested: an oscillation first, then the guard's reasons."""
+    watch, (stiffness, damping) = axis.watch, axis.commanded
+    reduced = watch.backstop.wall.reduced[0] < 1.0 and math.isfinite(watch.first_alarm_s)
+    if reduced:
+        yield (
+            f"an oscillation of {watch.frequency_hz:.3g} Hz was found after "
+            f"{watch.first_alarm_s:.3g} s: the stiffness is reduced to "
+            f"{100 * _share(stiffness, decision.stiffness):.3g} % and the damping to "
+            f"{100 * _share(damping, decision.damping):.3g} % of what the guard allows, until "
+            "`kill -USR1` requests the full wall; model.delay or another value of model.* may be "
+            "wrong"
+        )
+    yield from decision.reasons
     if decision.period > config.period_ns * 1e-9:
         yield _slower(config, decision, missed, bus)
-    if stiffness < decision.stiffness and not _reduced(decision, axis):
+    if stiffness < decision.stiffness and not reduced:
         yield (
             f"{decision.stiffness:.4g} N·m/rad are allowed, but K rises only at positions where "
             "this adds at most safety.engage_torque, and the shaft has not been there since"
         )
-
-
-def _reduced(decision: Decision, axis: Axis) -> str | None:
-    """Say that the wall is reduced because of an oscillation; None: it is not."""
-    watch, (stiffness, damping) = axis.watch, axis.commanded
-    if watch.backstop.wall.reduced[0] == 1.0 or math.isnan(watch.first_alarm_s):
-        return None
-    return (
-        f"an oscillation of {watch.frequency_hz:.3g} Hz was found after "
-        f"{watch.first_alarm_s:.3g} s: the stiffness is reduced to "
-        f"{100 * _share(stiffness, decision.stiffness):.3g} % and the damping to "
-        f"{100 * _share(damping, decision.damping):.3g} % of what the guard allows, until `kill "
-        "-USR1` requests the full wall; model.delay or another value of model.* may be wrong"
-    )
 
 
 def _slower(config: Config, decision: Decision, missed: int, bus: Mapping[str, Any] | None) -> str:

@@ -270,14 +270,14 @@ def _load(config: Sections) -> Iterator[Problem]:
         )
     truth = (servo.inertia or 0.0) + servo.load_inertia
     whole = truth if model.inertia is None else model.inertia.value
-    believed = model.load_inertia is not None
-    part = model.load_inertia.value if model.load_inertia else servo.load_inertia
+    given = model.load_inertia
+    part = servo.load_inertia if given is None else given.value
     if not model.bare and 0.0 < HEAVIEST * whole < part:
         yield Problem(
             f"found {part:g} kg·m²",
             wanted=f"at most {HEAVIEST:g} times model.inertia, {whole:g}, the inertia of everything"
             " that the servo turns, as identify measures it: the load is a part of it",
-            field="model.load_inertia" if believed else "servo.load_inertia",
+            field=f"{'servo' if given is None else 'model'}.load_inertia",
         )
 
 

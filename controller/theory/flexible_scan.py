@@ -57,7 +57,7 @@ class FlexibleScan:
     F is dampings × servos × frequencies, D servos × frequencies; each as real and imaginary part.
     """
 
-    def __init__(self, f: _Parts, d: _Parts, size: FloatArray) -> None:
+    def __init__(self, f: _Parts, d: _Parts, size: FloatArray | None) -> None:
         self._f, self._d, self._size = f, d, size
         self._ceiling = self._dampings(1.0)
 
@@ -71,10 +71,12 @@ class FlexibleScan:
             square = d_real**2 + d_imag**2
             real = (f_real * d_real + f_imag * d_imag) / square
             imag = (f_imag * d_real - f_real * d_imag) / square
-            return sign * real, imag * size.ravel()[at_d]
+            return sign * real, imag if size is None else imag * size.ravel()[at_d]
 
-        # where D goes through 0, F/D changes its sign and no pole is on the circle
-        return _least((f.imag * d.real > f.real * d.imag) ^ (size < 0.0), values)
+        positive = f.imag * d.real > f.real * d.imag
+        if size is not None:  # where D goes through 0, F/D changes its sign, with no pole there
+            positive ^= size < 0.0
+        return _least(positive, values)
 
     @classmethod
     def of(
@@ -121,7 +123,10 @@ class FlexibleScan:
         f = _inverse(numerator, below, 2j * half.imag * half, late)
         d = _Parts.of(difference(w, half, samples, period, velocity_filter))
         size = _size(w, samples, velocity_filter)
-        return [cls(f.of_servos(own), d.of_servos(own), size[own]) for own in spans]
+        return [
+            cls(f.of_servos(own), d.of_servos(own), None if size is None else size[own])
+            for own in spans
+        ]
 
     def ceilings(self) -> FloatArray:
         """Return the virtual damping above which no stiffness from 0 on is stable [N·m·s/rad]."""
@@ -169,10 +174,13 @@ class _Parts(NamedTuple):
         return self.real.ravel()[index], self.imag.ravel()[index]
 
 
-def _size(w: FloatArray, samples: int, velocity_filter: VelocityFilter | None) -> FloatArray:
-    """Return D over its direction and what is above 0, servos × frequencies."""
-    found = np.ones_like(w) if samples == 1 else np.sin(0.5 * samples * w)
-    return found if velocity_filter is None else found * velocity_filter.above(w)
+def _size(w: FloatArray, samples: int, velocity_filter: VelocityFilter | None) -> FloatArray | None:
+    """Return D over its direction and what is above 0, servos × frequencies; None: it has no 0."""
+    found = None if samples == 1 else np.sin(0.5 * samples * w)
+    if velocity_filter is None:
+        return found
+    passed = velocity_filter.above(w)
+    return passed if found is None else found * passed
 
 
 def _inverse(

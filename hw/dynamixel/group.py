@@ -173,7 +173,7 @@ class DynamixelGroup:
             exchange.select([one.station])
             with _about(one):
                 if several:
-                    startup.wake()
+                    one.look(0)  # the checks of others may have taken longer than its watchdog
                 ready.append(startup.enable())
         self._keep(servos)
         return ready, longest_ns * 1e-9

@@ -78,13 +78,6 @@ class Startup:
         self._seen = seen
         return longest_ns
 
-    def wake(self) -> None:
-        """Arm the Bus Watchdog again if it has tripped while other servos were checked."""
-        table = self._table
-        if table.read("bus_watchdog") != self._servo.units:
-            table.write("bus_watchdog", 0)
-            table.write("bus_watchdog", self._servo.units)
-
     def enable(self) -> list[Check]:
         """Switch torque on at a goal of zero, after ``check``, and prove its sign.
 
