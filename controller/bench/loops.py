@@ -11,10 +11,10 @@ import json
 import math
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol
 
 from haptic_wall.controller.bench.bare_loop import PERCENTILES
 from haptic_wall.controller.emulated_bus.bus import PROGRAM
@@ -53,8 +53,12 @@ class Turn(NamedTuple):
     """Processor's work of a cycle, without its waits; by percentile [µs]"""
 
 
-Loop = Callable[[str, float, float], Turn]
-"""Runs on the bus at a path, for so long [s], at a rate [Hz]"""
+class Loop(Protocol):
+    """Runs on the bus at a path, for so long [s], at a rate [Hz], with so many servos."""
+
+    def __call__(self, path: str, seconds: float, rate_hz: float, servos: int = 1, /) -> Turn:
+        """Run once."""
+        ...
 
 
 @contextmanager
@@ -73,13 +77,14 @@ def emulated_bus(**plan: object) -> Iterator[str]:
         yield path
 
 
-def bare(path: str, seconds: float, rate_hz: float) -> Turn:
-    """Run the bare loop.
+def bare(path: str, seconds: float, rate_hz: float, servos: int = 1) -> Turn:
+    """Run the bare loop, for one servo or six.
 
     Raises:
         PlatformError: It did not end by itself.
     """
-    words = ["haptic_wall.controller.bench.bare_loop", path, str(seconds), "--rate", str(rate_hz)]
+    options = ["--rate", str(rate_hz), "--servos", str(servos)]
+    words = ["haptic_wall.controller.bench.bare_loop", path, str(seconds), *options]
     told = told_by("the bare loop", words, None, seconds, os.sched_getaffinity(0))
     return Turn(int(told["missed_ticks"]), {p: told[f"work_us_p{p}"] for p in PERCENTILES})
 
@@ -107,19 +112,27 @@ def told_by(
     return figures
 
 
-def ours(path: str, seconds: float, rate_hz: float) -> Turn:
+def ours(path: str, seconds: float, rate_hz: float, servos: int = 1) -> Turn:
     """Run the whole program once: supervisor, loop with guard and detector, recorder.
 
-    Its log is discarded. A Ctrl-C ends it immediately: the handlers of ``haptic-wall run`` only ask
-    the run to stop, and would lose one that comes when the loop has just ended. A run that a trip
-    has ended, on a machine that is too slow, has skipped all remaining periods.
+    Its log is discarded. Several servos, with the ids from 1 on, are an axis each. A Ctrl-C ends it
+    immediately: the handlers of ``haptic-wall run`` only ask the run to stop, and would lose one
+    that comes when the loop has just ended. A run that a trip has ended, on a machine that is too
+    slow, has skipped all remaining periods.
 
     Raises:
         ServoError: The servo could not be started.
     """
+    sets: tuple[str, ...]
     sets = (f"servo.port={path}", f"loop.rate_hz={rate_hz!r}", f"loop.warm_up_s={_WARM_UP_S}")
+    if servos > 1:
+        axes = ", ".join(f"a{id_}: {{servo: {{id: {id_}}}}}" for id_ in range(1, servos + 1))
+        sets += (f"axes={{{axes}}}",)
     loaded = load_config("xm430-w350", (*FORGIVING, *AT_REST, *sets))
-    with tempfile.TemporaryDirectory() as folder, closing(Telemetry.create()) as telemetry:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        closing(Telemetry.create(axes=servos)) as telemetry,
+    ):
         log = Path(folder) / "run.hwlog"
         plan = Plan(loaded.config, seconds, log, {"name": loaded.name}, None)
         ended = Supervisor(plan, telemetry, lambda _text: None).run()

@@ -18,6 +18,7 @@ SECTIONS = {
     "boundary": "haptic_wall.controller.bench.boundary",
     "array_simulation": "haptic_wall.controller.bench.array_simulation",
     "torque_frames": "haptic_wall.controller.bench.torque_frames",
+    "rates": "haptic_wall.controller.bench.rates",
     "lost_reply": "haptic_wall.controller.bench.lost_reply",
 }
 """Module of each section, which has ``measure() -> Section``."""
@@ -35,7 +36,7 @@ SECTIONS = {
 def command(names: tuple[str, ...]) -> None:
     """Measure timing, limits, simulation and bus cycles of this program on this machine.
 
-    Compared programs take turns over several rounds, three minutes in all; the figures are medians.
+    Compared programs take turns over several rounds, six minutes in all; the figures are medians.
     Times hold for this machine at this moment. Ctrl-C ends the command with a report of the
     finished sections.
     """
