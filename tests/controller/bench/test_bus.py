@@ -6,9 +6,10 @@ from typing import NoReturn
 import numpy as np
 import pytest
 
-from haptic_wall.controller.bench import torque_frames
-from haptic_wall.controller.bench.loops import emulated_bus
+from haptic_wall.controller.bench import rates, torque_frames
+from haptic_wall.controller.bench.loops import Turn, emulated_bus
 from haptic_wall.controller.bench.lost_reply import request_to_torque_s
+from haptic_wall.controller.bench.rates import highest_rate_hz
 from haptic_wall.controller.bench.report import measured
 from haptic_wall.controller.bench.torque_frames import held_up, intervals_us
 from haptic_wall.controller.emulated_bus.record import BusRow
@@ -40,6 +41,22 @@ class TestTorqueFrames:
         assert torque_frames.torque_frames(rows).tolist() == [1.0, 1.4]
 
 
+class TestRates:
+    def test_the_highest_rate_is_found_beside_stalls_of_the_machine(self) -> None:
+        tried: list[float] = []
+
+        def loop(_path: str, seconds: float, rate_hz: float, _servos: int = 1) -> Turn:
+            tried.append(rate_hz)
+            stalled = tried.count(rate_hz) == 1  # the first time at each rate
+            return Turn(int(0.02 * seconds * rate_hz) if stalled or rate_hz > 1850 else 0, {})
+
+        assert highest_rate_hz(loop, "") == 1834
+        assert len(tried) < 12
+
+    def test_a_loop_that_holds_no_rate_has_the_least(self) -> None:
+        assert highest_rate_hz(lambda *_: Turn(10**9, {}), "") == 707
+
+
 class TestLostReply:
     def test_the_time_runs_from_the_unanswered_request_to_the_next_torque(self) -> None:
         rows = [
@@ -65,15 +82,32 @@ def test_both_loops_run_on_one_bus_and_the_bus_ends_whatever_comes(
     monkeypatch.setattr(torque_frames, "_SECONDS", 0.5)
     monkeypatch.setattr(torque_frames, "_RATE_HZ", 500.0)  # a busy machine holds this too
     section = torque_frames.measure()
-    (compared,) = [each for each in section.rows if "p99: over" in each.name]
-    ours, bare = (
-        next(e.value for e in section.rows if e.name.startswith(name) and e.name.endswith("p99"))
-        for name in ("haptic-wall", "bare loop")
-    )
-    assert compared.value == pytest.approx(ours / bare)
+    values = {each.name: each.value for each in section.rows}
+    compared = {name: value for name, value in values.items() if name.endswith("bare loop")}
+    assert len(compared) == 4
+    for name, value in compared.items():
+        ours = name.removesuffix(": over that of the bare loop")
+        theirs = ours.replace("haptic-wall", "bare loop")
+        assert value == pytest.approx(values[ours] / values[theirs])
     with pytest.raises(KeyboardInterrupt), emulated_bus() as path:
         raise KeyboardInterrupt
     assert not Path(path).exists()
+
+
+@pytest.mark.whole
+@pytest.mark.realtime
+def test_both_loops_drive_six_servos_and_find_a_rate(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in {
+        "_ROUNDS": 1,
+        "_SIX_ROUNDS": 1,
+        "_SECONDS": 0.3,
+        "_SIX_SECONDS": 0.5,
+    }.items():
+        monkeypatch.setattr(rates, name, value)
+    monkeypatch.setattr(rates, "_RATES_HZ", [250, 500])
+    rows = rates.measure().rows
+    assert [row.unit for row in rows] == ["Hz", "Hz", "1", "µs", "µs", "1", "µs", "µs", "1"]
+    assert all(row.value > 0.0 for row in rows)
 
 
 def test_a_machine_where_the_bus_cannot_start_gets_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
