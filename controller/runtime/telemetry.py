@@ -72,6 +72,12 @@ FLAG_RAISED = 16
 """The return to the full wall was requested."""
 FLAG_CHANGED = 32
 """From this tick on a change of the running wall is in force."""
+FLAG_ALARM = 64
+"""The alarm of an oscillation holds."""
+FLAG_PROBED = 128
+"""The wall is softer, to probe a motion of this or another axis."""
+FLAG_REDUCED = 256
+"""The wall is softer since an alarm, or has not yet returned from a probe or an alarm."""
 
 
 _ROW_STRUCT = struct.Struct(f"<{len(INT_FIELDS)}q{len(FLOAT_FIELDS)}d")
