@@ -65,6 +65,7 @@ class End(StrEnum):
 
 
 StopReason = End | Trip
+REASONS: Final[tuple[StopReason, ...]] = (*End, *Trip)
 
 
 def stop_reason(text: str) -> StopReason:

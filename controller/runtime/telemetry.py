@@ -145,6 +145,8 @@ class Word(IntEnum):
     """Not 0: the servos have been told to the door (loop)."""
     STOP_AXIS = 24
     """Number of the axis that ended the run, from 1; 0: none did (loop)."""
+    REASON = 25
+    """Number of the stop reason in ``safety.REASONS``, from 1; 0: the loop goes on (loop)."""
     OFFSET_NS = elastic.PLACE + elastic.OFFSET
     """Time that the loop has taken out of its clock [ns]; see ``hw.elastic`` (loop)."""
     WAITED_NS = elastic.PLACE + elastic.WAITED
