@@ -222,6 +222,6 @@ def test_a_folder_that_was_made_in_vain_is_removed(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     command, *rest = words.split()
-    answer = cli(command, "xm430-w350", "--set", "servo.port=/dev/nosuch", "--yes", *rest)
+    answer = cli(command, "xm430-w350", "--set", "servo.port=/dev/null", "--yes", *rest)
     assert answer.status == 4
     assert not list(tmp_path.iterdir())
