@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.errors import PortError, Problem, SpecError
 from haptic_wall.hw.hand import SharedHand
+from haptic_wall.hw.names import did_you_mean
 from haptic_wall.hw.servo import Bus
 from haptic_wall.hw.settings import ServoSettings
 
@@ -30,6 +31,18 @@ def torque_models() -> Mapping[str, Model]:
     from haptic_wall.hw.dynamixel.tables import MODELS
 
     return MODELS
+
+
+def other_model(name: str) -> str:
+    """Return advice for a name that is none of ``torque_models``; empty: there is none."""
+    from haptic_wall.hw.dynamixel.tables import MODELS, NO_CURRENT_MODE
+
+    asked = name.strip().upper()
+    series = asked.partition("-")[0]
+    alike = [known for known in NO_CURRENT_MODE.values() if known.partition("-")[0] == series]
+    if alike:
+        return f"the {alike[0]} has no current mode, so that no torque can be commanded"
+    return did_you_mean(asked, MODELS)
 
 
 def problems(servos: Sequence[ServoSettings]) -> Iterator[Problem]:

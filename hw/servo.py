@@ -12,6 +12,8 @@ JUMP_SHARE: Final = 3.0
 """Largest plausible speed of a shaft, as a multiple of the no-load speed"""
 JUMP_SPEED: Final = 30.0
 """The same where the no-load speed is not known [rad/s]"""
+WHOLE: Final = 1e-9
+"""Tolerance, so that rounding does not take a step from an exact torque [steps]"""
 
 
 class Outcome(IntEnum):
@@ -60,6 +62,14 @@ class Facts:
     no_load_speed: float = 0.0
     """Its speed without a load [rad/s]; 0: not known, or it has none. At the supply found by
     ``start``; before, at the nominal one."""
+    rounds_down: bool = False
+    """A torque between two possible ones is rounded toward zero, not to the nearer one"""
+
+    def within(self, torque: float) -> float:
+        """Return the largest torque that, once rounded, does not exceed this one [N·m], >= 0."""
+        if self.rounds_down or not self.torque_step or math.isinf(torque):
+            return torque
+        return math.floor(torque / self.torque_step + WHOLE) * self.torque_step
 
     @property
     def position_step(self) -> float:

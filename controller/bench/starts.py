@@ -7,8 +7,8 @@ from typing import Final
 
 from haptic_wall.controller.bench.rows import Section, interleaved, over_rounds
 from haptic_wall.controller.guard.work import Work
-from haptic_wall.controller.runtime.assembly import guard_decisions
 from haptic_wall.controller.runtime.handover import KnownServo
+from haptic_wall.controller.runtime.session_start import decisions
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
@@ -62,6 +62,6 @@ def measure() -> Section:
 
 
 def _decide(run: Config) -> None:
-    bus, work = open_bus(run.servos(), SimulatedClock(), None), Work()
-    for config, facts in zip(run.each.values(), bus.facts, strict=True):
-        guard_decisions(config, KnownServo(facts, Traffic([]), simulated=False), work=work)
+    bus = open_bus(run.servos(), SimulatedClock(), None)
+    servos = [KnownServo(facts, Traffic([]), simulated=False) for facts in bus.facts]
+    decisions(zip(run.each.values(), servos, strict=True), Work())

@@ -70,6 +70,18 @@ class Asked:
         """Return the configuration's name, for messages."""
         return self.loaded.name
 
+    def find_port(self) -> None:
+        """Refuse a port that does not exist, before any work is done.
+
+        Raises:
+            PortError: There is none.
+        """
+        servo = self.config.servo
+        if servo.kind == "hardware" and (self.yes or sys.stdin.isatty()):  # else it is refused
+            from haptic_wall.hw.serialport.port import device_number
+
+            device_number(servo.port or "")
+
     def may_move(self) -> None:
         """Wait for a person's consent before a real servo moves by itself.
 
@@ -115,6 +127,8 @@ def experiment(
             **own: Any,  # noqa: ANN401 - the command's own options
         ) -> None:
             asked = asked_of(config, sets, out, yes, axis, of_walls=of_walls, filters=filters)
+            if moves:
+                asked.find_port()
             function(asked, **own)
 
         return experiment_options(out, config_argument(default), moves=moves)(command)

@@ -125,6 +125,7 @@ def command(
     if config is None:
         raise UserError("missing", field="CONFIG", advice="give a configuration, or --record FILE")
     asked = asked_of(config, sets, out, yes, axis)
+    asked.find_port()
     from haptic_wall.controller.experiments.identify.identification import announcement, bounds_of
     from haptic_wall.controller.experiments.identify.text import report
 

@@ -134,10 +134,11 @@ def commented(preset: str, axes: Axes | None = None) -> str:
     Raises:
         UserError: They do not fit the preset.
     """
-    loaded = load_config(preset, ARM if axes and len(axes) > 1 else ())
+    sets = ARM if axes and len(axes) > 1 else ()
+    loaded = load_config(preset, sets)
     if axes:
         try:
-            load_config(preset, [f"axes={json.dumps(axes)}"])
+            load_config(preset, [*sets, f"axes={json.dumps(axes)}"])
         except ConfigError as error:
             raise UserError(
                 f"{preset} cannot have such axes: {error.problems[0]}",

@@ -194,7 +194,7 @@ def _make(folder: Path) -> None:
 
     def remove() -> None:
         with suppress(OSError):
-            for each in (*folder.iterdir(), *made):
+            for each in made:
                 each.rmdir()
 
     if made:

@@ -130,12 +130,10 @@ class _Checkup:
         try:
             for name, settings in axes.items():
                 report.axis = name
-                found = self._locator.find(settings) if report.reached else None
+                found = self._examined(settings) if report.reached else None
                 if found is None:
                     ready = False
                     continue
-                quiet = self._set_up(settings, found)
-                ready &= quiet and found.baud == settings.baud
                 model = model_by_number(found.model_number)
                 fast &= model is not None and model.knows_fast_reads(found.firmware)
             report.axis = ""
@@ -157,11 +155,27 @@ class _Checkup:
         except PortError as error:
             self.report.reached = False
             self._add(of_error("port", error, "a port that stays", "check the adapter"))
-        except ServoError as error:
-            self._add(of_error("servo answers", error, "answers always", f"check {WIRING}"))
+        except ServoError as error:  # of the measurement
+            self._add(_lost(error))
         return None
 
     # The servo
+
+    def _examined(self, settings: DriverSettings) -> FoundServo | None:
+        """Find a servo and check it; None: it is not ready to be timed.
+
+        Raises:
+            PortError: The port cannot be used any more.
+        """
+        try:
+            found = self._locator.find(settings)
+            if found is not None and self._set_up(settings, found):
+                return found if found.baud == settings.baud else None
+        except PortError:
+            raise
+        except ServoError as error:  # of this one: the others may be well
+            self._add(_lost(error))
+        return None
 
     def _set_up(self, settings: DriverSettings, found: FoundServo) -> bool:
         """Check model, firmware and registers; return whether torque is off."""
@@ -216,13 +230,14 @@ class _Checkup:
     def machine(self, measured: dict[str, Any]) -> None:
         """Judge the measurements of the bus, if any, and of the machine."""
         config = self._config
-        lateness = judge_lateness(measured["lateness_ns"], config.period_ns)
+        settings = [Check(**setting) for setting in measured["realtime"]]
+        granted = any(each.name == "scheduler" and each.ok for each in settings)
+        lateness = judge_lateness(measured["lateness_ns"], config.period_ns, granted=granted)
         if measured["failed"] is not None:
             error = ServoError(measured["failed"])
             self._add(of_error("reply time", error, "answers always", f"check {WIRING}"))
         elif measured["replies"] is not None:
             self._timing(Replies(**measured["replies"]), stalls=not lateness.ok)
-        settings = [Check(**setting) for setting in measured["realtime"]]
         self._add(lateness)
         self._add(*judge_rights(settings, config.realtime.profile))
         self._core()
@@ -244,3 +259,8 @@ class _Checkup:
             stalls,
         )
         self._add(*timing.checks())
+
+
+def _lost(error: ServoError) -> Check:
+    """Return the check of a servo whose replies do not come, or are not its own."""
+    return of_error("servo answers", error, "answers always", f"check {WIRING}")

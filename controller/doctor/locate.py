@@ -82,7 +82,13 @@ class Locator:
         listed = ", ".join(map(name_of, servos))
         garbled = [str(one.baud) for one in searches if one.garbled]
         found, fix = "nothing at any rate", f"check {WIRING}"
-        if servos:
+        if servos and here.garbled:
+            found = f"garbage at {here.baud} bit/s, beside {listed}"
+            fix = (
+                f"two servos have id {settings.id}, or there is noise: connect one of them, and "
+                "give it another id"
+            )
+        elif servos:
             found, fix = f"no, but {listed}", "set servo.id and servo.baud to those found"
         elif garbled:
             found = f"garbage at {', '.join(garbled)} bit/s"

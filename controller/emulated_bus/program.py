@@ -34,6 +34,7 @@ from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.emulated.witness import Witness
 from haptic_wall.hw.errors import SpecError
 from haptic_wall.hw.hand import SharedHand
+from haptic_wall.hw.open import other_model
 from haptic_wall.hw.truth import ABOUT, TrueArm, TrueServo
 
 PRIORITY: Final = 70
@@ -170,7 +171,7 @@ def servo_of(text: str) -> tuple[Model, int, int]:
     name, *rest = text.split(":")
     model = {known.upper(): found for known, found in MODELS.items()}.get(name.strip().upper())
     if model is None:
-        advice = suggestion(name.upper(), MODELS)
+        advice = other_model(name) or f"known are {', '.join(MODELS)}"
         raise SpecError(f"no model {name!r} is known", field="--servo", advice=advice)
     numbers = [int(each) for each in rest if each.strip().isdecimal() and len(each) < 9]
     if len(numbers) != len(rest) or len(rest) > 2:

@@ -7,6 +7,7 @@ supervisor and log. Every run's log is kept.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -113,7 +114,7 @@ class Testbed:
 
     Args:
         config: The servo and its settings.
-        folder: Folder for the logs; made if necessary.
+        folder: Folder for the logs; made if necessary, and removed where no run left one in it.
         tell: Called with messages for a person.
         option: Command-line option of the folder, for error messages.
 
@@ -139,6 +140,7 @@ class Testbed:
         self.folder = folder
         self.tell = tell
         self._start_told = ""
+        self._made = not folder.exists()
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -203,7 +205,13 @@ class Testbed:
             program=tuple(phases),
             force=True,
         )
-        ended = run(plan, self._tell_new)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        try:
+            ended = run(plan, self._tell_new)
+        finally:
+            if self._made:
+                with suppress(OSError):  # it holds logs
+                    self.folder.rmdir()
         if ended.stop_reason == End.INTERRUPTED or ended.asked:
             kept = f"{log} holds the recorded rows" if ended.logged else ""
             raise ExperimentInterruptedError("interrupted", advice=kept)

@@ -22,6 +22,8 @@ LEAST_STEPS = 2.0
 """
 REST_S = 0.05
 """How long the spring must stay unloaded before the wall comes on [s]"""
+FAR = 0.5
+"""Distance inside a wall from which the servo's sign is doubted [rad]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,4 +188,25 @@ def waiting_text(
         f"{inside}, which would push it with {torque:.3g} N·m: it is at "
         f"{place_text(position)}, {place_text(abs(away))} from the surface; the wall comes on when "
         f"the shaft has been turned {goal} and stays there for {1e3 * REST_S:g} ms"
+    )
+
+
+def sign_text(law: Law, position: float, sign: int, offset: float, room: float) -> str:
+    """Return a hint for ``waiting_text`` at a shaft that only the other sign puts outside the wall.
+
+    Empty where it is not far inside, as a hand may have left it, or where the sign is no help.
+
+    Args:
+        law: The wall.
+        position: Position of the shaft [rad].
+        sign: ``servo.sign``.
+        offset: ``servo.offset`` [rad].
+        room: As of ``waiting_text`` [rad].
+    """
+    other = 2.0 * offset - position
+    if abs(law.elongation(position)) < FAR or abs(law.elongation(other)) > room:
+        return ""
+    return (
+        f"; or the sign of the servo is wrong: with servo.sign={-sign} the shaft would be at "
+        f"{place_text(other)}, where the wall may come on"
     )

@@ -16,6 +16,7 @@ from haptic_wall.controller.runtime.assembly import decision_in_force
 from haptic_wall.controller.runtime.changeover import MOST_J, Obstacle
 from haptic_wall.controller.runtime.changes import Changes
 from haptic_wall.controller.runtime.handover import Offers, Settled
+from haptic_wall.controller.runtime.safety import REASONS
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.axis_names import split_path
 from haptic_wall.controller.settings.changes import changed, difference
@@ -166,17 +167,18 @@ class ChangeDesk:
         if not asked.number:
             return self._look_for_start(asked)
         settled = self._offers.settled(asked.number)
-        if settled is not None:
-            return self._not_made(asked.why) if settled.row < 0 else self._made(asked, settled)
+        if settled is not None and settled.row >= 0:
+            return self._made(asked, settled)
         now_s = time.monotonic()
         if asked.withdrawn_s is None:
-            if self._words[Word.STATE] != LoopState.RUNNING or self._words[Word.STOP]:
-                asked.why = OVER
+            # Where its axis has tripped it is settled before the loop tells the reason.
+            if self._words[Word.STATE] != LoopState.RUNNING:
+                asked.why = self._over()
                 self._give_up(asked)
             elif now_s > asked.until_s:
                 asked.why = self.obstacle() or "the loop has not made the change in time"
                 self._give_up(asked)
-        elif now_s > asked.withdrawn_s + LOOP_S:
+        elif settled is not None or now_s > asked.withdrawn_s + LOOP_S:
             return self._not_made(asked.why)  # the loop has ended
         return None
 
@@ -189,7 +191,11 @@ class ChangeDesk:
         if told is not None or asked.number:
             return told
         ended = self._words[Word.STATE] > LoopState.RUNNING or self._words[Word.STOP]
-        return self._not_made(OVER if ended else _NOT_STARTED) if ended or left_s < 0.0 else None
+        return (
+            self._not_made(self._over() if ended else _NOT_STARTED)
+            if ended or left_s < 0.0
+            else None
+        )
 
     def obstacle(self) -> str:
         """Return why the change at hand waits, as words; empty: it does not."""
@@ -204,14 +210,20 @@ class ChangeDesk:
             self._asked.why = "the client has closed its connection"
             self._give_up(self._asked)
 
-    def give_up(self, why: str) -> dict[str, Any]:
-        """Give the change at hand up without waiting for the loop; return the answer."""
+    def give_up(self) -> dict[str, Any]:
+        """Give the change at hand up: the run is over; return the answer."""
         asked = self._asked
         assert asked is not None
         settled = self._offers.settled(asked.number) if asked.number else None
         if settled is not None and settled.row >= 0:
             return self._made(asked, settled)
-        return self._not_made(why)
+        return self._not_made(self._over())
+
+    def _over(self) -> str:
+        """Say that the run is over, and its reason and axis as far as the loop has told them."""
+        number, axis = self._words[Word.REASON], self._words[Word.STOP_AXIS]
+        reason = f": {REASONS[number - 1]}" if number else ""
+        return f"{OVER}{reason}{f' of {self._names[axis - 1]}' if axis else ''}"
 
     def _give_up(self, asked: _Asked) -> None:
         asked.withdrawn_s = time.monotonic()

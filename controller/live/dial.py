@@ -83,7 +83,7 @@ class Dial:
     def close(self) -> None:
         """Tell a waiting client that the run is over, and leave."""
         if self._asks:
-            self._end(self.prepare().give_up(OVER))
+            self._end(self.prepare().give_up())
         elif self._client is not None:
             self._end({"error": f"not applied: {OVER}", "exit_status": NOT_MADE})
         self._listener.close()

@@ -33,9 +33,9 @@ def guard_map(config: Config, delay: float) -> dict[str, Any]:
         delay: The total delay that the guard uses [s].
 
     Returns:
-        ``damping`` [N·m·s/rad] and ``limits`` by name [N·m/rad], lists of one length; and of the
-        report's ``guard``: ``requested``, ``commanded``, ``binding``, ``margin``, ``reasons``,
-        ``damping_ceiling``.
+        ``delay`` [s]; ``damping`` [N·m·s/rad] and ``limits`` by name [N·m/rad], lists of one
+        length; and of the report's ``guard``: ``requested``, ``commanded``, ``binding``,
+        ``margin``, ``reasons``, ``damping_ceiling``.
     """
     period = config.period_ns * 1e-9
     belief = config.belief()
@@ -63,6 +63,7 @@ def guard_map(config: Config, delay: float) -> dict[str, Any]:
     at = Evaluation(*asked, corner, asked=damping, work=work)
     report = decision_report(decision)
     return {
+        "delay": delay,
         "damping": damping.tolist(),
         "limits": plain(evaluate(at)),
         **{

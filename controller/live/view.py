@@ -20,7 +20,12 @@ from haptic_wall.controller.live.marks import Mark, MarkFinder, change_mark
 from haptic_wall.controller.live.relay import OFFERED, is_number
 from haptic_wall.controller.live.scene import law_over_position
 from haptic_wall.controller.live.source import Source
-from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP
+from haptic_wall.controller.runtime.telemetry import (
+    FLAG_OFF,
+    FLAG_PROBED,
+    FLAG_REDUCED,
+    FLAG_WARM_UP,
+)
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.json_text import plain
 from haptic_wall.hw.hand import SharedHand
@@ -86,6 +91,7 @@ class View:
                 for name, kind in OFFERED.items()
             },
             "off": FLAG_WARM_UP | FLAG_OFF,
+            "softer": FLAG_PROBED | FLAG_REDUCED,
         }
         self._marks: deque[Mark] = deque(maxlen=MOST_MARKS)
         self._finder = MarkFinder()

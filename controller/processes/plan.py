@@ -63,6 +63,11 @@ class Ended:
         return self.log in (LogState.WHOLE, LogState.INCOMPLETE)
 
     @property
+    def granted(self) -> bool:
+        """Whether the loop had real-time priority."""
+        return any(each["name"] == "scheduler" and each["ok"] for each in self.realtime)
+
+    @property
     def torque_off(self) -> bool | None:
         """Whether torque off was read back at the end; None: unknown."""
         if self.cut is None and self.result is not None:

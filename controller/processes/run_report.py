@@ -8,13 +8,13 @@ from typing import Any, Final
 from haptic_wall.controller.processes.plan import Ended, LogState
 from haptic_wall.controller.runtime.safety import (
     AFTER_STALL,
-    EMULATOR_LATE,
     EXPLANATIONS,
     OF_THE_BUS,
-    STALL_ADVICE,
     End,
     StopReason,
     Trip,
+    emulator_late,
+    stall_advice,
 )
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.servo import Servo
@@ -105,19 +105,27 @@ def explained(ended: Ended, servo: Servo) -> Problem | None:
     trip = Trip.of(ended.stop_reason)
     if trip is None:
         return None
-    means = EXPLANATIONS[trip]
-    stalled = (ended.result or {}).get("stalled")
-    if stalled and trip in AFTER_STALL and not ended.cause:
-        otherwise = "" if servo.is_emulated else means.advice
-        advice = f"{STALL_ADVICE}; without a stall {otherwise}" if otherwise else STALL_ADVICE
-        means = replace(means, what=f"{stalled}: {means.what}", advice=advice)
+    means, result = EXPLANATIONS[trip], ended.result or {}
+    axis, stalled = result.get("stop_axis"), result.get("stalled")
+    otherwise, rest = "" if servo.is_emulated else means.advice, stall_advice(granted=ended.granted)
+    if axis and trip in OF_THE_BUS:  # a stall, or a late emulator, would not lose one of several
+        told = [means.what, f"{stalled} too" if stalled else ""]
+        advice = [otherwise, f"against the stall, {rest}" if stalled else ""]
+        means = replace(
+            means, what=", and ".join(filter(None, told)), advice="; ".join(filter(None, advice))
+        )
+    elif stalled and trip in AFTER_STALL and not ended.cause:
+        advice = [rest, f"without a stall {otherwise}" if otherwise else ""]
+        means = replace(
+            means, what=f"{stalled}: {means.what}", advice="; ".join(filter(None, advice))
+        )
     elif trip in OF_THE_BUS and servo.is_emulated:
-        means = EMULATOR_LATE
-    if axis := (ended.result or {}).get("stop_axis"):
+        means = emulator_late(granted=ended.granted)
+    if axis:
         means = replace(means, what=f"{axis}: {means.what}")
     if ended.cause:
         return replace(means, what="; ".join(filter(None, (ended.cause, means.what))))
-    message = (ended.result or {}).get("message", "")
+    message = result.get("message", "")
     return means.followed_by(f" ({message})") if message else means
 
 
@@ -168,8 +176,7 @@ def warnings_of(ended: Ended) -> list[str]:
                 f"{setting['name']}: wanted {setting['wanted']}, {setting['found']}"
                 + (f"; to grant it: {setting['fix']}" if setting["fix"] else "")
             )
-    granted = any(setting["name"] == "scheduler" and setting["ok"] for setting in ended.realtime)
-    if ended.missed and not granted:
+    if ended.missed and not ended.granted:
         periods = "1 period" if ended.missed == 1 else f"{ended.missed} periods"
         warnings.append(
             f"the loop missed {periods}: it had no real-time priority, so that other programs could"

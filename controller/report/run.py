@@ -16,7 +16,7 @@ from haptic_wall.controller.report import run_panels
 from haptic_wall.controller.report.sketch import Sketch, sketched
 from haptic_wall.controller.report.style import picture, titled
 from haptic_wall.controller.runtime.safety import Trip
-from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP
+from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_PROBED, FLAG_WARM_UP
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
 MOST_AXES: Final = 6
 """Axes in one picture"""
-_PROBED_S: Final = 0.5
-"""Of the end, in which a probe may have taken most of the stiffness [s]"""
 
 
 def plot_log(log: LogReader, path: Path, stop_reason: str | None = None) -> None:
@@ -89,6 +87,7 @@ def _draw(
     """Draw a panel over the time of its run, without a legend."""
     panel(ax, run)
     run_panels.shade_warm_up(ax, run)
+    run_panels.mark_oscillation(ax, run)
     ax.grid(True, color="#e6e6e6", linewidth=0.6)
     ax.set_axisbelow(True)
     for side in ("top", "right"):
@@ -158,12 +157,11 @@ def _title(run: run_panels.DrawnRun, name: str, stop_reason: str) -> str:
     where = f" at {titled(servo.port)}" if servo.port and servo.kind == "hardware" else ""
     if servo.kind == "emulated":
         where = ", emulated"
-    last = run.rows[-1]
-    probed = Trip.of(stop_reason) is Trip.OSCILLATION
-    shown = run.rows[run.time > run.time[-1] - _PROBED_S] if probed else run.rows[-1:]
+    unprobed = np.flatnonzero((run.rows["flags"] & FLAG_PROBED) == 0)
+    last = run.rows[unprobed[-1] if unprobed.size else -1]
     parts = [
-        _commanded("K", float(shown["stiffness"].max()), wall.stiffness, "N·m/rad"),
-        _commanded("B", float(shown["damping"].max()), wall.damping, "N·m·s/rad"),
+        _commanded("K", float(last["stiffness"]), wall.stiffness, "N·m/rad"),
+        _commanded("B", float(last["damping"]), wall.damping, "N·m·s/rad"),
         f"delay {1000 * float(last['delay_s']):.2f} ms",
         f"{run.config.loop.rate_hz:g} Hz",
     ]

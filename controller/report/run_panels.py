@@ -15,7 +15,13 @@ from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.logs.walls import Walls
 from haptic_wall.controller.report.sketch import TIMES, Floats, Sketch
 from haptic_wall.controller.report.style import shade
-from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_SATURATED, FLAG_WARM_UP
+from haptic_wall.controller.runtime.telemetry import (
+    FLAG_ALARM,
+    FLAG_CONTACT,
+    FLAG_PROBED,
+    FLAG_SATURATED,
+    FLAG_WARM_UP,
+)
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory.checks import FloatArray
 
@@ -24,6 +30,7 @@ if TYPE_CHECKING:
 
 _INK, _WALL, _CONTACT, _WARM_UP = "#1f3b57", "#b5652b", "#fbeadb", "#ececec"
 _SENT, _ASKED, _ALARM = "#1b7f79", "#9aa5ad", "#c0272d"
+_PROBE = "#d9d2ea"
 SIDES: tuple[Side, ...] = ("above", "below")
 _SMOOTH_S = 0.02
 """Averaging time of the additional smooth velocity [s]: one encoder count within a sample is a
@@ -254,6 +261,17 @@ def shade_warm_up(ax: Axes, run: DrawnRun) -> None:
     _shade(ax, run.time, warm_up, _WARM_UP, label)
     label = "the wall is off: released, or loaded" if _is_first(ax) else ""
     _shade(ax, run.time, ~run.on & ~warm_up, _WARM_UP, label)
+
+
+def mark_oscillation(ax: Axes, run: DrawnRun) -> None:
+    """Shade the probes of the wall, and draw a line at the first alarm."""
+    flags = run.rows["flags"]
+    label = "probe for an oscillation" if _is_first(ax) else ""
+    _shade(ax, run.time, (flags & FLAG_PROBED) != 0, _PROBE, label)
+    alarms = np.flatnonzero(flags & FLAG_ALARM)
+    if alarms.size:
+        label = "first alarm: oscillation" if _is_first(ax) else "_"
+        ax.axvline(run.time[alarms[0]], color=_ALARM, linewidth=0.9, linestyle="--", label=label)
 
 
 def _is_first(ax: Axes) -> bool:

@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.runtime.telemetry import (
+    FLAG_ALARM,
     FLAG_CHANGED,
     FLAG_CONTACT,
     FLAG_OFF,
+    FLAG_PROBED,
     FLAG_SATURATED,
     FLAG_WARM_UP,
 )
@@ -31,7 +33,15 @@ TIMES = ("bus_ns", "work_ns", "lateness_ns")
 """Fields that are durations"""
 
 _EXTREME = ("position", "velocity", "wall_torque", "torque", "stiffness", *TIMES)
-_FLAGS = (FLAG_CHANGED, FLAG_CONTACT, FLAG_OFF, FLAG_SATURATED, FLAG_WARM_UP)
+_FLAGS = (
+    FLAG_ALARM,
+    FLAG_CHANGED,
+    FLAG_CONTACT,
+    FLAG_OFF,
+    FLAG_PROBED,
+    FLAG_SATURATED,
+    FLAG_WARM_UP,
+)
 
 
 @dataclass(frozen=True, slots=True)

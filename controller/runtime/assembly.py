@@ -11,6 +11,7 @@ import numpy as np
 from haptic_wall.controller.detector.backstop import Shared
 from haptic_wall.controller.detector.settings import WatchSettings
 from haptic_wall.controller.detector.watch import Watch
+from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.guard.bins import Bins
 from haptic_wall.controller.guard.guard import Decision, Situation
 from haptic_wall.controller.guard.plants import Plants
@@ -40,6 +41,7 @@ from haptic_wall.controller.settings.config import MOST_KICK, Config
 from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.boundary import chain_peak
 from haptic_wall.controller.theory.chain import one_mass
+from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.servo import Facts
 
 RAMP_S = 0.05
@@ -179,6 +181,22 @@ def most_injected(
     return [most[id(decision)] for decision in all_decisions]
 
 
+def law_of(config: Config, facts: Facts) -> Law:
+    """Return the law to render, with stiffness and damping 0; rounding keeps to its clip.
+
+    Raises:
+        ConfigError: The encoder does not resolve the law, or the clip allows the servo no torque.
+    """
+    law = config.law(facts.position_step)
+    law.clip = facts.within(law.clip)
+    if law.clip == 0.0:
+        given = f"is {config.wall.torque_clip:g} N·m, but the smallest torque of the {facts.name} "
+        given += f"is {facts.torque_step:.2g} N·m"
+        problem = Problem(field="wall.torque_clip", given=given, advice="raise it above that.")
+        raise ConfigError("the law", [problem])
+    return law
+
+
 def watch_settings(config: Config, facts: Facts, law: Law) -> WatchSettings:
     """Return the settings of the watch.
 
@@ -231,11 +249,7 @@ def assembled(
     period_ns = config.period_ns
     period = period_ns * 1e-9
     facts, wall, safety, kick = servo.facts, config.wall, config.safety, config.servo.kick
-    law: Law
-    if program:
-        law = Program(program, period, facts.torque_limit)
-    else:
-        law = config.law(facts.position_step)
+    law: Law = Program(program, period, facts.torque_limit) if program else law_of(config, facts)
     schedule = GainSchedule(
         decided.table,
         decided.ages_ns,

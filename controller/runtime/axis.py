@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Final
 
+from haptic_wall.controller.detector.soft_wall import Phase
 from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.engagement import Engagement
@@ -22,10 +23,13 @@ from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.runtime.handover import Change, Inbox
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.telemetry import (
+    FLAG_ALARM,
     FLAG_CHANGED,
     FLAG_CONTACT,
     FLAG_OFF,
+    FLAG_PROBED,
     FLAG_RAISED,
+    FLAG_REDUCED,
     FLAG_SATURATED,
     FLAG_WARM_UP,
     Telemetry,
@@ -39,6 +43,7 @@ JITTER: Final = 0.1
 velocity would omit a quarter of the damping."""
 _OK: Final = Outcome.OK  # looking up an enum member is slow: a plain name is many times faster
 _REFUSED: Final = Outcome.REFUSED
+_PROBED: Final = Phase.PROBED
 _HEAD, _WITHDRAWN = int(Word.HEAD), int(Word.WITHDRAWN)
 
 
@@ -266,6 +271,10 @@ class Axis:
             if self.gains.follow(tick.age_ns, tick.interval_ns, may_raise):
                 self._follow_gains()
         derating = law.derating
+        if watch.alarm:
+            flags |= FLAG_ALARM
+        if derating.scale != 1.0:
+            flags |= FLAG_PROBED if watch.backstop.wall.phase is _PROBED else FLAG_REDUCED
         self.telemetry.write(
             tick.deadline_ns,
             tick.lateness_ns,

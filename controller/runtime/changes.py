@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from haptic_wall.controller.runtime.assembly import Decided, guard_decisions, watch_settings
+from haptic_wall.controller.runtime.assembly import (
+    Decided,
+    guard_decisions,
+    law_of,
+    watch_settings,
+)
 from haptic_wall.controller.runtime.handover import Change, KnownServo
 from haptic_wall.controller.settings.changes import moved_by
 from haptic_wall.controller.settings.config import Config
@@ -33,12 +38,12 @@ class Changes:
             axis: Its index.
 
         Raises:
-            ConfigError: The encoder does not resolve the law.
+            ConfigError: See ``law_of``.
         """
         old, servo = self.configs[axis], self.servos[axis]
         self.number += 1
         self.decided = guard_decisions(new, servo)
-        law = new.law(servo.facts.position_step)
+        law = law_of(new, servo.facts)
         elsewhere = moved_by(old, new) != 0.0
         return Change(
             number=self.number,

@@ -65,6 +65,7 @@ class End(StrEnum):
 
 
 StopReason = End | Trip
+REASONS: Final[tuple[StopReason, ...]] = (*End, *Trip)
 
 
 def stop_reason(text: str) -> StopReason:
@@ -141,19 +142,37 @@ EXPLANATIONS: Final[Mapping[Trip, Problem]] = {
 }
 
 
-EMULATOR_LATE: Final = Problem(
-    "unless faults were injected, the emulator got no processor time, or has ended",
-    advice="end programs that keep the cores busy, give both processes real-time rights (`sudo"
-    " scripts/setup-testbed`), run a preset emulated-* with `--set loop.clock=simulated`, or raise"
-    " safety.max_silence_s or safety.max_loss",
-)
-"""Explanation of these trips with an emulated bus, which has no cable"""
 OF_THE_BUS: Final = frozenset((Trip.LOSSES_IN_ROW, Trip.LOSS_RATE, Trip.SERVO_LOST))
+"""Trips after replies that did not come"""
 AFTER_STALL: Final = frozenset(
     (Trip.OVERSPEED, Trip.LOSSES_IN_ROW, Trip.LOSS_RATE, Trip.TORQUE_LOST, Trip.SERVO_LOST)
 )
 """Trips that a stall of the computer can cause"""
-STALL_ADVICE: Final = (
-    "end programs that keep the cores busy, or give this program real-time rights (`sudo"
-    " scripts/setup-testbed`); `--set loop.clock=simulated` needs none, without a real servo"
-)
+
+
+def emulator_late(*, granted: bool) -> Problem:
+    """Explain the trips ``OF_THE_BUS`` with an emulated bus, which has no cable.
+
+    Args:
+        granted: The loop had real-time priority.
+    """
+    rights = "give both processes real-time rights (`sudo scripts/setup-testbed`), "
+    return Problem(
+        "unless faults were injected, the emulator got no processor time, or has ended",
+        advice=f"end programs that keep the cores busy, {'' if granted else rights}run a preset"
+        " emulated-* with `--set loop.clock=simulated`, or raise safety.max_silence_s or"
+        " safety.max_loss",
+    )
+
+
+def stall_advice(*, granted: bool) -> str:
+    """Return what helps against stalls of the computer; ``granted`` as of ``emulator_late``."""
+    if granted:
+        return (
+            "end programs that keep the cores busy; without a real servo `--set"
+            " loop.clock=simulated` has no stalls"
+        )
+    return (
+        "end programs that keep the cores busy, or give this program real-time rights (`sudo"
+        " scripts/setup-testbed`); `--set loop.clock=simulated` needs none, without a real servo"
+    )

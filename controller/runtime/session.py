@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.runtime.loop import Loop
-from haptic_wall.controller.runtime.safety import End, StopReason, Trip
+from haptic_wall.controller.runtime.safety import REASONS, End, StopReason, Trip
 from haptic_wall.controller.runtime.session_result import Ended, Result, defect_text, outcome
 from haptic_wall.controller.runtime.session_start import Session, Surroundings
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
@@ -81,6 +81,7 @@ def _run(
     reason, message, servo_id = _served(loop, warm_up_s, duration_s, waiting)
     if number := session.number(servo_id):
         telemetry.words[Word.STOP_AXIS] = number
+    telemetry.words[Word.REASON] = 1 + REASONS.index(reason)
     real_s = time.monotonic() - began_s
     stall_s = loop.stall_s(clock.now_ns())
     torque_off = _stop(session.bus, clock, telemetry)

@@ -72,6 +72,12 @@ FLAG_RAISED = 16
 """The return to the full wall was requested."""
 FLAG_CHANGED = 32
 """From this tick on a change of the running wall is in force."""
+FLAG_ALARM = 64
+"""The alarm of an oscillation holds."""
+FLAG_PROBED = 128
+"""The wall is softer, to probe a motion of this or another axis."""
+FLAG_REDUCED = 256
+"""The wall is softer since an alarm, or has not yet returned from a probe or an alarm."""
 
 
 _ROW_STRUCT = struct.Struct(f"<{len(INT_FIELDS)}q{len(FLOAT_FIELDS)}d")
@@ -139,6 +145,8 @@ class Word(IntEnum):
     """Not 0: the servos have been told to the door (loop)."""
     STOP_AXIS = 24
     """Number of the axis that ended the run, from 1; 0: none did (loop)."""
+    REASON = 25
+    """Number of the stop reason in ``safety.REASONS``, from 1; 0: the loop goes on (loop)."""
     OFFSET_NS = elastic.PLACE + elastic.OFFSET
     """Time that the loop has taken out of its clock [ns]; see ``hw.elastic`` (loop)."""
     WAITED_NS = elastic.PLACE + elastic.WAITED

@@ -5,7 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
-from haptic_wall.controller.laws.engagement import REST_S, felt_text, start_text, waiting_text
+from haptic_wall.controller.laws.engagement import (
+    REST_S,
+    felt_text,
+    sign_text,
+    start_text,
+    waiting_text,
+)
 from haptic_wall.controller.runtime.axis import Axis
 from haptic_wall.controller.runtime.loop import Loop
 from haptic_wall.controller.runtime.safety import End, StopReason
@@ -109,4 +115,7 @@ class WallWait:
             room,
             axis.torque_limit,
         )
+        if not axis.wall_from_start:
+            servo = config.servo
+            text += sign_text(axis.law, axis.position, servo.sign, servo.offset, room)
         return f"{name}place", name + text

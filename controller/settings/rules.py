@@ -18,8 +18,7 @@ from haptic_wall.controller.settings.model import MOST_LAG, Wall
 from haptic_wall.controller.settings.sections import Sections
 from haptic_wall.controller.settings.servo import TRUTH_FIELDS
 from haptic_wall.hw.errors import Problem
-from haptic_wall.hw.names import did_you_mean
-from haptic_wall.hw.open import torque_models
+from haptic_wall.hw.open import other_model, torque_models
 from haptic_wall.hw.truth import disagreements
 
 
@@ -159,7 +158,7 @@ def _on_a_bus(config: Sections) -> Iterator[Problem]:
             f"found {servo.model!r}",
             field="servo.model",
             wanted=f"one of the models with current control: {', '.join(models)}",
-            advice=did_you_mean(servo.model.upper(), models),
+            advice=other_model(servo.model),
         )
     elif models[servo.model].torque_constant is None and servo.torque_constant is None:
         wanted = f"a measured torque per current [N·m/A]: the {servo.model} has no published one"

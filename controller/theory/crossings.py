@@ -96,6 +96,15 @@ def difference(
     return found if velocity_filter is None else found * velocity_filter.response(w)
 
 
+def size(w: FloatArray, samples: int, velocity_filter: VelocityFilter | None) -> FloatArray:
+    """Return D, filtered, over its direction and over 2 / (N T) and a filter's denominator.
+
+    It is real, and changes its sign where D goes through 0. Arguments as of ``difference``.
+    """
+    found: FloatArray = np.sin(0.5 * samples * w)
+    return found if velocity_filter is None else found * velocity_filter.above(w)
+
+
 def turned(angle: FloatArray) -> ComplexArray:
     """Return exp(j angle): of real angles in half the time of ``numpy.exp``."""
     found = np.empty(angle.shape, dtype=np.result_type(angle, np.complex64))
@@ -128,20 +137,19 @@ def first_crossing(loops: Loops, virtual_damping: FloatArray) -> Crossing:
 def ceilings(loops: Loops) -> FloatArray:
     """Return the lowest virtual damping at which poles leave the circle without any stiffness."""
 
-    # F is parallel to D: as D has zeros, to its direction, and the rest is its size
+    # F is parallel to D: as D has zeros, to its direction
     def left(some: Loops, _: IntArray, w: FloatArray) -> ComplexArray:
         inverse = some.responses(w)[0]
         found: ComplexArray = inverse * -1j * turned(0.5 * some.samples * w)
         filtered = some.velocity_filter
         return found if filtered is None else found * filtered.below(w)
 
-    def size(some: Loops, w: FloatArray) -> FloatArray:
-        found: FloatArray = 2.0 * np.sin(0.5 * some.samples * w)
+    def by(some: Loops, w: FloatArray) -> FloatArray:
+        found: FloatArray = 2.0 * size(w, some.samples, some.velocity_filter)
         found /= some.samples * some.period[:, None]
-        filtered = some.velocity_filter
-        return found if filtered is None else found * filtered.above(w)
+        return found
 
-    return _lowest(loops, left, size, only_leaving=True).gain
+    return _lowest(loops, left, by, only_leaving=True).gain
 
 
 def unstable_softest(loops: Loops, found: Crossing) -> IntArray:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.theory.chain import transfer, two_masses
 from haptic_wall.controller.theory.checks import ComplexArray, FloatArray, IntArray
-from haptic_wall.controller.theory.crossings import difference, turned
+from haptic_wall.controller.theory.crossings import difference, size, turned
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 _FEW, _EVEN = 64, 80
@@ -57,13 +57,13 @@ class FlexibleScan:
     F is dampings × servos × frequencies, D servos × frequencies; each as real and imaginary part.
     """
 
-    def __init__(self, f: _Parts, d: _Parts, size: FloatArray | None) -> None:
-        self._f, self._d, self._size = f, d, size
+    def __init__(self, f: _Parts, d: _Parts, by: FloatArray | None) -> None:
+        self._f, self._d, self._by = f, d, by
         self._ceiling = self._dampings(1.0)
 
     def _dampings(self, sign: float) -> FloatArray:
         """Return the least size of a damping of this sign at which a pole is on the circle."""
-        f, d, size = self._f, self._d, self._size
+        f, d, by = self._f, self._d, self._by
 
         def values(at: IntArray) -> tuple[FloatArray, FloatArray]:
             at_d = at % d.real.size
@@ -71,11 +71,11 @@ class FlexibleScan:
             square = d_real**2 + d_imag**2
             real = (f_real * d_real + f_imag * d_imag) / square
             imag = (f_imag * d_real - f_real * d_imag) / square
-            return sign * real, imag if size is None else imag * size.ravel()[at_d]
+            return sign * real, imag if by is None else imag * by.ravel()[at_d]
 
         positive = f.imag * d.real > f.real * d.imag
-        if size is not None:  # where D goes through 0, F/D changes its sign, with no pole there
-            positive ^= size < 0.0
+        if by is not None:  # where D goes through 0, F/D changes its sign, with no pole there
+            positive ^= by < 0.0
         return _least(positive, values)
 
     @classmethod
@@ -122,9 +122,11 @@ class FlexibleScan:
         late = turned((whole[:, None].astype(w.dtype) + 1.0) * w)
         f = _inverse(numerator, below, 2j * half.imag * half, late)
         d = _Parts.of(difference(w, half, samples, period, velocity_filter))
-        size = _size(w, samples, velocity_filter)
+        by = None if velocity_filter is None else velocity_filter.above(w)
+        if samples > 1:  # else only a filter makes D go through 0
+            by = size(w, samples, velocity_filter)
         return [
-            cls(f.of_servos(own), d.of_servos(own), None if size is None else size[own])
+            cls(f.of_servos(own), d.of_servos(own), None if by is None else by[own])
             for own in spans
         ]
 
@@ -172,15 +174,6 @@ class _Parts(NamedTuple):
     def at(self, index: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return the parts at flat indices."""
         return self.real.ravel()[index], self.imag.ravel()[index]
-
-
-def _size(w: FloatArray, samples: int, velocity_filter: VelocityFilter | None) -> FloatArray | None:
-    """Return D over its direction and what is above 0, servos × frequencies; None: it has no 0."""
-    found = None if samples == 1 else np.sin(0.5 * samples * w)
-    if velocity_filter is None:
-        return found
-    passed = velocity_filter.above(w)
-    return passed if found is None else found * passed
 
 
 def _inverse(

@@ -273,4 +273,5 @@ class Driven:
             torque_step=self.law.step,
             stall_torque=self.model.stall_torque or self.law.torque(self.model.current_limit),
             no_load_speed=self.model.no_load_at(volts),
+            rounds_down=self.law.root,
         )

@@ -16,7 +16,9 @@ Three cheap checks do it:
    advanced by the time that passed since the last accepted sample.
 
 None of a request's answers is used if one bears a wrong id: one servo has two that differ, or an id
-answers that was not asked, or not yet, or out of its turn. It is not known whose they are.
+answers that was not asked, or not yet, or out of its turn. It is not known whose they are. One case
+looks like a servo that only does not reply: a later servo answers under the id of one whose own
+reply is lost. Its clock, and the jump of the position, tell all but equal servos apart.
 
 A request may ask for a wider block around the sample, of a length that no other request has.
 Registers are read in blocks of other sizes still; see ``register_access``.

@@ -15,9 +15,8 @@ import math
 from dataclasses import dataclass
 
 from haptic_wall.hw.dynamixel.tables import Model
+from haptic_wall.hw.servo import WHOLE
 
-_WHOLE = 1e-9
-"""Tolerance, so that rounding does not take a unit from an exact torque"""
 _HUGE = 1e9
 """More than any limit, and still a whole number where a ratio or its square is infinite"""
 
@@ -41,14 +40,14 @@ class TorqueLaw:
         """Return the goal for a torque within a servo's limit [N·m]."""
         ratio = torque / self.step
         if self.root:
-            return int(math.copysign(min(ratio * ratio + _WHOLE, _HUGE), ratio))
+            return int(math.copysign(min(ratio * ratio + WHOLE, _HUGE), ratio))
         return round(ratio)
 
     def within(self, torque: float) -> int:
         """Return the largest goal whose torque does not exceed this one [N·m], >= 0."""
         if self.root:
             return self.goal(torque)
-        return math.floor(min(torque / self.step + _WHOLE, _HUGE))
+        return math.floor(min(torque / self.step + WHOLE, _HUGE))
 
     def torque(self, goal: int) -> float:
         """Return the torque of a goal, or of a measured current, at a standstill [N·m]."""

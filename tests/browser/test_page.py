@@ -174,6 +174,25 @@ def test_an_alarm_appears_and_what_was_done(tab: Tab, tmp_path: Path) -> None:
             float(each.split()[0]) for each in softer[len("stiffness ") :].split(" → ")
         )
         assert after < before <= 20.0
+        tab.wait("document.getElementById('reasons').textContent.includes('an oscillation')")
+
+
+def test_the_page_says_what_of_three_makes_the_wall_softer_now(tab: Tab, shown: str) -> None:
+    tab.open(shown)
+    tab.value("import('./map.js').then(({ GuardMap }) => { window.GuardMap = GuardMap; })")
+    for delay, softer, cause in (
+        (0.001, "true", "an oscillation"),
+        (0.002, "false", "the delay is 2.00 ms, not 1.00 ms"),
+        (0.001, "false", "the guard counts a longer period"),
+    ):
+        words = tab.value(
+            "(() => { const map = { delay: 0.001, commanded: { stiffness: 8 }, reasons: [] },"
+            f" words = {{}}, point = [2, 0.02, {delay}, {softer}];"
+            " GuardMap.prototype.explain.call("
+            "Object.assign(Object.create(GuardMap.prototype), { map, words, point }));"
+            " return words.textContent; })()"
+        )
+        assert words.startswith("Now only 2 N·m/rad, because ") and cause in words
 
 
 def test_the_wall_is_on_while_the_button_is_held(tab: Tab, tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from haptic_wall.controller.doctor.checkup import examine
+from haptic_wall.controller.doctor.report import Report
 from haptic_wall.controller.doctor.search import BaudSearch, opened, search
 from haptic_wall.controller.doctor.text import text
 from haptic_wall.controller.settings.load import load_config
@@ -201,17 +202,36 @@ def test_two_servos_with_one_id_are_told_from_a_bad_cable(
     assert "connect one of them, and give it another id" in checks["servo answers"]["fix"]
 
 
+def arm(port: str, **ids: int) -> Report:
+    """Of a doctor that examines axes by their ids."""
+    axes = {name: {"servo": {"id": number}} for name, number in ids.items()}
+    sets = [f"axes={axes}", f"servo.port={port}", "realtime.profile=off", "loop.rate_hz=500"]
+    config = load_config("xm430-w350", sets).config
+    return examine(config, lambda _: None, None, change_baud=False)
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("models", [("XM430-W350", "XM430-W350"), ("XM430-W350", "XM430-W210")])
+def test_two_servos_with_one_id_hide_no_other_axis(models: tuple[str, str]) -> None:
+    servos = [f"--servo={each}:2" for each in models]
+    with emulate("--servo=XM430-W350:1", *servos, "--servo=XM430-W350:3") as (_, port):
+        found = arm(port, shoulder=1, elbow=2, wrist=3)
+    assert "elbow.servo answers" in {check.name for check in found.wrong}
+    elbow = found.found["elbow.servo answers"]
+    assert "connect" in elbow.fix and "another id" in elbow.fix
+    assert "id 2" in f"{elbow.found} {elbow.fix}"
+    assert {"shoulder.drive mode", "wrist.drive mode"} <= found.found.keys()
+    shown = text("arm", found).splitlines()
+    assert shown[2].split() == ["shoulder", "elbow", "wrist"]
+    assert "reply time" not in found.found
+
+
 @pytest.mark.realtime
 def test_the_servos_of_several_axes_are_examined_in_one_table() -> None:
     servos = [f"--servo=XM430-W350:{each}" for each in ("1", "2:44", "3")]
     with emulate(*servos) as (_, port):
         set_registers(port, drive_mode=1)
-        ids = {"shoulder": 1, "elbow": 2, "wrist": 3}
-        axes = {name: {"servo": {"id": number}} for name, number in ids.items()}
-        sets = [f"axes={axes}"]
-        sets += [f"servo.port={port}", "realtime.profile=off", "loop.rate_hz=500"]
-        config = load_config("xm430-w350", sets).config
-        found = examine(config, lambda _: None, None, change_baud=False)
+        found = arm(port, shoulder=1, elbow=2, wrist=3)
     wrong = {check.name for check in found.wrong}
     assert "shoulder.drive mode" in wrong
     assert not any(name.startswith(("elbow.drive", "wrist.drive")) for name in wrong)

@@ -42,14 +42,18 @@ def test_a_file_that_is_there_is_kept(cli: Cli, tmp_path: Path) -> None:
     assert file.read_text() != held
 
 
-def test_a_file_has_an_axis_for_each_id(cli: Cli, tmp_path: Path) -> None:
+@pytest.mark.parametrize("preset", ["xm430-w350", "emulated-arm"])
+def test_a_file_has_an_axis_for_each_id(cli: Cli, tmp_path: Path, preset: str) -> None:
     file = tmp_path / "arm.yaml"
-    assert cli("init", file, "--axes", "3,1", "--from", "xm430-w350").status == 0
+    assert cli("init", file, "--axes", "3,1", "--from", preset).status == 0
     config = load_config(str(file)).config
     assert {name: one.servo.id for name, one in config.each.items()} == {"axis_3": 3, "axis_1": 1}
     assert (config.loop.rate_hz, config.wall.law, config.wall.position) == (500.0, "none", 0.0)
-    told = cli.refused("init", file, "--axes", "1,2", "--from", "emulated-arm", "--force")
-    assert "wall.low: found nothing" in told and "give --urdf" in told and "axis_2" not in told
+
+
+def test_a_preset_that_the_axes_do_not_fit_is_refused(cli: Cli, tmp_path: Path) -> None:
+    told = cli.refused("init", tmp_path / "arm.yaml", "--axes", "1", "--from", "emulated-arm")
+    assert "wall.low: found nothing" in told and "give --urdf" in told
 
 
 def test_the_pages_that_a_preset_names_are_there() -> None:

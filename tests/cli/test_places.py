@@ -75,3 +75,13 @@ def test_a_file_that_is_there_is_refused(
     assert "--force" in said
     assert (folder / "mine").read_text() == "mine"
     assert [path.name for path in folder.iterdir()] == ["mine"]
+
+
+def test_only_folders_that_were_made_are_removed_at_the_end(folder: Path) -> None:
+    with command():
+        take_folder("--out", folder / "new" / "out", ())
+    assert not (folder / "new").exists()
+    with command():
+        take_folder("--out", folder / "new" / "out", ())
+        (folder / "new" / "out" / "mine").mkdir()
+    assert (folder / "new" / "out" / "mine").is_dir()

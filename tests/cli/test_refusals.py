@@ -138,6 +138,7 @@ REFUSED = [
     ("scan --port=", "--port: found nothing, wanted a serial device such as /dev/ttyUSB0"),
     ("scan --port=/dev/null", "--port: found /dev/null .. device, such as /dev/ttyUSB0"),
     ("emulate --servo XM430-W35", "--servo: no model .. did you mean XM430-W350?"),
+    ("emulate --servo XL430-W250", "--servo: no model .. the XL430-W250 has no current mode"),
     (f"emulate --servo XM430-W350:{5000 * '9'}", "wanted MODEL[:ID[:FIRMWARE]]"),
     ("emulate --servo XM430-W350:253", "--servo: id 253 of the XM430-W350 .. give 0 to 252"),
     ("emulate --servo XM430-W350:1:300", "--servo: firmware_version 300 .. give 0 to 255"),
@@ -221,6 +222,6 @@ def test_a_folder_that_was_made_in_vain_is_removed(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     command, *rest = words.split()
-    answer = cli(command, "xm430-w350", "--set", "servo.port=/dev/nosuch", "--yes", *rest)
+    answer = cli(command, "xm430-w350", "--set", "servo.port=/dev/null", "--yes", *rest)
     assert answer.status == 4
     assert not list(tmp_path.iterdir())

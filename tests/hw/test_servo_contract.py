@@ -122,6 +122,13 @@ class BusContract:
                 rounding = 1.0 if abs(wanted) > 1.0 else 0.5
                 assert torque == pytest.approx(possible, abs=rounding * facts.torque_step + 1e-12)
 
+    def test_rounding_keeps_to_a_limit_that_the_servo_can_give(self, rig: Rig) -> None:
+        rig.bus.start()
+        for most in (0.0301, 0.0339, 0.2):
+            wanted = [facts.within(most) for facts in rig.bus.facts]
+            for torque, facts in zip(rig.bus.write(wanted), rig.bus.facts, strict=True):
+                assert most - facts.torque_step - 1e-12 < torque <= most + 1e-9
+
     @pytest.mark.parametrize("torque", [math.nan, math.inf, -math.inf])
     def test_a_torque_that_is_no_number_is_refused_and_changes_nothing(
         self, rig: Rig, torque: float

@@ -129,7 +129,7 @@ function report() {
   scope.label(row);
   const of = (name) => store.value(name, newest);
   if (!element("grip").hidden) hand.draw(of("position_rad"));
-  map.move(of("stiffness"), of("damping"));
+  map.move(of("stiffness"), of("damping"), of("delay_s"), Boolean(of("flags") & state.hello.softer));
   if (link.socket.readyState === WebSocket.OPEN) {
     const parts = [
       state.ended,

@@ -56,16 +56,25 @@ export class GuardMap {
   explain() {
     const { reasons, commanded } = this.map;
     const now = this.point?.[0] ?? commanded.stiffness;
-    const less = now < 0.99 * commanded.stiffness ? `Now only ${+now.toPrecision(3)} N·m/rad, because of late samples, late ticks or an oscillation. ` : "";
+    const less = now < 0.99 * commanded.stiffness ? `Now only ${+now.toPrecision(3)} N·m/rad, because ${this.cause()}. ` : "";
     this.words.textContent = less + (reasons.join("\n") || (less ? "" : "Commanded as requested."));
   }
 
-  // Move the commanded point: at most ten times a second.
-  move(stiffness, damping) {
+  // Why less is commanded than at the delay of the map, with the period of the grid.
+  cause() {
+    const [, , delay, softer] = this.point, ms = (seconds) => (1e3 * seconds).toFixed(2);
+    if (softer) return "the wall is softer against an oscillation: a probe, or since an alarm";
+    if (delay > 1.04 * this.map.delay) return `samples are late: the delay is ${ms(delay)} ms, not ${ms(this.map.delay)} ms`;
+    return "ticks are late or missed, or replies are lost: the guard counts a longer period";
+  }
+
+  // Move the commanded point: at most ten times a second. softer: by the oscillation watch.
+  move(stiffness, damping, delay, softer) {
     const now = performance.now();
     if (!this.plot || now < this.drawn + 100) return;
-    if (this.point && this.point[0] === stiffness && this.point[1] === damping) return;
-    this.point = [stiffness, damping];
+    const point = [stiffness, damping, delay, softer];
+    if (point.every((each, k) => each === this.point?.[k])) return;
+    this.point = point;
     this.drawn = now;
     this.plot.redraw(false);
     this.explain();

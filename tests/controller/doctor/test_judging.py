@@ -121,4 +121,7 @@ def test_strict_insists_on_scheduler_and_memory_and_the_rest_is_advice() -> None
 
 def test_late_wake_ups_are_wrong_from_a_quarter_of_the_period_on() -> None:
     assert judge_lateness([0] * 98 + [249_000] * 2, MS).ok
-    assert not judge_lateness([0] * 98 + [250_000] * 2, MS).ok
+    late = [0] * 98 + [250_000] * 2
+    assert not judge_lateness(late, MS).ok
+    assert "real-time rights" in judge_lateness(late, MS).fix
+    assert "rights" not in judge_lateness(late, MS, granted=True).fix

@@ -10,6 +10,7 @@ from haptic_wall.controller.laws.engagement import (
     Engagement,
     engage_torque,
     felt_text,
+    sign_text,
     waiting_text,
 )
 from haptic_wall.controller.laws.wall import Wall
@@ -85,6 +86,17 @@ def test_the_text_says_where_the_shaft_is_and_where_it_must_go() -> None:
     below = waiting_text(Wall(8.0, 0.0, -6.3, "below"), "below", -12.6, 8.0, 0.0125, 99.0)
     assert "would push it with 50.4 N·m" in below
     assert "turned above -361.0° (-1.00 turns)" in below
+
+
+def test_a_sign_that_alone_puts_the_shaft_outside_is_doubted() -> None:
+    wall = Wall(8.0, 0.0, 3.0, "below")
+    assert sign_text(wall, -3.1, 1, 0.0, 0.01) == (
+        "; or the sign of the servo is wrong: with servo.sign=-1 the shaft would be at 177.6° (0.49"
+        " turns), where the wall may come on"
+    )
+    assert "servo.sign=1 the shaft would be at 194.8°" in sign_text(wall, -3.1, -1, 0.15, 0.01)
+    assert sign_text(wall, 2.6, 1, 4.0, 0.01) == "", "not far inside"
+    assert sign_text(wall, -2.9, 1, 0.0, 0.01) == "", "inside with either sign"
 
 
 def test_the_text_says_from_where_on_a_wall_is_felt() -> None:

@@ -10,6 +10,7 @@ import pytest
 from haptic_wall.controller.live import change_desk as module
 from haptic_wall.controller.live.change_desk import ChangeDesk
 from haptic_wall.controller.runtime.handover import Inbox, KnownServo, Offers
+from haptic_wall.controller.runtime.safety import REASONS, Trip
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.servo import Facts
@@ -112,4 +113,31 @@ def test_it_is_given_up_with_whoever_asked(side: Side) -> None:
     assert answer is not None and answer["error"].startswith("not applied: ")
     assert side.telemetry.words[Word.OFFERED] == 0
     assert side.begin(60.0) is None
-    assert side.desk.give_up("the run is over")["error"] == "not applied: the run is over"
+    assert side.desk.give_up()["error"] == "not applied: the run is over"
+
+
+def test_a_change_of_a_run_that_an_axis_ends_is_told_why() -> None:
+    """The loop settles the change of an axis that has tripped a moment before it tells why."""
+    sets = "servo.hand=none", "axes={arm: {}, elbow: {wall: {stiffness: 4}}}"
+    telemetry = Telemetry.create(2)
+    inbox, words = Inbox(telemetry), telemetry.words
+    desk = ChangeDesk(load_config("simulated", sets).config, telemetry, Offers(telemetry), id)
+    inbox.tell([KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, True)] * 2)
+    for tripped in (False, True):
+        words[Word.STATE], words[Word.REASON], words[Word.STOP_AXIS] = LoopState.RUNNING, 0, 0
+        assert desk.begin(["axes.arm.wall.stiffness=3"], 60.0) is None
+        if tripped:
+            inbox.change = None
+            inbox.take()
+            inbox.settle(-1, 0)
+        assert desk.look() is None
+        words[Word.STOP_AXIS], words[Word.REASON] = 2, 1 + REASONS.index(Trip.OSCILLATION)
+        words[Word.STATE] = LoopState.STOPPING
+        if not tripped:
+            assert desk.look() is None
+            inbox.take()
+            inbox.settle(-1, 0)
+        answer = desk.look() or desk.look()
+        assert answer is not None
+        assert answer["error"] == "not applied: the run is over: trip:oscillation of elbow"
+    telemetry.close()

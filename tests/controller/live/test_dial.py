@@ -62,9 +62,9 @@ class ScriptedDesk:
         self.withdrawn += 1
         self._left = 0
 
-    def give_up(self, why: str) -> dict[str, Any]:
+    def give_up(self) -> dict[str, Any]:
         self.withdrawn += 1
-        return {"error": why, "exit_status": 3}
+        return {"error": "the run is over", "exit_status": 3}
 
 
 class Served:

@@ -13,12 +13,39 @@ from haptic_wall.controller.runtime.statistics import RunStatistics
 from haptic_wall.controller.settings.load import load_config
 from tests.typed import not_none
 
+GRANTED = [{"name": "scheduler", "ok": True}]
 
-def ended_by(trip: str, port: str | Path, preset: str = "emulated-port") -> str:
+
+def ended_by(
+    trip: str, port: str | Path, preset: str = "emulated-port", granted: bool = False, **result: str
+) -> str:
     """What is said of a trip on a port."""
     servo = load_config(preset, [f"servo.port={port}"]).config.servo
     ended = Ended(Trip(f"trip:{trip}"), cast(RunStatistics, None), ticks=0, missed=0)
+    ended.realtime, ended.result = GRANTED if granted else [], result
     return not_none(explanation(ended, servo))
+
+
+STALL = "this computer stalled for 30 ms"
+
+
+@pytest.mark.parametrize("trip", ["losses_in_row", "loss_rate", "servo_lost"])
+def test_a_lost_servo_of_several_is_named_before_a_stall_of_the_computer(trip: str) -> None:
+    said = ended_by(trip, "/dev/ttyUSB0", stalled=STALL, stop_axis="elbow")
+    assert said.startswith("elbow: ") and "check " in said
+    assert said.index("elbow: ") < said.index("check ") < said.index("against the stall, end")
+    assert f", and {STALL} too; check " in said
+    said = ended_by(trip, "/dev/ttyUSB0", stop_axis="elbow")
+    assert "stall" not in said and "check " in said
+    assert ended_by(trip, "/dev/ttyUSB0", stalled=STALL).startswith(f"{STALL}: ")
+
+
+def test_rights_that_are_granted_are_no_advice() -> None:
+    of_stall = {"stalled": STALL}
+    for facts, where in (({}, ("emulated", "emulated-ideal")), (of_stall, ("/dev/ttyUSB0",))):
+        assert "setup-testbed" in ended_by("loss_rate", *where, **facts)
+        said = ended_by("loss_rate", *where, granted=True, **facts)
+        assert "rights" not in said and "end programs that keep the cores busy" in said
 
 
 @pytest.mark.parametrize(
@@ -59,7 +86,7 @@ def test_missed_periods_have_their_reason_where_it_is_plain(
         RunStatistics(),
         ticks=100,
         missed=missed,
-        realtime=[{"name": "scheduler", "ok": True}] if granted else [],
+        realtime=GRANTED if granted else [],
     )
     assert "".join(warnings_of(ended)).startswith(said)
     assert bool(warnings_of(ended)) == bool(said)

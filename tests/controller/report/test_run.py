@@ -12,7 +12,12 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.report import run as plot
 from haptic_wall.controller.report.sketch import sketched
-from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_WARM_UP
+from haptic_wall.controller.runtime.telemetry import (
+    FLAG_ALARM,
+    FLAG_CONTACT,
+    FLAG_PROBED,
+    FLAG_WARM_UP,
+)
 from haptic_wall.controller.settings.load import load_config
 from tests.support.rows import rows_of
 from tests.typed import not_none
@@ -125,6 +130,23 @@ def test_the_title_tells_a_trip_and_a_guard_that_is_off(
     first, second = figure.get_suptitle().splitlines()
     assert first.endswith("ENDED BY A SAFETY TRIP: overspeed")
     assert second.endswith("guard off")
+
+
+def test_the_first_alarm_and_the_probes_are_marked(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The probe before the end, which takes most of the stiffness, is not in the title."""
+    rows = run_rows()
+    for start in (200, 500):
+        rows["flags"][start : start + 100] |= FLAG_PROBED
+        rows["stiffness"][start : start + 100] *= 0.25
+    rows["flags"][[550, 580]] |= FLAG_ALARM
+    figure = draw(monkeypatch, tmp_path, rows, metadata(), "trip:oscillation", saved=False)
+    position, torque = figure.axes[:2]
+    assert {"probe for an oscillation", "first alarm: oscillation"} <= {*legend(position)}
+    for ax in (position, torque):
+        assert 0.55 in [line.get_xdata()[0] for line in ax.get_lines() if line.get_ls() == "--"]
+    assert "K 8 N·m/rad (as requested)" in figure.get_suptitle()
 
 
 @pytest.mark.parametrize("count", [1, 2, 101])

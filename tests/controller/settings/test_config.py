@@ -93,6 +93,10 @@ def test_nobody_knows_the_truth_of_a_real_servo() -> None:
 def test_a_model_that_makes_no_torque_is_named_with_the_nearest_that_does() -> None:
     with pytest.raises(ConfigError, match=r"servo\.model.*did you mean XM430-W350\?"):
         loaded("xm430-w350", "servo.model=xm430-w305")
+    for name, series in (("XL430-W250-T", "XL430"), ("xl430", "XL430"), ("XC430-W150", "XC430")):
+        with pytest.raises(ConfigError, match=f"the {series}-.* has no current mode") as found:
+            loaded("xm430-w350", f"servo.model={name}")
+        assert "did you mean" not in str(found.value)
     with pytest.raises(ConfigError, match=r"servo\.torque_constant.*XD540-T270"):
         loaded("xm430-w350", "servo.model=XD540-T270")
     loaded("xm430-w350", "servo.model=XD540-T270", "servo.torque_constant=2.0")

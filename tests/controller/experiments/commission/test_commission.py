@@ -25,8 +25,8 @@ from tests.support.program import Cli, call
 from tests.typed import not_none
 
 SIMULATED = ("commission", "simulated", "--set=loop.clock=simulated")
-REAL = ("commission", "xm430-w350", "--set=servo.port=/nowhere/ttyUSB0")
-"""A real servo, of which only the port is missing"""
+REAL = ("commission", "xm430-w350", "--set=servo.port=/dev/null")
+"""A real servo, whose port is none"""
 PNG = b"\x89PNG\r\n\x1a\n"
 """How one begins"""
 SWEPT = (PlanePoint(0.0, 3), PlanePoint(0.09, 3), PlanePoint(0.18, 3))
@@ -230,8 +230,20 @@ def test_what_is_fatal_ends_it_with_the_fix_before_anything_moves(
     assert fix in " ".join((tmp_path / "report.txt").read_text().split())
 
 
+@pytest.mark.parametrize("command", ["acceptance", "commission", "identify"])
+def test_a_port_that_is_not_there_is_refused_before_any_work(
+    cli: Cli, tmp_path: Path, command: str
+) -> None:
+    answer = cli(
+        command, "xm430-w350", "--set=servo.port=/no/tty", "--yes", "--out", tmp_path / "x"
+    )
+    assert answer.status == 4
+    assert answer.err.startswith("haptic-wall: Port /no/tty does not exist")
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.whole
-def test_a_port_that_is_not_there_is_found_by_the_real_doctor(
+def test_a_port_that_is_none_is_found_by_the_real_doctor(
     cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     played = Played()
