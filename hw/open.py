@@ -186,6 +186,17 @@ def _memory_line(servos: Sequence[ServoSettings], clock: SimulatedClock) -> Line
     return MemoryLine(bus, clock)
 
 
+def find_port(port: str) -> None:
+    """Refuse a port that does not exist; it is not opened.
+
+    Raises:
+        PortError: There is none, or it is no device.
+    """
+    from haptic_wall.hw.serialport.port import device_number
+
+    device_number(port)
+
+
 def open_port(servos: Sequence[ServoSettings]) -> int | None:
     """Return the servos' open port, which the caller closes; None: they have none.
 

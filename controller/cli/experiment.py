@@ -39,6 +39,7 @@ from haptic_wall.controller.settings.servo import Servo
 from haptic_wall.controller.system.files import whole
 from haptic_wall.controller.system.json_text import RESULT_MARK
 from haptic_wall.hw.errors import Problem
+from haptic_wall.hw.open import find_port
 
 Found = TypeVar("Found")
 _FASTER = 20.0
@@ -78,9 +79,7 @@ class Asked:
         """
         servo = self.config.servo
         if servo.kind == "hardware" and (self.yes or sys.stdin.isatty()):  # else it is refused
-            from haptic_wall.hw.serialport.port import device_number
-
-            device_number(servo.port or "")
+            find_port(servo.port or "")
 
     def may_move(self) -> None:
         """Wait for a person's consent before a real servo moves by itself.
