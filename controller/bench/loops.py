@@ -11,10 +11,10 @@ import json
 import math
 import os
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple
 
 from haptic_wall.controller.bench.bare_loop import PERCENTILES
 from haptic_wall.controller.emulated_bus.bus import PROGRAM
@@ -53,12 +53,8 @@ class Turn(NamedTuple):
     """Processor's work of a cycle, without its waits; by percentile [µs]"""
 
 
-class Loop(Protocol):
-    """Runs on the bus at a path, for so long [s], at a rate [Hz], with so many servos."""
-
-    def __call__(self, path: str, seconds: float, rate_hz: float, servos: int = 1, /) -> Turn:
-        """Run once."""
-        ...
+Loop = Callable[[str, float, float, int], Turn]
+"""Runs on the bus at a path, for so long [s], at a rate [Hz], with so many servos"""
 
 
 @contextmanager
@@ -77,7 +73,7 @@ def emulated_bus(**plan: object) -> Iterator[str]:
         yield path
 
 
-def bare(path: str, seconds: float, rate_hz: float, servos: int = 1) -> Turn:
+def bare(path: str, seconds: float, rate_hz: float, servos: int) -> Turn:
     """Run the bare loop, for one servo or six.
 
     Raises:
@@ -112,7 +108,7 @@ def told_by(
     return figures
 
 
-def ours(path: str, seconds: float, rate_hz: float, servos: int = 1) -> Turn:
+def ours(path: str, seconds: float, rate_hz: float, servos: int) -> Turn:
     """Run the whole program once: supervisor, loop with guard and detector, recorder.
 
     Its log is discarded. Several servos, with the ids from 1 on, are an axis each. A Ctrl-C ends it

@@ -104,7 +104,7 @@ def _whole_program() -> list[Measurement]:
         record = Path(folder) / "bus.csv"
         fault = f"drop:every={_RARELY},way=reply"
         with emulated_bus(faults=[fault], record=str(record)) as path:
-            missed = ours(path, _RUN_S, 1e9 / _PERIOD_NS).skipped
+            missed = ours(path, _RUN_S, 1e9 / _PERIOD_NS, 1).skipped
         seen = read_rows(record)
     torques = [row.time_s for row in seen if row.instruction == Instruction.SYNC_WRITE]
     begin_s = torques[-1] - _RUN_S + _START_S if torques else 0.0

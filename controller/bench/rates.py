@@ -52,7 +52,7 @@ def highest_rate_hz(loop: Loop, path: str) -> float:
 
 
 def _holds(loop: Loop, path: str, rate_hz: float) -> bool:
-    return loop(path, _SECONDS, rate_hz).skipped <= _MOST_SKIPPED * _SECONDS * rate_hz
+    return loop(path, _SECONDS, rate_hz, 1).skipped <= _MOST_SKIPPED * _SECONDS * rate_hz
 
 
 def _six() -> list[Measurement]:

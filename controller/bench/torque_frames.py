@@ -51,7 +51,7 @@ def measure() -> Section:
             for _ in range(_ROUNDS):
                 for name, loop in LOOPS.items():
                     began_s = time.monotonic()
-                    told[name].append(loop(path, _SECONDS, _RATE_HZ))
+                    told[name].append(loop(path, _SECONDS, _RATE_HZ, 1))
                     turns[name].append((began_s, time.monotonic()))
         sent_s = torque_frames(read_rows(record))
     intervals = {

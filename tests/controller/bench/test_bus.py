@@ -45,7 +45,7 @@ class TestRates:
     def test_the_highest_rate_is_found_beside_stalls_of_the_machine(self) -> None:
         tried: list[float] = []
 
-        def loop(_path: str, seconds: float, rate_hz: float, _servos: int = 1) -> Turn:
+        def loop(_path: str, seconds: float, rate_hz: float, _servos: int) -> Turn:
             tried.append(rate_hz)
             stalled = tried.count(rate_hz) == 1  # the first time at each rate
             return Turn(int(0.02 * seconds * rate_hz) if stalled or rate_hz > 1850 else 0, {})
