@@ -74,6 +74,8 @@ def same_period(last: deque[HalfCycle]) -> bool:
 def saturates(last: deque[HalfCycle], limit: float) -> bool:
     """Whether the last three half-cycles saturated the torque to either side, without decay.
 
+    One that grows takes longer, with the root of its amplitude; its apparent inertia stays.
+
     Args:
         last: Half-cycles.
         limit: Limit of the torque [N·m].
@@ -84,7 +86,7 @@ def saturates(last: deque[HalfCycle], limit: float) -> bool:
     return (
         min(new.pull, last[-2].pull, old.pull) > TUNING.saturated * limit
         and new.amplitude > TUNING.kept * old.amplitude
-        and apart(new.duration, old.duration) < TUNING.saturated_period
+        and apart(new.inertia, old.inertia) < TUNING.saturated_inertia
     )
 
 

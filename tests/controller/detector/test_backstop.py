@@ -298,6 +298,14 @@ def test_a_saturated_oscillation_kept_up_by_the_softer_wall_does_not_get_the_wal
     assert trial.trip or np.ptp(trial.output[-1000:]) < 0.05
 
 
+def test_a_saturated_oscillation_that_grows_fast_is_found_before_it_is_large() -> None:
+    """Each half-cycle takes longer than the one before: its period is not regular."""
+    trial = run(replace(VALUE, delay=0.01), 0.02, stiffness=50.0)
+    assert trial.first_alarm_s < 1.0
+    assert np.abs(trial.output).max() < 1.3
+    assert np.abs(trial.output[-1000:]).max() < 0.5
+
+
 def pushed(times: list[float], pushes: list[float], duration_s: float) -> Trial:
     """A wall whose lag is not believed swings, and is pushed, linearly between times [s], [N·m]."""
     push = np.interp(np.arange(round(times[-1] * 1e3)) * 1e-3, times, pushes)
