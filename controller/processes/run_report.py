@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, Final
 
@@ -16,6 +17,7 @@ from haptic_wall.controller.runtime.safety import (
     emulator_late,
     stall_advice,
 )
+from haptic_wall.controller.settings.axes_rules import UNLIKE_ADVICE, unlike_model
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.servo import Servo
 from haptic_wall.hw.errors import Problem
@@ -62,12 +64,26 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
         "torque_off": ended.torque_off,
         "servo_checks": result.get("checks", []),
         "realtime": ended.realtime,
-        "warnings": warnings_of(ended),
+        "warnings": [*warnings_of(ended), *_of_another_servo(config, result)],
         "changes": ended.changes,
         "log": log,
         "log_state": ended.log,
         "plot": plot,
     }
+
+
+def _of_another_servo(config: Config, result: dict[str, Any]) -> Iterator[str]:
+    """Yield warnings of a configuration that cannot be that of the driven servos."""
+    for name, one in config.each.items():
+        of, asked = f"{name}: " if name else "", one.servo.torque_limit
+        facts = result["axes"][name]["servo"] if result.get("axes") else result.get("facts")
+        if facts and asked and asked > (facts["torque_limit"] or asked) + facts["torque_step"]:
+            yield (
+                f"{of}servo.torque_limit is {asked:g} N·m, but this servo gives at most "
+                f"{facts['torque_limit']:.3g} N·m"
+            )
+        if unlike := unlike_model(one):
+            yield f"{of}{unlike}: {UNLIKE_ADVICE}"
 
 
 def no_stiffness(result: dict[str, Any]) -> str | None:
