@@ -123,8 +123,14 @@ def explained(ended: Ended, servo: Servo) -> Problem | None:
         return None
     means, result = EXPLANATIONS[trip], ended.result or {}
     axis, stalled = result.get("stop_axis"), result.get("stalled")
+    message = result.get("message", "")
     otherwise, rest = "" if servo.is_emulated else means.advice, stall_advice(granted=ended.granted)
-    if axis and trip in OF_THE_BUS:  # a stall, or a late emulator, would not lose one of several
+    if trip is Trip.SERVO_LOST and message:  # it names the cause, with its remedy
+        emulator = "the emulator at this port may have ended" if servo.is_emulated else ""
+        stall = f"{stalled} too: {rest}" if stalled else ""
+        told = [message.rstrip("."), emulator, stall]
+        means, message = Problem("; ".join(filter(None, told))), ""
+    elif axis and trip in OF_THE_BUS:  # a stall, or a late emulator, would not lose one of several
         told = [means.what, f"{stalled} too" if stalled else ""]
         advice = [otherwise, f"against the stall, {rest}" if stalled else ""]
         means = replace(
@@ -141,7 +147,6 @@ def explained(ended: Ended, servo: Servo) -> Problem | None:
         means = replace(means, what=f"{axis}: {means.what}")
     if ended.cause:
         return replace(means, what="; ".join(filter(None, (ended.cause, means.what))))
-    message = result.get("message", "")
     return means.followed_by(f" ({message})") if message else means
 
 

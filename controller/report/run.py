@@ -74,7 +74,7 @@ def _plot_axes(runs: Mapping[str, run_panels.DrawnRun], title: str, path: Path) 
                 each: one for each, one in zip(labels, handles, strict=True) if "±" not in each
             }
         figure.legend(
-            [*told.values()], [*told], loc="outside lower left", ncols=4, fontsize=8, frameon=False
+            [*told.values()], [*told], loc="outside lower left", ncols=4, fontsize=9, frameon=False
         )
         for ax in rows[-1]:
             ax.set_xlabel("time [s]")
@@ -139,7 +139,7 @@ def plot_run(
                     labels,
                     loc="upper left",
                     bbox_to_anchor=(1.0, 1.0),
-                    fontsize=8,
+                    fontsize=9,
                     frameon=False,
                 )
         axes[-1].set_xlabel("time [s]")

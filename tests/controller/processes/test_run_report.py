@@ -40,6 +40,17 @@ def test_a_lost_servo_of_several_is_named_before_a_stall_of_the_computer(trip: s
     assert ended_by(trip, "/dev/ttyUSB0", stalled=STALL).startswith(f"{STALL}: ")
 
 
+def test_the_cause_of_a_lost_servo_comes_first() -> None:
+    gone = "The serial port is gone (it has hung up): check the cable, then start again."
+    for port, own in (("/dev/ttyUSB0", ""), ("emulated", "the emulator at this port may have")):
+        preset = "emulated-ideal" if port == "emulated" else "emulated-port"
+        said = ended_by("servo_lost", port, preset, message=gone)
+        assert said.startswith("The serial port is gone") and own in said
+        assert "rights" not in said and "safety.max_loss" not in said
+        said = ended_by("servo_lost", port, preset, message=gone, stalled=STALL)
+        assert said.index("port is gone") < said.index(STALL) < said.index("end programs")
+
+
 def test_rights_that_are_granted_are_no_advice() -> None:
     of_stall = {"stalled": STALL}
     for facts, where in (({}, ("emulated", "emulated-ideal")), (of_stall, ("/dev/ttyUSB0",))):
