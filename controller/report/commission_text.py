@@ -146,7 +146,14 @@ def unknown(report: Report) -> Iterator[str]:
         )
         yield from (f"{warning[:1].upper()}{warning[1:]}." for warning in identify["warnings"])
         if identify["backlash"] is None:
-            yield "No backlash between motor and shaft was found; a little may exist."
+            said = "No backlash between motor and shaft was found; a little may exist"
+            if report["verdict"]["best"]["binding"] == "backlash":
+                said += (
+                    ", and the configuration keeps its model.backlash, which limits the stiffness:"
+                    " measure yours, as with a dial gauge on a lever of the shaft with the motor"
+                    " held, and set model.backlash if it is less"
+                )
+            yield f"{said}."
     for step in report["steps"]:
         if step["state"] in _ENDS and step["step"] != "doctor":
             reason = f": {step['reason']}" if step["reason"] else ""
