@@ -147,14 +147,15 @@ def _predicted_text(row: Mapping[str, Any]) -> str:
     """Return the bounds of a prediction."""
     if row["low"] is None or row["high"] is None:
         return "-"
-    return f"{row['low']:.3g} to {row['high']:.3g}"
+    low, high = (f"{row[end]:.5g}" for end in ("low", "high"))
+    return low if low == high else f"{low} to {high}"
 
 
 def _figure_text(found: Mapping[str, Any] | None) -> str:
     """Return a figure with its standard error and its kick."""
     if found is None:
         return "-"
-    text = f"{found['value']:.4g}"
+    text = f"{found['value']:.5g}"
     if found["stderr"] is not None:
         text += f" ± {found['stderr']:.2g}"
     if found["kick_rad"] is not None:

@@ -155,7 +155,8 @@ def _text(report: dict[str, Any], folder: Path) -> str:
     following = list(words.following(report))
     if following:
         lines += ["", "What next", *(f"  {command}" for command, _ in following)]
-    moved = ["pictures", "logs/"] if (folder / "logs").exists() else []
+    drawn = any(step["picture"] for step in report["steps"])
+    moved = ["pictures"] * drawn + ["logs/"] * (folder / "logs").exists()
     made = [] if report["config"] is None else ["config.yaml"]
     files = ", ".join(["report.txt", "commission.json", *moved, *made])
     return "\n".join([*lines, "", f"written to {folder}: {files}"])

@@ -1,4 +1,4 @@
-"""The entry point of ``haptic-wall``: handles Ctrl-C quietly before anything is imported.
+"""The entry point of ``haptic-wall``: ends on Ctrl-C in one line, even before all is imported.
 
 Importing a command's modules takes up to half a second, in which Python answers a Ctrl-C with a
 traceback, or with an error of the library that is being imported.

@@ -27,14 +27,13 @@ def tell(error: BaseException, status: int) -> int:
     """Report an error; return its exit status.
 
     Args:
-        error: The error; without a text it is Ctrl-C, which needs no explanation.
+        error: The error; without a text it is Ctrl-C.
         status: Exit status.
     """
     problem = _problem(error)
-    text = str(problem if isinstance(error, click.ClickException) else error)
-    if text:
-        say(f"haptic-wall: {text}")
-    told = {"error": text or "interrupted", "field": problem.field, "advice": problem.remedy}
+    text = str(problem if isinstance(error, click.ClickException) else error) or "interrupted"
+    say(f"haptic-wall: {text}")
+    told = {"error": text, "field": problem.field, "advice": problem.remedy}
     try:
         answer_error({**told, "exit_status": status})
     except OSError:  # a full disk: the exit status remains

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -141,13 +142,15 @@ def command(
     if out is not None:
         try:
             with writing("--out", out), whole(out) as part:
-                _write(found, loaded, part)
+                _write(found, loaded, sets, part)
             result["config"] = str(out)
         except UserError as error:  # told when the figures are printed
             failed, result["config"] = error.problem, None
     draw = partial(_draw, found, loaded.name)
     result["plot"] = drawn_or_noted("--plot", plot, draw)
     answer(result, lambda: _text(result, found, logs))
+    if sets and result.get("config"):
+        say(f"{out} has {_given(sets)} too")
     if failed is not None:
         raise SeveralError([failed])
 
@@ -176,13 +179,16 @@ def _draw(found: Identified, name: str, path: Path) -> None:
     plot_identification(found, name, path)
 
 
-def _write(found: Identified, loaded: Loaded, path: Path) -> None:
+def _given(sets: Sequence[str]) -> str:
+    return " ".join(f"--set {change}" for change in sets)
+
+
+def _write(found: Identified, loaded: Loaded, sets: Sequence[str], path: Path) -> None:
     from haptic_wall.controller.experiments.identify.identified_config import identified_config
 
-    path.write_text(
-        identified_config(loaded.config, found, loaded.name, loaded.axis, loaded.whole),
-        encoding="utf-8",
-    )
+    source = f"{loaded.name} {_given(sets)}".rstrip()
+    text = identified_config(loaded.config, found, source, loaded.axis, loaded.whole)
+    path.write_text(text, encoding="utf-8")
 
 
 def _fit_record(record: Path, plot: Path | None, mass: float | None, length: float | None) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 
 from haptic_wall.controller.system.signals import on_signals
@@ -33,9 +33,9 @@ def leave_at_once() -> None:
 
 
 def leave(_signal: int, _frame: FrameType | None) -> None:
-    """End the process."""
-    if os.isatty(2):
-        os.write(2, CLEAR)
+    """End the process, with a line that says so."""
+    with suppress(OSError):  # no reader
+        os.write(2, CLEAR * os.isatty(2) + b"haptic-wall: interrupted\n")
     os._exit(INTERRUPTED)
 
 

@@ -24,6 +24,7 @@ from haptic_wall.controller.doctor.timing import Timing, judge_lateness, judge_r
 from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments
 from haptic_wall.controller.runtime.machine_setup import machine_setup
 from haptic_wall.controller.runtime.realtime import pick_cores
+from haptic_wall.controller.settings.axes_rules import UNLIKE_ADVICE, unlike_model
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.register_access import Table
@@ -181,6 +182,9 @@ class _Checkup:
         """Check model, firmware and registers; return whether torque is off."""
         report, number = self.report, found.model_number
         self._add(judge_model(number, settings.model))
+        if unlike := unlike_model(self._config.each[report.axis]):
+            of = f"one of {settings.model}, and model.load_inertia as it is"
+            self._add(Check("belief", False, unlike, of, UNLIKE_ADVICE))
         model = model_by_number(number)
         if model is None:
             return False

@@ -58,13 +58,12 @@ class Locator:
         if here.refused:
             fix = "set servo.baud and the servo's Baud Rate (8) to a rate this adapter has"
             self._add(Check("baud rate", False, here.refused, f"{settings.baud} bit/s", fix))
-        else:
-            self._add(Check("baud rate", True, f"{settings.baud} bit/s", "set by the adapter"))
         mine = next((servo for servo in here.servos if servo.id == settings.id), None)
         wanted = f"id {settings.id} at {settings.baud} bit/s"
         if mine is not None:
             others = [name_of(servo) for servo in here.servos if servo is not mine]
             found = "yes" + (f"; beside it {', '.join(others)}" if others else "")
+            self._add(Check("baud rate", True, f"{mine.baud} bit/s", f"{settings.baud} bit/s"))
             self._add(Check("servo answers", True, found, wanted))
             return mine
         self._report.tell("no answer: searching the other baud rates")
@@ -120,6 +119,7 @@ class Locator:
             change, now = self._set_baud(settings, found)
             self._report.note(change)
             if change.verified:
+                self._add(Check("baud rate", True, f"{now.baud} bit/s", f"{settings.baud} bit/s"))
                 text = f"yes; it was at {found.baud} bit/s"
                 self._add(Check("servo answers", True, text, wanted))
                 return now

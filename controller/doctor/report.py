@@ -32,7 +32,7 @@ def not_applicable(name: str, why: str) -> Check:
     return Check(name, True, f"does not apply: {why}", "", applies=False)
 
 
-_OF_THE_BUS: Final = ("port", "used by", "latency timer", "baud rate")
+_OF_THE_BUS: Final = ("port", "used by", "latency timer")
 """Checks that are made with an axis, and hold for all"""
 
 

@@ -102,7 +102,8 @@ class Timing:
         if self.return_delay_ns:
             return "set the return delay to 0, as --fix and a run do, then examine again"
         ways = [] if self.best in (None, self.schedule) else [f"set servo.schedule={self.best}"]
-        most = self.sustainable_hz(self.schedule)
+        allowed = _PERIODS if self.asked == "auto" else (self.schedule,)
+        most = max(map(self.sustainable_hz, allowed))
         lower = next((rate for rate in _RATES if rate <= most and rate < self.rate_hz), None)
         if lower is not None:
             ways.append(f"set loop.rate_hz={lower}")
@@ -130,7 +131,7 @@ class Timing:
         found = ", ".join(f"{schedule} {hz:.0f} Hz" for schedule, hz in rates.items())
         if replies.count > 1:
             found += f" ({replies.count} servos, {replies.read} read)"
-        wanted = f"{self.rate_hz:g} Hz ({self.schedule})"
+        wanted = f"{self.rate_hz:g} Hz ({self.asked})"
         fix = "" if ok else self._advice()
         if ok and best not in (None, self.schedule):
             fix = f"set servo.schedule={best}, which has younger samples"

@@ -94,10 +94,13 @@ def rows(config: Config, real: Ended, twin: Ended) -> list[dict[str, Any]]:
         if row["verdict"] == FAILS and row["step"] == "sweep":
             above = row["real"]["value"] > row["high"]
             row["note"] = "; ".join(filter(None, (_ABOVE if above else _BELOW, row["note"])))
+        elif row["verdict"] == HOLDS and not row["low"] <= row["real"]["value"] <= row["high"]:
+            row["note"] = "; ".join(filter(None, (_NEAR, row["note"])))
         found.append(row)
     return found
 
 
+_NEAR = f"within {_ERRORS:g} standard errors"
 _ABOVE = "above, the safe side: the servo has more friction than believed"
 _BELOW = "below: the guard allows too much; use the report's model, or lower guard.margin"
 

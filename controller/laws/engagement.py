@@ -166,8 +166,11 @@ def waiting_text(
         torque_limit: Largest torque of the servo [N·m].
     """
     away = position - law.position
+    torque = min(stiffness * abs(away), torque_limit)
     if not law.in_contact(position) or abs(law.elongation(position)) <= room:
-        return f"the wall waits until the shaft has stayed here for {1e3 * REST_S:g} ms"
+        soft = f", where the wall pushes with {torque:.2g} N·m only,"
+        here = soft if law.linear and law.in_contact(position) else ""
+        return f"the wall waits until the shaft has stayed here{here} for {1e3 * REST_S:g} ms"
     if law.name == NONE:
         return f"no torque is sent, the shaft is at {place_text(position)}"
     if not law.linear:
@@ -182,7 +185,6 @@ def waiting_text(
         "above": f"below {surface}",
         "below": f"above {surface}",
     }.get(side, f"to within {math.degrees(room):.2g}° of {surface}")
-    torque = min(stiffness * abs(away), torque_limit)
     inside = "the shaft is inside the wall" if law.one_sided else "the shaft is away from the wall"
     return (
         f"{inside}, which would push it with {torque:.3g} N·m: it is at "

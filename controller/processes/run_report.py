@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, Final
 
@@ -16,6 +17,7 @@ from haptic_wall.controller.runtime.safety import (
     emulator_late,
     stall_advice,
 )
+from haptic_wall.controller.settings.axes_rules import UNLIKE_ADVICE, unlike_model
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.servo import Servo
 from haptic_wall.hw.errors import Problem
@@ -62,12 +64,26 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
         "torque_off": ended.torque_off,
         "servo_checks": result.get("checks", []),
         "realtime": ended.realtime,
-        "warnings": warnings_of(ended),
+        "warnings": [*warnings_of(ended), *_of_another_servo(config, result)],
         "changes": ended.changes,
         "log": log,
         "log_state": ended.log,
         "plot": plot,
     }
+
+
+def _of_another_servo(config: Config, result: dict[str, Any]) -> Iterator[str]:
+    """Yield warnings of a configuration that cannot be that of the driven servos."""
+    for name, one in config.each.items():
+        of, asked = f"{name}: " if name else "", one.servo.torque_limit
+        facts = result["axes"][name]["servo"] if result.get("axes") else result.get("facts")
+        if facts and asked and asked > (facts["torque_limit"] or asked) + facts["torque_step"]:
+            yield (
+                f"{of}servo.torque_limit is {asked:g} N·m, but this servo gives at most "
+                f"{facts['torque_limit']:.3g} N·m"
+            )
+        if unlike := unlike_model(one):
+            yield f"{of}{unlike}: {UNLIKE_ADVICE}"
 
 
 def no_stiffness(result: dict[str, Any]) -> str | None:
@@ -107,8 +123,14 @@ def explained(ended: Ended, servo: Servo) -> Problem | None:
         return None
     means, result = EXPLANATIONS[trip], ended.result or {}
     axis, stalled = result.get("stop_axis"), result.get("stalled")
+    message = result.get("message", "")
     otherwise, rest = "" if servo.is_emulated else means.advice, stall_advice(granted=ended.granted)
-    if axis and trip in OF_THE_BUS:  # a stall, or a late emulator, would not lose one of several
+    if trip is Trip.SERVO_LOST and message:  # it names the cause, with its remedy
+        emulator = "the emulator at this port may have ended" if servo.is_emulated else ""
+        stall = f"{stalled} too: {rest}" if stalled else ""
+        told = [message.rstrip("."), emulator, stall]
+        means, message = Problem("; ".join(filter(None, told))), ""
+    elif axis and trip in OF_THE_BUS:  # a stall, or a late emulator, would not lose one of several
         told = [means.what, f"{stalled} too" if stalled else ""]
         advice = [otherwise, f"against the stall, {rest}" if stalled else ""]
         means = replace(
@@ -125,7 +147,6 @@ def explained(ended: Ended, servo: Servo) -> Problem | None:
         means = replace(means, what=f"{axis}: {means.what}")
     if ended.cause:
         return replace(means, what="; ".join(filter(None, (ended.cause, means.what))))
-    message = result.get("message", "")
     return means.followed_by(f" ({message})") if message else means
 
 

@@ -14,7 +14,7 @@ from haptic_wall.controller.experiments.commission.sequence import (
 
 Report = Mapping[str, Any]
 
-_ENDS = {"failed": "tried and failed", "skipped": "left out"}
+_ENDS = {"failed": "tried and failed", "skipped": "left out", "interrupted": "interrupted"}
 
 
 def headline(report: Report) -> str:
@@ -27,7 +27,7 @@ def headline(report: Report) -> str:
     start = f"{report['name']} {can} a wall of {_n(best['stiffness'])} N·m/rad"
     if report["status"] == INCOMPLETE:
         missing = [
-            step["step"]
+            f"the rest of {step['step']}" if report[step["step"]] else step["step"]
             for step in report["steps"]
             if step["state"] != "done" and step["step"] != "doctor"
         ]
@@ -72,7 +72,9 @@ def why(report: Report) -> Iterator[str]:
             continue
         # the verdict asks for more than any limit allows: that figure tells nothing
         asked = f" instead of {decided['requested']['stiffness']:.4g} N"
-        yield f"{which} {'; '.join(decided['reasons']).replace(asked, ' N')}."
+        # and the best virtual damping stands below
+        reasons = [each for each in decided["reasons"] if not each.startswith("with virtual damp")]
+        yield f"{which} {'; '.join(reasons).replace(asked, ' N')}."
     stiffness = verdict["best"]["commanded"]["stiffness"]
     if stiffness > 0.0:
         depth = verdict["torque_limit"] / stiffness
@@ -144,10 +146,18 @@ def unknown(report: Report) -> Iterator[str]:
         )
         yield from (f"{warning[:1].upper()}{warning[1:]}." for warning in identify["warnings"])
         if identify["backlash"] is None:
-            yield "No backlash between motor and shaft was found; a little may exist."
+            said = "No backlash between motor and shaft was found; a little may exist"
+            if report["verdict"]["best"]["binding"] == "backlash":
+                said += (
+                    ", and the configuration keeps its model.backlash, which limits the stiffness:"
+                    " measure yours, as with a dial gauge on a lever of the shaft with the motor"
+                    " held, and set model.backlash if it is less"
+                )
+            yield f"{said}."
     for step in report["steps"]:
-        if step["state"] in ("failed", "skipped") and step["step"] != "doctor":
-            yield f"The step {step['step']} was {_ENDS[step['state']]}: {step['reason']}."
+        if step["state"] in _ENDS and step["step"] != "doctor":
+            reason = f": {step['reason']}" if step["reason"] else ""
+            yield f"The step {step['step']} was {_ENDS[step['state']]}{reason}."
         elif step["state"] == "not taken":
             yield f"The step {step['step']} was not reached."
     for point in report["agreement"]["boundary"] or ():
@@ -163,6 +173,8 @@ def unknown(report: Report) -> Iterator[str]:
             " which are those without friction. The guard does not count on it: it varies with the"
             " position, and does not stop a larger motion."
         )
+    if identify is None:
+        return
     yield (
         "The servo was measured free, at one temperature and on one day: a part that is mounted"
         " later changes the inertia; wear and temperature change the friction. The bounds in the"

@@ -14,7 +14,7 @@ from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.walls import walls_of
 from haptic_wall.controller.report import run_panels
 from haptic_wall.controller.report.sketch import Sketch, sketched
-from haptic_wall.controller.report.style import picture, titled
+from haptic_wall.controller.report.style import RUN_STYLE, picture, titled
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_PROBED, FLAG_WARM_UP
 
@@ -43,13 +43,13 @@ def plot_log(log: LogReader, path: Path, stop_reason: str | None = None) -> None
         raise LogFormatError(f"{log.path} holds no rows")
     if log.axes == ONE_AXIS:
         sketch = sketched(log.blocks(), count, log.origin_ns)
-        plot_run(sketch, log.metadata, path, stop_reason, log.changes)
+        plot_run(sketch, log.metadata, path, stop_reason, log.changes, log.end)
         return
     runs = {}
     for name in log.axes[:MOST_AXES]:
         one = log.axis(name)
         sketch = sketched(one.blocks(), count, log.origin_ns)
-        runs[name] = _drawn(sketch, one.metadata, one.changes)
+        runs[name] = _drawn(sketch, one.metadata, one.changes, one.end)
     shown = f"{_name(log.metadata)}: {len(log.axes)} axes"
     if len(log.axes) > MOST_AXES:
         shown += f", of which the first {MOST_AXES} are shown: `haptic-wall log LOG --axis NAME`"
@@ -59,7 +59,7 @@ def plot_log(log: LogReader, path: Path, stop_reason: str | None = None) -> None
 def _plot_axes(runs: Mapping[str, run_panels.DrawnRun], title: str, path: Path) -> None:
     """Draw position and torque of each axis, one row an axis."""
     size = 11.0, 1.2 + 1.6 * len(runs)
-    with picture(path, *size, {"figure.dpi": 120}) as figure:
+    with picture(path, *size, RUN_STYLE) as figure:
         figure.suptitle(titled(title), fontsize=12, ha="left", x=0.01)
         rows = figure.subplots(len(runs), 2, sharex=True, squeeze=False)
         panels = (run_panels.position, "{}\n[rad]"), (run_panels.torque, "torque [N·m]")
@@ -74,7 +74,7 @@ def _plot_axes(runs: Mapping[str, run_panels.DrawnRun], title: str, path: Path) 
                 each: one for each, one in zip(labels, handles, strict=True) if "±" not in each
             }
         figure.legend(
-            [*told.values()], [*told], loc="outside lower left", ncols=4, fontsize=8, frameon=False
+            [*told.values()], [*told], loc="outside lower left", ncols=4, fontsize=9, frameon=False
         )
         for ax in rows[-1]:
             ax.set_xlabel("time [s]")
@@ -101,6 +101,7 @@ def plot_run(
     path: Path,
     stop_reason: str | None = None,
     changes: Sequence[Mapping[str, Any]] = (),
+    report: Mapping[str, Any] | None = None,
 ) -> None:
     """Draw the selected rows of a run as PNG: panels over one time axis.
 
@@ -110,12 +111,13 @@ def plot_run(
         path: Path of the picture.
         stop_reason: Stop reason of the report; the title names a trip. None: not known.
         changes: Changes of the running wall, from the log.
+        report: The report in the log, for the servo's torque limit; None: there is none.
 
     Raises:
         LogFormatError: The metadata holds no known configuration.
         OSError: The picture cannot be written.
     """
-    run = _drawn(sketch, metadata, changes)
+    run = _drawn(sketch, metadata, changes, report)
     panels: list[tuple[Callable[[Axes, run_panels.DrawnRun], None], float]] = [
         (run_panels.position, 3.0),
         (run_panels.torque, 2.0),
@@ -124,7 +126,7 @@ def plot_run(
     if run_panels.has_timing(run):
         panels.append((run_panels.timing, 2.0))
     heights = [height for _, height in panels]
-    with picture(path, 11.0, 1.1 * sum(heights), {"figure.dpi": 120}) as figure:
+    with picture(path, 11.0, 1.1 * sum(heights), RUN_STYLE) as figure:
         axes = figure.subplots(len(panels), 1, sharex=True, height_ratios=heights)
         title = _title(run, _name(metadata), stop_reason or "")
         figure.suptitle(title, fontsize=12, ha="left", x=0.01)
@@ -137,7 +139,7 @@ def plot_run(
                     labels,
                     loc="upper left",
                     bbox_to_anchor=(1.0, 1.0),
-                    fontsize=8,
+                    fontsize=9,
                     frameon=False,
                 )
         axes[-1].set_xlabel("time [s]")
@@ -145,10 +147,14 @@ def plot_run(
 
 
 def _drawn(
-    sketch: Sketch, metadata: Mapping[str, Any], changes: Sequence[Mapping[str, Any]]
+    sketch: Sketch,
+    metadata: Mapping[str, Any],
+    changes: Sequence[Mapping[str, Any]],
+    report: Mapping[str, Any] | None,
 ) -> run_panels.DrawnRun:
     on = (sketch.rows["flags"] & (FLAG_WARM_UP | FLAG_OFF)) == 0
-    return run_panels.DrawnRun(sketch, on, walls_of(metadata, changes))
+    facts = (report or {}).get("servo") or {}
+    return run_panels.DrawnRun(sketch, on, walls_of(metadata, changes), facts.get("torque_limit"))
 
 
 def _title(run: run_panels.DrawnRun, name: str, stop_reason: str) -> str:

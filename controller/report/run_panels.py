@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,19 +24,23 @@ from haptic_wall.controller.runtime.telemetry import (
 )
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.hw.servo import Outcome
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _INK, _WALL, _CONTACT, _WARM_UP = "#1f3b57", "#b5652b", "#fbeadb", "#ececec"
 _SENT, _ASKED, _ALARM = "#1b7f79", "#9aa5ad", "#c0272d"
+_LOST = "#7a6a8f"
 _PROBE = "#d9d2ea"
 SIDES: tuple[Side, ...] = ("above", "below")
 _SMOOTH_S = 0.02
 """Averaging time of the additional smooth velocity [s]: one encoder count within a sample is a
 spike that hides the motion."""
-_LEAST_US = 0.02
-"""Lower end of the logarithmic time axis [µs]."""
+_LEAST_US = 1.0
+"""Lower end of the logarithmic time axis [µs]; shorter times are drawn at it."""
+_SHOWN = 3.0
+"""Largest multiple of the commanded stiffness at which the requested one is drawn"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +51,8 @@ class DrawnRun:
     on: NDArray[np.bool_]
     """Whether the wall is on: false in the warm-up and while the wall is off"""
     walls: Walls
+    torque_limit: float | None
+    """Torque limit of the servo, by the report of the run [N·m]; None: unknown"""
 
     @property
     def config(self) -> Config:
@@ -99,6 +105,13 @@ class DrawnRun:
 def position(ax: Axes, run: DrawnRun) -> None:
     """Draw the shaft's position and the wall."""
     _line(ax, run.time, run.rows["position"], _INK, "position", 1.3)
+    lost = run.time[run.rows["outcome"] != Outcome.OK]
+    if lost.size:
+        look: dict[str, Any] = {"color": _LOST, "markersize": 6, "markeredgewidth": 0.6}
+        heights = np.full(lost.size, 0.02)
+        ax.plot(
+            lost, heights, "|", transform=ax.get_xaxis_transform(), label="lost readings", **look
+        )
     ax.set_ylabel("position [rad]")
     if np.isnan(run.over_time(run.surface)[1]).all():
         return
@@ -160,16 +173,12 @@ def torque(ax: Axes, run: DrawnRun) -> None:
 
 
 def _torque_limit(run: DrawnRun, saturated: NDArray[np.bool_]) -> float | None:
-    """Return the torque limit that the log shows, or the configuration's [N·m]; None if unknown."""
+    """Return the torque limit that the log shows, or the servo's [N·m]; None if unknown."""
     if saturated.any():
         torque: FloatArray = run.rows["torque"][saturated]
         return float(np.abs(torque).max())
-    config = run.config
-    limit = config.servo.torque_limit
-    if config.servo.kind != "hardware":
-        limit = config.true_servo().torque_limit
-    known = [torque for torque in (limit, config.wall.torque_clip) if torque is not None]
-    return min(known, default=None)
+    known = run.torque_limit, run.config.wall.torque_clip
+    return min((torque for torque in known if torque is not None), default=None)
 
 
 def stiffness_or_velocity(ax: Axes, run: DrawnRun) -> None:
@@ -179,13 +188,16 @@ def stiffness_or_velocity(ax: Axes, run: DrawnRun) -> None:
         ax.plot(
             run.time[run.on], stiffness, label="commanded K", drawstyle="steps-post", color=_INK
         )
-        ax.set_ylim(0, 1.15 * float(stiffness.max()))
+        most = float(stiffness.max())
         times, requested = run.over_time(lambda config: config.wall.stiffness)
-        requested[requested > 1.15 * float(stiffness.max())] = math.nan
-        if not np.isnan(requested).all():
-            ax.plot(
-                times, requested, color=_ASKED, linestyle="--", linewidth=1, label="requested K"
-            )
+        shown = requested <= _SHOWN * most
+        if shown.any():
+            drawn = np.where(shown, requested, math.nan)
+            ax.plot(times, drawn, color=_ASKED, linestyle="--", linewidth=1, label="requested K")
+            most = max(most, float(requested[shown].max()))
+        if not shown.all():
+            ax.plot([], [], " ", label=f"(requested K {requested.max():.4g}: off the scale)")
+        ax.set_ylim(0, 1.15 * most)
         ax.set_ylabel("stiffness\n[N·m/rad]")
         return
     velocity, sketch = run.rows["velocity"], run.sketch

@@ -120,6 +120,8 @@ def _telling(rows: NDArray[np.void]) -> NDArray[np.intp]:
             places.add(int(np.flatnonzero(~np.isfinite(numbers))[0]))
     if rows["missed"].any():
         places.add(int(np.argmax(rows["missed"])))
+    if rows["outcome"].any():
+        places.add(int(np.argmax(rows["outcome"])))
     for flag in _FLAGS:
         changes = np.flatnonzero(np.diff(rows["flags"] & flag))
         if changes.size:

@@ -47,9 +47,11 @@ ROOTS = _root, _square
 """Of an axis with more room near zero, where walls are used and limits rise steeply: the scale, and
 its inverse"""
 
+_FONT: dict[Any, Any] = {"font.family": "STIXGeneral", "mathtext.fontset": "stix"}
+RUN_STYLE = {**_FONT, "font.size": 11, "figure.dpi": 120}
+"""Of a run: for a screen"""
 _STYLE: dict[Any, Any] = {
-    "font.family": "STIXGeneral",
-    "mathtext.fontset": "stix",
+    **_FONT,
     "font.size": 8.5,
     "axes.labelsize": 9,
     "xtick.labelsize": 8,

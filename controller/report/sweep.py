@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _POINTS = 160
+_EXPECTED: dict[str, Any] = {"marker": "D", "ms": 5, "mfc": "none", "mew": 0.9, "linestyle": " "}
 _SIGMAS = 2.0
 """Half length of the error bars in standard errors"""
 
@@ -83,7 +84,7 @@ def _one_delay(
     ax.errorbar(at, stiffness, error, marker="o", markersize=3.5, **look)
     if device.coulomb > 0.0:
         predicted = _values([point.predicted_with_friction for point in found])
-        ax.plot(at, predicted, "_", color=colour, markersize=9, markeredgewidth=0.9)
+        ax.plot(at, predicted, color=colour, **_EXPECTED)
     # A point outside the picture is drawn at its edge.
     missing = np.clip([point.virtual_damping for point in points if point.measured is None], *ends)
     ax.plot(
@@ -106,7 +107,7 @@ def _legend(points: Sequence[PointResult], colours: dict[int, str]) -> list[Any]
     keys.append(style.key("measured, ±2 s.e.", marker="o", ms=3.5, linestyle=" "))
     if any(point.predicted_with_friction not in (None, point.exact) for point in points):
         label = "expected with friction\nfor that kick"
-        keys.append(style.key(label, marker="_", ms=9, linestyle=" "))
+        keys.append(style.key(label, **_EXPECTED))
     if any(point.measured is None for point in points):
         keys.append(style.key("no figure: see reason", marker="x", ms=5, linestyle=" "))
     keys.append(style.key("exact, no friction", linewidth=1.0))

@@ -13,14 +13,21 @@ from haptic_wall.controller.settings.shares import COLLECT_SHARE
 from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.open import cycle_time, problems
 
-BARE_INERTIA: Final = {"XM430-W350": 0.017927, "XL330-M288": 0.0027213}
-"""Highest inertia of a bare servo, by model [kg·m²]: that of its preset"""
+BARE_INERTIA: Final = {"XM430-W350": (0.007967, 0.017927), "XL330-M288": (0.0012095, 0.0027213)}
+"""Lowest and highest inertia of a bare servo, by model [kg·m²]: those of its preset"""
+_HIGHEST: Final = {model: high for model, (_, high) in BARE_INERTIA.items()}
 _GEARED: Final = {
-    "XM430-W210": BARE_INERTIA["XM430-W350"] * (212.6 / 353.5) ** 2,
-    "XL330-M077": BARE_INERTIA["XL330-M288"] * (77.5 / 288.4) ** 2,
+    "XM430-W210": _HIGHEST["XM430-W350"] * (212.6 / 353.5) ** 2,
+    "XL330-M077": _HIGHEST["XL330-M288"] * (77.5 / 288.4) ** 2,
 }
 """That of the same motor behind another gear: ratios of the e-Manual"""
+_UNIT: Final = 2.0
+"""Largest ratio of acting and commanded torque: an identified inertia is in the latter's unit"""
 _ROUNDED: Final = 1 + 1e-9
+UNLIKE_ADVICE: Final = (
+    "set servo.model, model.* and servo.torque_limit to those of one servo, as its preset has them,"
+    " and what it turns in model.load_inertia"
+)
 
 
 def apart(config: Sections) -> Iterator[Problem]:
@@ -77,7 +84,7 @@ def _bare(config: Sections) -> Iterator[Problem]:
     """The guard needs the servo's own inertia: that of links changes with the pose."""
     for name, axis in config.axes.items():
         believed = axis.model.inertia
-        bare = (BARE_INERTIA | _GEARED).get(axis.servo.model or "")
+        bare = (_HIGHEST | _GEARED).get(axis.servo.model or "")
         if believed is None or bare is None:
             continue
         if believed.low > bare * _ROUNDED:
@@ -89,6 +96,29 @@ def _bare(config: Sections) -> Iterator[Problem]:
                 advice="identify the servo without its links, or take the preset's bounds",
                 field=f"axes.{name}.model.inertia",
             )
+
+
+def unlike_model(config: Sections) -> str:
+    """Say why a belief cannot be that of a real ``servo.model``; empty: it can.
+
+    A load makes a servo heavier, by ``model.load_inertia`` at most, and never lighter.
+    """
+    model, believed, load = config.servo.model, config.model.inertia, config.model.load_inertia
+    bare = BARE_INERTIA.get(model or "")
+    if config.servo.kind != "hardware" or believed is None or bare is None:
+        return ""
+    least, most = bare[0] / _UNIT, bare[1] * _UNIT
+    if believed.high < least:
+        return (
+            f"model.inertia is at most {believed.high:.3g} kg·m², but a bare {model} has at least "
+            f"{least:.3g}"
+        )
+    if load is not None and not config.model.bare and believed.low - load.high > most:
+        return (
+            f"model.inertia is at least {believed.low:.3g} kg·m², of which model.load_inertia is at"
+            f" most {load.high:.3g}, but a bare {model} has at most {most:.3g}"
+        )
+    return ""
 
 
 def _of_another(config: Sections) -> Iterator[Problem]:

@@ -1,6 +1,6 @@
 """Handles Ctrl-C, SIGTERM and a closed terminal, for the duration of a block.
 
-Outside of runs Ctrl-C ends the process in its handler, silently, with status 130; code that must
+Outside of runs Ctrl-C ends the process in its handler, with a line and status 130; code that must
 clean up uses ``interrupting``. Of 1,180 Ctrl-C in the first two seconds of commands, an import of
 SciPy turned two into a traceback, and Python's own start seven: so the command is a shell script
 that starts Python with the signal blocked.

@@ -18,6 +18,8 @@ from haptic_wall.hw.dynamixel.tables import NO_CURRENT_MODE, Model, model_by_num
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw, torque_law
 from haptic_wall.hw.servo import Check
 
+OF_PRESETS: Final = ("XM430-W350", "XL330-M288")
+"""Models that a preset is for; its name is that of the model in small letters"""
 STATUS_LEVEL: Final = 2
 """Status Return Level at which the servo replies to everything"""
 _FIX: Final = "`haptic-wall doctor CONFIG --fix`"
@@ -127,11 +129,15 @@ def judge_model(number: int, name: str) -> Check:
             f"connect an {name}, or another model that is known and name it in servo.model; if "
             "this one has torque, switch its power off",
         ).check("model")
-    why, advice = f"It is an {model.name} (model number {number})", f"connect an {name}"
-    if model.name == name:
-        why = advice = ""
-    else:
-        advice += f", or set servo.model={model.name}"
+    why = advice = ""
+    if model.name != name:
+        why = f"It is an {model.name} (model number {number})"
+        other = f"set servo.model={model.name} and its own values (`haptic-wall identify`)"
+        if model.name in OF_PRESETS:
+            other = f"make a new file, `haptic-wall init FILE --from {model.name.lower()}`"
+        advice = (
+            f"connect an {name}, or {other}: model.* and servo.torque_limit belong to a model too"
+        )
     return Verdict(f"{model.name} ({number})", name, why, advice).check("model")
 
 
@@ -239,6 +245,12 @@ def _current_limit(seen: Seen) -> Verdict:
             f"servo.torque_limit is {seen.torque_limit:g} N·m: raise Current Limit (38), or accept "
             "the servo's lower limit"
         )
+        if (largest := seen.law.torque(most)) < seen.torque_limit:
+            advice = (
+                f"servo.torque_limit is {seen.torque_limit:g} N·m, but an {name} gives at most "
+                f"{largest:.2g} N·m at {seen.volts:g} V: check that the configuration is of this "
+                "model"
+            )
     return Verdict(f"{current} ({torque:.2f} N·m)", f"1 to {most}", why, advice)
 
 

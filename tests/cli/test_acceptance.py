@@ -8,10 +8,14 @@ from typing import Any, NoReturn
 
 import pytest
 
+from haptic_wall.controller.cli.acceptance import _text
 from haptic_wall.controller.experiments import acceptance
 from haptic_wall.controller.experiments.commission import steps
+from haptic_wall.controller.experiments.commission.sequence import Ended
+from haptic_wall.controller.experiments.commission.steps import StepOutcome
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
 from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError
+from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.errors import ServoLostError
 from tests.support.program import Cli, call
 
@@ -62,6 +66,20 @@ def test_an_emulated_servo_is_accepted_to_the_end(
 def report_of(folder: Path) -> dict[str, Any]:
     found: dict[str, Any] = json.loads((folder / "acceptance.json").read_text())
     return found
+
+
+def test_a_figure_that_holds_beside_its_bounds_has_the_digits_and_the_reason() -> None:
+    config = load_config("simulated").config
+    found = {"inertia": (0.01195, 0.0001), "delay": (5.8e-6, 4e-6)}
+    data = {name: {"value": value, "stderr": error} for name, (value, error) in found.items()}
+    ended = Ended({"identify": StepOutcome("identify", "done", data=data)}, config, False)
+    rows = acceptance.rows(config, ended, ended)
+    told = {row["name"]: row["note"] for row in rows}
+    near = "within 2 standard errors"
+    assert told == {"inertia": near, "delay of the servo": near}
+    said = _text({"name": "mine", "headline": "", "rows": rows, "steps": [], "versions": {}})
+    assert "predicted 0.011951; this servo 0.01195 ± 0.0001;" in said
+    assert "predicted 0; this servo 5.8e-06 ± 4e-06;" in said
 
 
 def test_the_steps_are_taken_and_most_predictions_hold(accepted: Path) -> None:

@@ -104,13 +104,18 @@ def test_a_servo_at_another_rate_is_found_examined_and_changed_only_when_asked(c
         assert wrong == {"servo answers"}
         assert checks["servo answers"]["found"] == "at 57600 bit/s"
         # 57600 is no rate for 1 kHz, so it is not proposed
-        assert checks["servo answers"]["fix"].startswith("change the servo's rate")
+        fix = checks["servo answers"]["fix"]
+        assert fix.startswith("change the servo's rate")
+        assert f"doctor xm430-w350 --set servo.port={port} --set" in fix
+        assert fix.endswith("--fix --change-baud`")
+        assert "baud rate" not in checks, "not that of the port alone"
         assert checks["model"]["ok"]
         assert "reply time" not in checks
         _, checks, wrong, found = report(cli, *at(port), "--fix", "--change-baud")
         assert wrong == set()
         assert found["changes"][0]["after"] == "4000000"
         assert "reply time" in checks
+        assert checks["baud rate"]["found"] == "4000000 bit/s"
 
 
 @pytest.mark.realtime

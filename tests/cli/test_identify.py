@@ -58,6 +58,9 @@ def test_figures_are_printed_though_a_file_cannot_be_written(
     monkeypatch.setattr("haptic_wall.controller.report.identify.plot_identification", full)
     words = ["identify", "simulated", *QUICK, "--set=loop.rate_hz=500"]  # half of the rows
     said = cli(*words, "--out=mine.yaml", "--plot=fit.png", "--json")
+    given = " ".join(f"--set {word.removeprefix('--set=')}" for word in words[2:])
+    assert f"mine.yaml has {given} too" in said.err
+    assert Path("mine.yaml").read_text().startswith(f"# simulated {given}, with its belief")
     report = json.loads(said.out)
     assert report["inertia"]["value"] == pytest.approx(0.0018142, rel=0.05)
     assert (report["plot"], report["config"]) == (None, "mine.yaml")

@@ -39,7 +39,7 @@ def on_a_terminal(then: str) -> tuple[str, int]:
 
 def test_a_ctrl_c_takes_the_line_away() -> None:
     text, status = on_a_terminal("os.kill(os.getpid(), signal.SIGINT); time.sleep(9)")
-    assert text.endswith("left\r\x1b[K")
+    assert text.endswith("left\r\x1b[Khaptic-wall: interrupted\r\n")
     assert status == 130
 
 

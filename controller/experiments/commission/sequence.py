@@ -16,6 +16,7 @@ from haptic_wall.controller.experiments.commission.steps import (
     RUN,
     STEPS,
     TITLES,
+    State,
     Step,
     StepContext,
     StepOutcome,
@@ -95,14 +96,16 @@ def run_steps(bench: StepContext) -> Ended:
         try:
             with interrupting():
                 outcomes[step], shown = _taken(step, ended, bench)
+                if outcomes[step].state == "interrupted":
+                    bench.tell(f"{step}: interrupted")
+                    return replace(ended, interrupted=True)  # what was measured is reported
                 if outcomes[step].reason is not None:
                     bench.tell(f"{step}: {outcomes[step].state}: {outcomes[step].reason}")
                 bench.picture(step).unlink(missing_ok=True)
                 if shown and step in bench.plots:
                     _draw(step, shown, bench)
-        except (KeyboardInterrupt, ExperimentInterruptedError):
-            bench.tell(f"{step}: interrupted")
-            return replace(ended, interrupted=True)  # earlier measurements stay in the report
+        except KeyboardInterrupt:
+            return replace(ended, interrupted=True)
         if step == "identify" and (found := ended.data(step)) is not None:
             text = found["config_text"]
             ended = replace(ended, config=Config.model_validate(yaml_text.parse(text, CONFIG)))
@@ -128,24 +131,26 @@ def _obstacle(step: Step, ended: Ended) -> str | None:
 
 
 def _taken(step: Step, ended: Ended, bench: StepContext) -> tuple[StepOutcome, tuple[Any, ...]]:
-    """Execute a step; return its outcome, errors included, and the data of its plot.
-
-    Raises:
-        KeyboardInterrupt: A person has ended it, as ``ExperimentInterruptedError``.
-    """
+    """Execute a step; return its outcome, errors included, and the data of its plot."""
     if (why_not := _obstacle(step, ended)) is not None:
         return StepOutcome(step, "skipped", why_not), ()
     bench = replace(bench, config=ended.config, partly={})
     bench.tell(f"{step}: {TITLES[step]} ...")
     began = time.monotonic()
 
-    def failed(error: Exception | str, status: int, ends_all: bool = False) -> StepOutcome:
+    def failed(
+        error: Exception | str, status: int, ends_all: bool = False, state: State = "failed"
+    ) -> StepOutcome:
         seconds = time.monotonic() - began
         partly = dict(bench.partly)
-        return StepOutcome(step, "failed", str(error), status, ends_all, seconds, partly)
+        return StepOutcome(step, state, str(error), status, ends_all, seconds, partly)
 
     try:
         data, shown = RUN[step](bench)
+    except ExperimentInterruptedError as error:
+        return failed(error.problem.advice, 0, state="interrupted"), ()
+    except KeyboardInterrupt:
+        return failed("", 0, state="interrupted"), ()
     except ExperimentTrippedError as error:
         text = f"{error.stop_reason}: {error}"
         return failed(text, exit_status(error.stop_reason), error.gone), ()

@@ -44,7 +44,7 @@ TITLES: Mapping[Step, str] = {
     "sweep": "the critical stiffness measured",
 }
 
-State = Literal["done", "failed", "skipped"]
+State = Literal["done", "failed", "skipped", "interrupted"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class StepOutcome:
     step: Step
     state: State
     reason: str | None = None
-    """Why it failed or was skipped; None: it is done"""
+    """Why it has not been done; None: it is done"""
     exit_status: int = 0
     """Exit status of the command, if this is the first failed step"""
     ends_all: bool = False
@@ -142,7 +142,9 @@ def run_sweep(bench: StepContext) -> StepResult:
     if kept.done:
         bench.partly.update(asked.report(kept))
     if not sweep(asked, kept, tell=bench.tell, progress=progress):
-        raise ExperimentInterruptedError("interrupted", advice=f"{len(kept.done)} points are kept")
+        raise ExperimentInterruptedError(
+            "interrupted", advice=f"{len(kept.done)} of {len(asked.settings)} points are kept"
+        )
     return StepResult(asked.report(kept), (asked.points(kept), Device.of(config)))
 
 

@@ -12,6 +12,7 @@ from haptic_wall.controller.experiments.estimated import Estimated
 from haptic_wall.controller.experiments.identify.fit import Friction
 from haptic_wall.controller.experiments.identify.identification import Identified
 from haptic_wall.controller.experiments.identify.misfit import is_structured
+from haptic_wall.controller.experiments.identify.text import residual_text
 from haptic_wall.controller.experiments.identify.vibration import (
     believed_vibration,
     vibration_lines,
@@ -60,8 +61,7 @@ def identified_config(
         f"Bounds: {_ERRORS:g} standard errors, at least {floors}, {DELAY_FLOOR:g} periods of the"
         " delay.",
         f"Inertia and friction are in the unit of the {unit}.",
-        f"Residual of the fit: {1e3 * identified.residual:.3g} mrad, of which noise and rounding"
-        f" leave {1e3 * identified.noise:.3g}.",
+        f"Of the fit: {residual_text(identified)}.",
         *vibration_lines(identified.vibration),
         *identified.warnings,
     ]

@@ -46,6 +46,15 @@ def report(found: Identified) -> dict[str, Any]:
     }
 
 
+def residual_text(found: Identified) -> str:
+    """Say how large the residual is, and which part of it is noise.
+
+    The noise is estimated on its own, and may come out above the residual: then it is all of it.
+    """
+    noise = min(found.noise, found.residual)
+    return f"residual {1e3 * found.residual:.3g} mrad, {1e3 * noise:.3g} by noise and rounding"
+
+
 def text(found: Identified) -> str:
     """Format the identification for people."""
     lines = [f"  {row_text(found, name)}" for name in UNITS if name != "torque_gain"]
@@ -54,12 +63,12 @@ def text(found: Identified) -> str:
     else:
         lines.append("  torques in the unit of the commanded torque: no current is measured")
     if found.backlash is None:
-        lines.append("  backlash not found")
+        lines.append("  backlash not found: model.backlash stays as it was")
     else:
         lines.append(
             f"  backlash {1e3 * found.backlash.value:.3g} ± {1e3 * found.backlash.stderr:.2g} mrad"
         )
     lines += [f"  {line}" for line in vibration_lines(found.vibration)]
-    lines.append(f"  residual {1e3 * found.residual:.3g} mrad, {1e3 * found.noise:.3g} by noise")
+    lines.append(f"  {residual_text(found)}")
     warnings = [f"warning: {warning}" for warning in found.warnings]
     return "\n".join(["found, with standard errors", *lines, *warnings])

@@ -118,9 +118,10 @@ def point_text(point: PointResult) -> str:
     where = f"B {point.virtual_damping:g}, {point.delay_steps} steps"
     if point.measured is None:
         return f"{where}: {point.reason}"
+    at = "" if point.frequency_hz is None else f" at {point.frequency_hz:.3g} Hz"
     return (
         f"{where}: {point.measured:.4g} ± {point.uncertainty:.2g} N·m/rad"
-        f" (exact {point.exact:.4g}) at {point.frequency_hz or float('nan'):.3g} Hz"
+        f" (exact {point.exact:.4g}){at}"
     )
 
 

@@ -1,7 +1,7 @@
 """What measurements mean: which schedule suits, which rate holds, what the machine grants."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 
@@ -35,7 +35,9 @@ STALLED = replies([MS // 10] * 190 + [7 * MS] * 10, MS // 10)
 """Five of a hundred wait for a machine that does something else"""
 
 
-def judged(found: Replies, schedule: Schedule = "immediate", **more: Any) -> dict[str, Check]:
+def judged(
+    found: Replies, schedule: Schedule | Literal["auto"] = "immediate", **more: Any
+) -> dict[str, Check]:
     timing = Timing(found, schedule, 1000.0, 4_000_000, **more)
     return {finding.name: finding for finding in timing.checks()}
 
@@ -58,6 +60,15 @@ def test_a_timer_of_1_ms_is_too_slow_for_immediate_and_pipelined_is_named() -> N
     assert fix == "set servo.schedule=pipelined, or set loop.rate_hz=500"
     found = judged(TIMER, "pipelined")
     assert all(finding.ok for finding in found.values())
+
+
+def test_a_lower_rate_is_that_of_the_schedule_that_auto_takes_there() -> None:
+    slow = replies([MS // 2] * 150 + [3 * MS] * 50, MS // 10)  # 267 Hz immediate, 600 Hz pipelined
+    cases: list[tuple[Schedule | Literal["auto"], int]] = [("immediate", 250), ("auto", 500)]
+    for schedule, rate in cases:
+        found = judged(slow, schedule)["sustainable rate"]
+        assert not found.ok
+        assert found.fix == f"set loop.rate_hz={rate}"
 
 
 def test_replies_held_for_16_ms_point_to_the_latency_timer_and_to_no_other_rate() -> None:

@@ -13,7 +13,7 @@ from haptic_wall.controller.experiments.sweep.decrement import Growth
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.growth_fit import Trial
 from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint, soft_spring
-from haptic_wall.controller.experiments.sweep.result import PointResult
+from haptic_wall.controller.experiments.sweep.result import PointResult, point_text
 from haptic_wall.controller.experiments.sweep.sweep import excursion
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed
 from haptic_wall.controller.laws.program import Phase
@@ -220,3 +220,9 @@ def test_the_soft_spring_is_stable_in_the_worst_corner() -> None:
     gain = 1.35
     limit = critical_stiffness(0.008, 0.001, gain * hold.damping, 1e-3, 7e-3) / gain
     assert 0.0 < hold.stiffness < 0.45 * float(limit)
+
+
+@pytest.mark.parametrize(("hertz", "end"), [(19.4, " at 19.4 Hz"), (None, "")])
+def test_a_point_tells_its_frequency_where_it_is_known(hertz: float | None, end: str) -> None:
+    point = PointResult(0.0, 2, 0.002, 23.05, 24.0, 0.01, 177.6, 1.3, hertz)
+    assert point_text(point) == f"B 0, 2 steps: 177.6 ± 1.3 N·m/rad (exact 23.05){end}"

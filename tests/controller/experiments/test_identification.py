@@ -22,6 +22,7 @@ from haptic_wall.controller.experiments.identify.identified_config import (
 )
 from haptic_wall.controller.experiments.identify.motion import motion_of
 from haptic_wall.controller.experiments.identify.servo_fit import fit_servo
+from haptic_wall.controller.experiments.identify.text import text
 from haptic_wall.controller.experiments.identify.vibration import Vibration
 from haptic_wall.controller.experiments.testbed import Played, Testbed
 from haptic_wall.controller.guard.belief import Bounded
@@ -215,6 +216,16 @@ def test_a_residual_with_structure_narrows_no_belief(usual: tuple[Config, Identi
     # Noise of the readings is no structure.
     noisy = replace(torn, noise=math.sqrt(8.8) * found.rounding)
     assert identified_model(noisy, config)["inertia"]["low"] > before.inertia.low
+
+
+def test_the_told_noise_is_no_more_than_the_residual_it_is_a_part_of(
+    usual: tuple[Config, Identified],
+) -> None:
+    config, found = usual
+    found = replace(found, residual=4.4e-4, noise=4.57e-4)
+    told = "esidual 0.44 mrad, 0.44 by noise and rounding"
+    assert told in text(found)
+    assert told in identified_config(config, found, "mine")
 
 
 @pytest.mark.parametrize("seed", range(20))

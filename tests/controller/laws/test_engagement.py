@@ -86,6 +86,9 @@ def test_the_text_says_where_the_shaft_is_and_where_it_must_go() -> None:
     below = waiting_text(Wall(8.0, 0.0, -6.3, "below"), "below", -12.6, 8.0, 0.0125, 99.0)
     assert "would push it with 50.4 N·m" in below
     assert "turned above -361.0° (-1.00 turns)" in below
+    for position, where in ((0.05, ", where the wall pushes with 0.06 N·m only,"), (-0.1, "")):
+        stays = waiting_text(Wall(1.2, 0.0, 0.0, "above"), "above", position, 1.2, 0.08, 0.5)
+        assert stays == f"the wall waits until the shaft has stayed here{where} for 50 ms"
 
 
 def test_a_sign_that_alone_puts_the_shaft_outside_is_doubted() -> None:

@@ -40,6 +40,17 @@ def test_a_lost_servo_of_several_is_named_before_a_stall_of_the_computer(trip: s
     assert ended_by(trip, "/dev/ttyUSB0", stalled=STALL).startswith(f"{STALL}: ")
 
 
+def test_the_cause_of_a_lost_servo_comes_first() -> None:
+    gone = "The serial port is gone (it has hung up): check the cable, then start again."
+    for port, own in (("/dev/ttyUSB0", ""), ("emulated", "the emulator at this port may have")):
+        preset = "emulated-ideal" if port == "emulated" else "emulated-port"
+        said = ended_by("servo_lost", port, preset, message=gone)
+        assert said.startswith("The serial port is gone") and own in said
+        assert "rights" not in said and "safety.max_loss" not in said
+        said = ended_by("servo_lost", port, preset, message=gone, stalled=STALL)
+        assert said.index("port is gone") < said.index(STALL) < said.index("end programs")
+
+
 def test_rights_that_are_granted_are_no_advice() -> None:
     of_stall = {"stalled": STALL}
     for facts, where in (({}, ("emulated", "emulated-ideal")), (of_stall, ("/dev/ttyUSB0",))):
@@ -101,3 +112,20 @@ def test_each_axis_has_its_own_torque_in_the_report_of_a_loop_that_died() -> Non
         "one": 0.5,
         "two": 0.2,
     }
+
+
+def test_values_of_another_servo_are_warned_of() -> None:
+    facts = {"torque_limit": 0.5, "torque_step": 0.01}
+    for limit, model, warned in (
+        (4.1, "XL330-M288", ["gives at most 0.5 N·m", "a bare XL330-M288 has at most"]),
+        (0.505, "XM430-W350", []),
+    ):
+        config = load_config(
+            "xm430-w350", [f"servo.torque_limit={limit}", f"servo.model={model}"]
+        ).config
+        ended = Ended(
+            End.DURATION, RunStatistics(), 10, 0, result={"facts": facts, "torque_off": True}
+        )
+        told = run_report(config, ended, None, None)["warnings"]
+        assert len(told) == len(warned)
+        assert all(said in text for said, text in zip(warned, told, strict=True))

@@ -19,6 +19,7 @@ from haptic_wall.controller.runtime.telemetry import (
     FLAG_WARM_UP,
 )
 from haptic_wall.controller.settings.load import load_config
+from haptic_wall.hw.servo import Outcome
 from tests.support.rows import rows_of
 from tests.typed import not_none
 
@@ -61,6 +62,7 @@ def draw(
     facts: Mapping[str, Any],
     stop_reason: str = "duration",
     saved: bool = True,
+    report: Mapping[str, Any] | None = None,
 ) -> Figure:
     """The figure that was drawn; the file is checked to be a PNG, where that is waited for."""
     from matplotlib.figure import Figure
@@ -77,7 +79,7 @@ def draw(
 
     monkeypatch.setattr(Figure, "savefig", keep)
     sketch = sketched([rows[:70], rows[70:]], len(rows), int(rows["deadline_ns"][0]))
-    plot.plot_run(sketch, facts, tmp_path / "run.png", stop_reason)
+    plot.plot_run(sketch, facts, tmp_path / "run.png", stop_reason, report=report)
     assert (tmp_path / "run.png").read_bytes().startswith(PNG)
     (figure,) = figures
     return figure
@@ -92,7 +94,8 @@ def test_one_look_tells_wall_torque_and_timing(
 ) -> None:
     rows = run_rows()
     rows["missed"][300] = 2
-    figure = draw(monkeypatch, tmp_path, rows, metadata("emulated-ideal"))
+    own = {"servo": {"torque_limit": 3.9}}  # not the configured one: by its Current Limit
+    figure = draw(monkeypatch, tmp_path, rows, metadata("emulated-ideal"), report=own)
     assert figure.get_suptitle() == (
         "emulated-ideal: XM430-W350, emulated\n"
         "K 8 N·m/rad (as requested)   B 0.02 N·m·s/rad (as requested)   delay 0.30 ms   1000 Hz"
@@ -105,7 +108,7 @@ def test_one_look_tells_wall_torque_and_timing(
         "in contact",
         "warm-up: the wall is off",
     ]
-    assert "(limit ±4.1 N·m: off the scale)" in legend(torque)
+    assert "(limit ±3.9 N·m: off the scale)" in legend(torque)
     assert velocity.get_ylabel() == "velocity [rad/s]"
     assert {"missed ticks", "work", "lateness"} <= {*legend(timing)}
     assert timing.get_xlim() == pytest.approx((0.0, 0.599))
@@ -116,10 +119,23 @@ def test_a_clamped_stiffness_is_in_the_title_and_drawn(
 ) -> None:
     rows = run_rows()
     rows["stiffness"][400:] = 5.0
-    facts = metadata("simulated", "wall.stiffness=1e6")
-    figure = draw(monkeypatch, tmp_path, rows, facts, saved=False)
-    assert "K 5 N·m/rad (of 1e+06 requested)" in figure.get_suptitle()
-    assert figure.axes[2].get_ylabel() == "stiffness\n[N·m/rad]"
+    for asked, told in ((1e6, "(requested K 1e+06: off the scale)"), (12.0, "requested K")):
+        facts = metadata("simulated", f"wall.stiffness={asked}")
+        figure = draw(monkeypatch, tmp_path, rows, facts, saved=False)
+        assert f"K 5 N·m/rad (of {asked:g} requested)" in figure.get_suptitle()
+        panel = figure.axes[2]
+        assert panel.get_ylabel() == "stiffness\n[N·m/rad]"
+        assert told in legend(panel)
+    assert panel.get_ylim()[1] > 12.0
+
+
+def test_each_lost_reading_is_marked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    for count in (600, 30_000):
+        rows = run_rows(count)
+        rows["outcome"][[150, 400]] = Outcome.LOST, Outcome.CORRUPT
+        figure = draw(monkeypatch, tmp_path, rows, metadata(), saved=False)
+        marks = {str(line.get_label()): line.get_xdata() for line in figure.axes[0].get_lines()}
+        assert marks["lost readings"] == pytest.approx([0.15, 0.4])
 
 
 def test_the_title_tells_a_trip_and_a_guard_that_is_off(

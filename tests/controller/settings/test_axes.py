@@ -1,6 +1,7 @@
 """Several axes in one configuration: each is what it would be in a file of its own."""
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,10 @@ from hypothesis import strategies as st
 
 from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.settings.axes import compact
-from haptic_wall.controller.settings.axes_rules import BARE_INERTIA
+from haptic_wall.controller.settings.axes_rules import BARE_INERTIA, unlike_model
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config, loaded, preset_names
+from haptic_wall.hw.dynamixel.rules import OF_PRESETS
 
 TWO = ("axes={shoulder: {servo: {id: 1}}, elbow: {servo: {id: 2}}}",)
 OWN: dict[str, list[Any]] = {
@@ -177,8 +179,30 @@ def test_at_most_sixteen_axes() -> None:
 
 def test_the_bare_inertias_are_those_of_the_presets() -> None:
     presets = [load_config(name).config for name in preset_names()]
-    known = {one.servo.model: one.belief().inertia.high for one in presets if one.model.inertia}
-    assert {model: known[model] for model in BARE_INERTIA} == BARE_INERTIA
+    known = {one.servo.model: one.belief().inertia for one in presets if one.model.inertia}
+    bare = {model: (known[model].low, known[model].high) for model in BARE_INERTIA}
+    assert bare == BARE_INERTIA
+    assert {model.lower() for model in OF_PRESETS} <= {*preset_names()}
+    assert {*OF_PRESETS} == BARE_INERTIA.keys()
+
+
+@pytest.mark.parametrize(
+    ("preset", "changes", "said"),
+    [
+        ("xm430-w350", [], ""),
+        ("xm430-w350", ["servo.model=XL330-M288"], "at least 0.00797 kg·m².*at most 0.00544"),
+        ("xl330-m288", ["servo.model=XM430-W350"], "at most 0.00272 kg·m².*at least 0.00398"),
+        ("xm430-w350", ["servo.model=XL330-M288", "model.load_inertia=0.003"], ""),
+        ("xm430-w350", ["servo.model=XM540-W270"], ""),
+        ("xl330-m288", ["model.inertia=0.0008"], ""),  # in the unit of a torque twice too large
+        ("emulated-xm430", ["servo.model=XL330-M288"], ""),
+    ],
+)
+def test_a_belief_that_cannot_be_of_the_servos_model_is_told(
+    preset: str, changes: list[str], said: str
+) -> None:
+    found = unlike_model(load_config(preset, changes).config)
+    assert re.search(said, found) if said else not found
 
 
 def test_an_axis_believes_its_load_beside_the_motor() -> None:

@@ -7,7 +7,7 @@ import random
 import pytest
 
 from haptic_wall.hw.dynamixel.register_access import Table
-from haptic_wall.hw.dynamixel.rules import RULES, Verdict, judge, read_servo
+from haptic_wall.hw.dynamixel.rules import RULES, Verdict, judge, judge_model, read_servo
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.errors import UnfitServoError
 from tests.cases import sampled
@@ -64,3 +64,30 @@ def test_every_fault_has_a_remedy_and_every_repair_is_of_a_register_that_is_read
         assert not rule.register or rule.register in rule.reads
     assert Verdict("2", "1", "It has two", "take one").check("count").fix == "It has two: take one"
     assert Verdict("1", "1", advice="have two").check("count").ok
+
+
+@pytest.mark.parametrize(
+    ("model", "way"),
+    [
+        ("XL330-M288", "make a new file, `haptic-wall init FILE --from xl330-m288`"),
+        ("XM540-W270", "set servo.model=XM540-W270 and its own values (`haptic-wall identify`)"),
+    ],
+)
+def test_another_model_has_its_own_belief_and_torque_limit(model: str, way: str) -> None:
+    check = judge_model(MODELS[model].number, "XM430-W350")
+    told = "model.* and servo.torque_limit belong to a model too"
+    assert not check.ok
+    assert check.fix.endswith(f"connect an XM430-W350, or {way}: {told}")
+
+
+def test_a_torque_limit_that_the_model_cannot_give_is_told() -> None:
+    bench = Bench(probe_torque=0.0)
+    model = MODELS["XM430-W350"]
+    table = Table.on(bench.line, BAUD, 1, "memory", model)
+    for limit, said in ((4.1, ""), (5.8, "an XM430-W350 gives at most 5.7 N·m at 12 V")):
+        checks = {
+            check.name: check for _, check in judge(read_servo(table, model, 4.1 / 2.3, limit))
+        }
+        assert checks["current limit"].ok
+        assert said in checks["current limit"].fix
+        assert bool(said) == bool(checks["current limit"].fix)

@@ -109,15 +109,18 @@ class Played:
     Attributes:
         called: Names of the steps that were taken.
         ends: What a step raises.
+        partly: What it has measured until then.
     """
 
     def __init__(self) -> None:
         self.called: list[Step] = []
         self.ends: dict[Step, BaseException] = {}
+        self.partly: dict[str, Any] = {}
 
     def run(self, name: Step, bench: StepContext) -> StepResult:
         self.called.append(name)
         if name in self.ends:
+            bench.partly.update(self.partly)
             raise self.ends[name]
         return StepResult(DATA[name](bench))
 
@@ -170,6 +173,7 @@ def test_without_a_model_nothing_goes_on(played: Played, cli: Cli, tmp_path: Pat
     assert not (tmp_path / "config.yaml").exists()
     said = " ".join((tmp_path / "report.txt").read_text().split())
     assert "see that the shaft is not blocked" in said and said.startswith("NOT MEASURED")
+    assert "measured free" not in said and "pictures" not in said
 
 
 def test_a_trip_ends_its_step_alone(played: Played, cli: Cli, tmp_path: Path) -> None:
@@ -197,14 +201,47 @@ def test_nothing_moves_after_a_servo_was_lost(
     assert reason == "identify ended the commissioning"
 
 
-@pytest.mark.parametrize("error", [KeyboardInterrupt(), ExperimentInterruptedError("by a person")])
+POINT = {
+    "virtual_damping": 0.0,
+    "delay_steps": 0,
+    "delay_s": 0.0002,
+    "kick_rad": 0.01,
+    "measured": 30.0,
+    "uncertainty": 1.0,
+    "exact": 25.0,
+    "reason": None,
+}
+
+
+@pytest.mark.parametrize(
+    ("error", "points", "said"),
+    [
+        (KeyboardInterrupt(), [], "The step sweep was interrupted."),
+        (
+            ExperimentInterruptedError("interrupted", advice="1 of 6 points are kept"),
+            [POINT],
+            "The step sweep was interrupted: 1 of 6 points are kept.",
+        ),
+    ],
+)
 def test_what_was_done_before_an_interrupt_is_kept(
-    played: Played, cli: Cli, tmp_path: Path, error: BaseException
+    played: Played,
+    cli: Cli,
+    tmp_path: Path,
+    error: BaseException,
+    points: list[dict[str, Any]],
+    said: str,
 ) -> None:
     played.ends["sweep"] = error
+    played.partly = {"points": points} if points else {}
     report = cli.json(*SIMULATED, "--out", tmp_path, status=130)
     assert report["interrupted"]
-    assert states(report)["sweep"] == "not taken"
+    assert states(report)["sweep"] == "interrupted"
+    text = " ".join((tmp_path / "report.txt").read_text().split())
+    assert said in text and "measured free" in text
+    assert ("of 1 measured points" in text) == bool(points)
+    assert ("boundary was not measured" in text) != bool(points)
+    assert text.startswith(f"INCOMPLETE, without {'the rest of ' * bool(points)}sweep: ")
     model = load_config(str(tmp_path / "config.yaml")).config.model
     assert not_none(model.inertia).value == 0.012
     assert (tmp_path / "report.txt").exists()

@@ -84,6 +84,19 @@ def test_backlash_that_is_believed_takes_no_margin() -> None:
     assert "requires a lower guard.margin" in " ".join(words._boundary(found, 0.8))
 
 
+@pytest.mark.parametrize("binding", ["backlash", "one_sided"])
+def test_a_backlash_that_was_not_found_but_limits_has_a_remedy(binding: str) -> None:
+    report = {
+        "identify": {"torque_unit": "commanded", "warnings": [], "backlash": None},
+        "verdict": {"best": {"binding": binding}, "model": {"coulomb": {"value": 0.0}}},
+        "steps": [],
+        "agreement": {"boundary": None},
+    }
+    said = " ".join(words.unknown(report))
+    assert "No backlash between motor and shaft was found; a little may exist" in said
+    assert ("set model.backlash if it is less" in said) == (binding == "backlash")
+
+
 @pytest.mark.parametrize(("measured", "said"), [(33.0, True), (1.5, False), (None, False)])
 def test_what_the_sweep_bore_with_friction_stands_beside_what_is_allowed(
     measured: float | None, said: bool
