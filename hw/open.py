@@ -41,7 +41,8 @@ def other_model(name: str) -> str:
     series = asked.partition("-")[0]
     alike = [known for known in NO_CURRENT_MODE.values() if known.partition("-")[0] == series]
     if alike:
-        return f"the {alike[0]} has no current mode, so that no torque can be commanded"
+        named = asked if asked in alike else alike[0]
+        return f"the {named} has no current mode, so that no torque can be commanded"
     return did_you_mean(asked, MODELS)
 
 

@@ -183,8 +183,7 @@ class _Checkup:
         report, number = self.report, found.model_number
         self._add(judge_model(number, settings.model))
         if unlike := unlike_model(self._config.each[report.axis]):
-            of = f"one of {settings.model}, and model.load_inertia as it is"
-            self._add(Check("belief", False, unlike, of, UNLIKE_ADVICE))
+            self._add(Check("belief", False, unlike, f"that of {settings.model}", UNLIKE_ADVICE))
         model = model_by_number(number)
         if model is None:
             return False

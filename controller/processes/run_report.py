@@ -64,7 +64,7 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
         "torque_off": ended.torque_off,
         "servo_checks": result.get("checks", []),
         "realtime": ended.realtime,
-        "warnings": [*warnings_of(ended), *_of_another_servo(config, result)],
+        "warnings": [*warnings_of(ended), *_of_another_servo(config)],
         "changes": ended.changes,
         "log": log,
         "log_state": ended.log,
@@ -72,18 +72,11 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
     }
 
 
-def _of_another_servo(config: Config, result: dict[str, Any]) -> Iterator[str]:
-    """Yield warnings of a configuration that cannot be that of the driven servos."""
+def _of_another_servo(config: Config) -> Iterator[str]:
+    """Yield warnings of beliefs that cannot be those of their servos."""
     for name, one in config.each.items():
-        of, asked = f"{name}: " if name else "", one.servo.torque_limit
-        facts = result["axes"][name]["servo"] if result.get("axes") else result.get("facts")
-        if facts and asked and asked > (facts["torque_limit"] or asked) + facts["torque_step"]:
-            yield (
-                f"{of}servo.torque_limit is {asked:g} N·m, but this servo gives at most "
-                f"{facts['torque_limit']:.3g} N·m"
-            )
         if unlike := unlike_model(one):
-            yield f"{of}{unlike}: {UNLIKE_ADVICE}"
+            yield f"{f'{name}: ' if name else ''}{unlike}: {UNLIKE_ADVICE}"
 
 
 def no_stiffness(result: dict[str, Any]) -> str | None:

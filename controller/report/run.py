@@ -153,8 +153,9 @@ def _drawn(
     report: Mapping[str, Any] | None,
 ) -> run_panels.DrawnRun:
     on = (sketch.rows["flags"] & (FLAG_WARM_UP | FLAG_OFF)) == 0
-    facts = (report or {}).get("servo") or {}
-    return run_panels.DrawnRun(sketch, on, walls_of(metadata, changes), facts.get("torque_limit"))
+    facts = (report or {}).get("servo")
+    limit = facts.get("torque_limit") if isinstance(facts, dict) else None
+    return run_panels.DrawnRun(sketch, on, walls_of(metadata, changes), limit)
 
 
 def _title(run: run_panels.DrawnRun, name: str, stop_reason: str) -> str:

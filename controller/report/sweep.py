@@ -57,7 +57,7 @@ def _range(points: Sequence[PointResult]) -> tuple[float, float]:
     """Return the ends of the damping axis: of the points with a figure, if any, and a margin."""
     found = [point.virtual_damping for point in points if point.measured is not None]
     found = found or [point.virtual_damping for point in points]
-    low, high = min(0.0, *found), max(found)
+    low, high = min([0.0, *found]), max(found, default=0.0)
     space = 0.06 * max(high - low, abs(high), 1e-3)
     return low - space, high + space
 

@@ -11,7 +11,6 @@ import numpy as np
 from haptic_wall.controller.detector.backstop import Shared
 from haptic_wall.controller.detector.settings import WatchSettings
 from haptic_wall.controller.detector.watch import Watch
-from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.guard.bins import Bins
 from haptic_wall.controller.guard.guard import Decision, Situation
 from haptic_wall.controller.guard.plants import Plants
@@ -41,8 +40,8 @@ from haptic_wall.controller.settings.config import MOST_KICK, Config
 from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.boundary import chain_peak
 from haptic_wall.controller.theory.chain import one_mass
-from haptic_wall.hw.errors import Problem
-from haptic_wall.hw.servo import Facts
+from haptic_wall.hw.errors import UnfitServoError
+from haptic_wall.hw.servo import WHOLE, Facts
 
 RAMP_S = 0.05
 """Duration of a ramp to a lower stiffness [s]; a step would be felt as a knock."""
@@ -185,15 +184,18 @@ def law_of(config: Config, facts: Facts) -> Law:
     """Return the law to render, with stiffness and damping 0; rounding keeps to its clip.
 
     Raises:
-        ConfigError: The encoder does not resolve the law, or the clip allows the servo no torque.
+        ConfigError: The encoder does not resolve the law.
+        UnfitServoError: The clip allows the servo no torque.
     """
     law = config.law(facts.position_step)
+    if law.clip < facts.torque_step * (1.0 - WHOLE):
+        raise UnfitServoError(
+            advice="raise it above that.",
+            field="wall.torque_clip",
+            given=f"is {law.clip:g} N·m, but the smallest torque of the {facts.name} is "
+            f"{facts.torque_step:.2g} N·m",
+        )
     law.clip = facts.within(law.clip)
-    if law.clip == 0.0:
-        given = f"is {config.wall.torque_clip:g} N·m, but the smallest torque of the {facts.name} "
-        given += f"is {facts.torque_step:.2g} N·m"
-        problem = Problem(field="wall.torque_clip", given=given, advice="raise it above that.")
-        raise ConfigError("the law", [problem])
     return law
 
 

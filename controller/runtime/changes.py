@@ -38,7 +38,7 @@ class Changes:
             axis: Its index.
 
         Raises:
-            ConfigError: See ``law_of``.
+            ExplainedError: See ``law_of``.
         """
         old, servo = self.configs[axis], self.servos[axis]
         self.number += 1

@@ -13,6 +13,7 @@ from haptic_wall.controller.runtime.assembly import (
     Decided,
     assembled,
     guard_decisions,
+    law_of,
     situation_of,
 )
 from haptic_wall.controller.runtime.axis import Axis
@@ -97,6 +98,9 @@ class Session:
     def prepare(self) -> None:
         """Do all long computations: a started servo needs a frame within its watchdog's time."""
         self._decide()
+        if not self._program:
+            for config, servo in self._each():
+                law_of(config, servo.facts)  # refused before any torque
         freeze_garbage()
         self._around.take_real_time()
         self._wait = waiter_for(self._clock, self.config.period_ns)

@@ -115,7 +115,7 @@ class WallWait:
             room,
             axis.torque_limit,
         )
-        if not axis.wall_from_start:
+        if len(self._axes) > 1 and not axis.wall_from_start:
             servo = config.servo
             text += sign_text(axis.law, axis.position, servo.sign, servo.offset, room)
         return f"{name}place", name + text

@@ -25,8 +25,7 @@ _UNIT: Final = 2.0
 """Largest ratio of acting and commanded torque: an identified inertia is in the latter's unit"""
 _ROUNDED: Final = 1 + 1e-9
 UNLIKE_ADVICE: Final = (
-    "set servo.model, model.* and servo.torque_limit to those of one servo, as its preset has them,"
-    " and what it turns in model.load_inertia"
+    "set servo.model, model.* and servo.torque_limit to those of one servo, as its preset has them"
 )
 
 
@@ -101,24 +100,19 @@ def _bare(config: Sections) -> Iterator[Problem]:
 def unlike_model(config: Sections) -> str:
     """Say why a belief cannot be that of a real ``servo.model``; empty: it can.
 
-    A load makes a servo heavier, by ``model.load_inertia`` at most, and never lighter.
+    Nothing that it turns makes a servo lighter.
     """
-    model, believed, load = config.servo.model, config.model.inertia, config.model.load_inertia
+    model, believed = config.servo.model, config.model.inertia
     bare = BARE_INERTIA.get(model or "")
     if config.servo.kind != "hardware" or believed is None or bare is None:
         return ""
-    least, most = bare[0] / _UNIT, bare[1] * _UNIT
-    if believed.high < least:
-        return (
-            f"model.inertia is at most {believed.high:.3g} kg·m², but a bare {model} has at least "
-            f"{least:.3g}"
-        )
-    if load is not None and not config.model.bare and believed.low - load.high > most:
-        return (
-            f"model.inertia is at least {believed.low:.3g} kg·m², of which model.load_inertia is at"
-            f" most {load.high:.3g}, but a bare {model} has at most {most:.3g}"
-        )
-    return ""
+    least = bare[0] / _UNIT
+    if believed.high >= least:
+        return ""
+    return (
+        f"model.inertia is at most {believed.high:.3g} kg·m², but a bare {model} has at least "
+        f"{least:.3g}"
+    )
 
 
 def _of_another(config: Sections) -> Iterator[Problem]:

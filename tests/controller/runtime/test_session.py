@@ -32,6 +32,7 @@ from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.group import DynamixelGroup
+from haptic_wall.hw.errors import UnfitServoError
 from tests.cases import sampled
 from tests.typed import not_none, status_of
 
@@ -401,7 +402,7 @@ def test_the_clip_limits_the_wall_and_leaves_the_guard_its_stiffness() -> None:
 
 def test_a_servo_that_seems_to_turn_the_wrong_way_is_told_its_sign() -> None:
     sets = ("wall.law=stops", "wall.low=-2", "wall.high=0.4", "servo.hand=none")
-    sets += ("servo.offset=0.2", "servo.kick=1.8")
+    sets += ("servo.offset=0.2", "servo.kick=1.8", "axes={one: {}, two: {servo: {id: 2}}}")
     result, _ = session("emulated-ideal", *sets, duration=0.3)
     assert result.waited_for.endswith(
         "with servo.sign=-1 the shaft would be at -102.9° (-0.29 turns), where the wall may come on"
@@ -409,8 +410,14 @@ def test_a_servo_that_seems_to_turn_the_wrong_way_is_told_its_sign() -> None:
 
 
 def test_a_clip_below_the_smallest_torque_is_refused() -> None:
-    with pytest.raises(ConfigError, match=r"torque_clip is 0.003 N.m, but the smallest torque"):
-        session("emulated-ideal", "wall.torque_clip=0.003", duration=0.1)
+    told: list[str] = []
+    around = Surroundings(tell=told.append)
+    for model, clip in (("XM430-W350", 0.003), ("XL330-M288", 0.003)):
+        sets = (f"servo.model={model}", f"wall.torque_clip={clip}", "servo.probe_torque=0")
+        config = load_config("emulated-ideal", (*sets, "loop.clock=simulated")).config
+        with pytest.raises(UnfitServoError, match=r"torque_clip is 0.003 N.m, but the smallest"):
+            run_session(config, SimulatedClock(), Telemetry.create(), 0.1, surroundings=around)
+    assert told == [], "before the torque is on"
 
 
 def test_a_wall_that_drives_the_shaft_trips_near_the_models_no_load_speed() -> None:
