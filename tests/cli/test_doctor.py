@@ -216,7 +216,13 @@ def arm(port: str, **ids: int) -> Report:
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize("models", [("XM430-W350", "XM430-W350"), ("XM430-W350", "XM430-W210")])
+@pytest.mark.parametrize(
+    "models",
+    [
+        ("XM430-W350", "XM430-W350"),
+        pytest.param(("XM430-W350", "XM430-W210"), marks=pytest.mark.whole),
+    ],
+)
 def test_two_servos_with_one_id_hide_no_other_axis(models: tuple[str, str]) -> None:
     servos = [f"--servo={each}:2" for each in models]
     with emulate("--servo=XM430-W350:1", *servos, "--servo=XM430-W350:3") as (_, port):

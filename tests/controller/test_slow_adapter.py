@@ -27,7 +27,6 @@ def test_a_quick_adapter_is_untouched() -> None:
     ("count", "schedule", "seconds", "shift_ms"),
     [
         (6, "immediate", 0.1, 0.25),
-        (7, "pipelined", 0.1, 0.85),
         *(
             pytest.param(count, schedule, 2.4, shift_ms, marks=pytest.mark.whole)
             for count in (6, 7)

@@ -121,7 +121,7 @@ def test_a_change_of_a_run_that_an_axis_ends_is_told_why() -> None:
     sets = "servo.hand=none", "axes={arm: {}, elbow: {wall: {stiffness: 4}}}"
     telemetry = Telemetry.create(2)
     inbox, words = Inbox(telemetry), telemetry.words
-    desk = ChangeDesk(load_config("simulated", sets).config, telemetry, Offers(telemetry), id)
+    desk = ChangeDesk(load_config("simulated", sets).config, telemetry, Offers(telemetry), print)
     inbox.tell([KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, True)] * 2)
     for tripped in (False, True):
         words[Word.STATE], words[Word.REASON], words[Word.STOP_AXIS] = LoopState.RUNNING, 0, 0

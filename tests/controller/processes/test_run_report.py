@@ -52,10 +52,12 @@ def test_the_cause_of_a_lost_servo_comes_first() -> None:
 
 
 def test_rights_that_are_granted_are_no_advice() -> None:
-    of_stall = {"stalled": STALL}
-    for facts, where in (({}, ("emulated", "emulated-ideal")), (of_stall, ("/dev/ttyUSB0",))):
-        assert "setup-testbed" in ended_by("loss_rate", *where, **facts)
-        said = ended_by("loss_rate", *where, granted=True, **facts)
+    for stalled, port, preset in (
+        ("", "emulated", "emulated-ideal"),
+        (STALL, "/dev/ttyUSB0", "emulated-port"),
+    ):
+        assert "setup-testbed" in ended_by("loss_rate", port, preset, stalled=stalled)
+        said = ended_by("loss_rate", port, preset, granted=True, stalled=stalled)
         assert "rights" not in said and "end programs that keep the cores busy" in said
 
 

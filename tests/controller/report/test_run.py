@@ -161,7 +161,8 @@ def test_the_first_alarm_and_the_probes_are_marked(
     position, torque = figure.axes[:2]
     assert {"probe for an oscillation", "first alarm: oscillation"} <= {*legend(position)}
     for ax in (position, torque):
-        assert 0.55 in [line.get_xdata()[0] for line in ax.get_lines() if line.get_ls() == "--"]
+        dashed = [line for line in ax.get_lines() if line.get_linestyle() == "--"]
+        assert 0.55 in [np.asarray(line.get_xdata())[0] for line in dashed]
     assert "K 8 N·m/rad (as requested)" in figure.get_suptitle()
 
 

@@ -401,8 +401,8 @@ def test_the_clip_limits_the_wall_and_leaves_the_guard_its_stiffness() -> None:
 
 
 def test_a_servo_that_seems_to_turn_the_wrong_way_is_told_its_sign() -> None:
-    sets = ("wall.law=stops", "wall.low=-2", "wall.high=0.4", "servo.hand=none")
-    sets += ("servo.offset=0.2", "servo.kick=1.8", "axes={one: {}, two: {servo: {id: 2}}}")
+    sets = ["wall.law=stops", "wall.low=-2", "wall.high=0.4", "servo.hand=none"]
+    sets += ["servo.offset=0.2", "servo.kick=1.8", "axes={one: {}, two: {servo: {id: 2}}}"]
     result, _ = session("emulated-ideal", *sets, duration=0.3)
     assert result.waited_for.endswith(
         "with servo.sign=-1 the shaft would be at -102.9° (-0.29 turns), where the wall may come on"
