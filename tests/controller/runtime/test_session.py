@@ -298,7 +298,7 @@ def test_a_wall_that_waits_comes_on_without_a_blow_when_the_shaft_is_brought_to_
             ("simulated", ()),
             ("simulated", ("wall.passivity_control=true", "delay.steps=3")),
         ],
-        2,
+        4,
     ),
 )
 def test_a_dead_man_let_go_inside_the_wall(

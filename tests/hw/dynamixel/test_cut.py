@@ -173,7 +173,7 @@ def test_all_servos_of_a_bus_are_cut_and_each_is_read_back() -> None:
     assert cut_torque(line, [1, 2, 3]) is False
 
 
-@pytest.mark.parametrize("fault", ["drop:p=0.5", "corrupt:p=0.5", "truncate:p=0.5"])
+@pytest.mark.parametrize("fault", sampled(["corrupt:p=0.5", "drop:p=0.5", "truncate:p=0.5"], 3))
 def test_a_bus_that_loses_half_of_its_frames_is_cut_in_time(fault: str) -> None:
     """The torque must be gone 41 ms after the driver's death, of which 6 ms are to notice it."""
     for seed in range(100):

@@ -406,7 +406,7 @@ def test_a_hardware_error_of_one_is_in_its_reading_and_explained_after_the_stop(
     assert "has latched: overload" in bench.group.servos[2].trouble
 
 
-@pytest.mark.parametrize(("count", "periods"), [(2, 1), (3, 1), (6, 2)])
+@pytest.mark.parametrize(("count", "periods"), sampled([(6, 2), (2, 1), (3, 1)], 2))
 @pytest.mark.parametrize("register", ["torque_enable", "bus_watchdog"])
 def test_the_registers_of_every_servo_are_watched(count: int, periods: int, register: str) -> None:
     for who in (1, count):

@@ -10,6 +10,7 @@ import pytest
 
 from haptic_wall.hw.emulated.injection import Faults
 from haptic_wall.hw.errors import ServoError
+from tests.cases import sampled
 from tests.hw.dynamixel.bench import Bench
 from tests.hw.dynamixel.lines import MS, TroubledLine
 from tests.support.one_servo import OneServo
@@ -107,7 +108,7 @@ def undisturbed(firmware: int) -> list[Started]:
     return [Started(firmware, seed) for seed in range(count)]
 
 
-@pytest.fixture(scope="module", params=[42, 45])
+@pytest.fixture(scope="module", params=sampled([45, 42], 2))
 def clean(request: pytest.FixtureRequest) -> tuple[int, list[Started]]:
     """A firmware, and its undisturbed starts."""
     return request.param, undisturbed(request.param)
