@@ -14,6 +14,7 @@ from haptic_wall.controller.bench.report import measured
 from haptic_wall.controller.bench.torque_frames import held_up, intervals_us
 from haptic_wall.controller.emulated_bus.record import BusRow
 from haptic_wall.controller.errors import PlatformError
+from haptic_wall.hw.errors import UnfitServoError
 
 READ, SYNC_WRITE = 2, 131
 
@@ -47,6 +48,8 @@ class TestRates:
 
         def loop(_path: str, seconds: float, rate_hz: float, _servos: int) -> Turn:
             tried.append(rate_hz)
+            if rate_hz > 4000.0:
+                raise UnfitServoError("its replies take too long")
             stalled = tried.count(rate_hz) == 1  # the first time at each rate
             return Turn(int(0.02 * seconds * rate_hz) if stalled or rate_hz > 1850 else 0, {})
 
