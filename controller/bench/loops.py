@@ -119,11 +119,10 @@ def ours(path: str, seconds: float, rate_hz: float, servos: int) -> Turn:
     Raises:
         ServoError: The servo could not be started.
     """
-    sets: tuple[str, ...]
-    sets = (f"servo.port={path}", f"loop.rate_hz={rate_hz!r}", f"loop.warm_up_s={_WARM_UP_S}")
+    sets = [f"servo.port={path}", f"loop.rate_hz={rate_hz!r}", f"loop.warm_up_s={_WARM_UP_S}"]
     if servos > 1:
         axes = ", ".join(f"a{id_}: {{servo: {{id: {id_}}}}}" for id_ in range(1, servos + 1))
-        sets += (f"axes={{{axes}}}",)
+        sets.append(f"axes={{{axes}}}")
     loaded = load_config("xm430-w350", (*FORGIVING, *AT_REST, *sets))
     with (
         tempfile.TemporaryDirectory() as folder,

@@ -6,7 +6,7 @@ from typing import Final
 
 from haptic_wall.controller.bench.bare_loop import PERCENTILES
 from haptic_wall.controller.bench.loops import LOOPS, Loop, Turn, emulated_bus
-from haptic_wall.controller.bench.rows import Measurement, Section, over_rounds, ratio
+from haptic_wall.controller.bench.rows import Measurement, Section, compared
 from haptic_wall.hw.errors import ServoError
 
 _ROUNDS, _SECONDS = 3, 1.5
@@ -37,7 +37,7 @@ def _highest() -> list[Measurement]:
             for name, loop in LOOPS.items():
                 rates[name].append(highest_rate_hz(loop, path))
     what = f"highest rate with at most {_MOST_SKIPPED:.0%} of the periods skipped"
-    return _rows(what, rates, "Hz")
+    return compared(what, rates, "Hz")
 
 
 def highest_rate_hz(loop: Loop, path: str) -> float:
@@ -72,13 +72,5 @@ def _six() -> list[Measurement]:
     rows = []
     for p in PERCENTILES:
         works = {name: [turn.work_us[p] for turn in each] for name, each in turns.items()}
-        rows += _rows(f"work of a cycle with six servos at {_SIX_HZ:g} Hz, p{p}", works, "µs")
+        rows += compared(f"work of a cycle with six servos at {_SIX_HZ:g} Hz, p{p}", works, "µs")
     return rows
-
-
-def _rows(what: str, rounds: dict[str, list[float]], unit: str) -> list[Measurement]:
-    ours, theirs = rounds["haptic-wall"], rounds["bare loop"]
-    return [
-        *(over_rounds(f"{name}, {what}", values, unit) for name, values in rounds.items()),
-        ratio(f"haptic-wall, {what}: over that of the bare loop", ours, theirs),
-    ]

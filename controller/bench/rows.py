@@ -59,6 +59,24 @@ def ratio(name: str, ours: Sequence[float], theirs: Sequence[float]) -> Measurem
     return over_rounds(name, each, "1")
 
 
+def compared(what: str, rounds: Mapping[str, Sequence[float]], unit: str) -> list[Measurement]:
+    """Return a quantity of this program and of the bare loop, and ours over theirs.
+
+    Args:
+        what: The measured quantity.
+        rounds: A value each round of ``haptic-wall`` and ``bare loop``.
+        unit: Unit of the values.
+    """
+    return [
+        *(over_rounds(f"{name}, {what}", values, unit) for name, values in rounds.items()),
+        ratio(
+            f"haptic-wall, {what}: over that of the bare loop",
+            rounds["haptic-wall"],
+            rounds["bare loop"],
+        ),
+    ]
+
+
 def interleaved(
     work: Mapping[str, Callable[[], object]],
     rounds: int,

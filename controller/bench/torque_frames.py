@@ -21,7 +21,7 @@ from haptic_wall.controller.bench.bare_loop import (
     REPLY_BYTES,
 )
 from haptic_wall.controller.bench.loops import BAUD, LOOPS, Turn, emulated_bus
-from haptic_wall.controller.bench.rows import Measurement, Section, over_rounds, ratio
+from haptic_wall.controller.bench.rows import Measurement, Section, compared, over_rounds
 from haptic_wall.controller.emulated_bus.record import BusRow, read_rows
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.hw.dynamixel.codec import Instruction
@@ -139,11 +139,7 @@ def _compared(what: str, told: dict[str, list[dict[int, float]]]) -> list[Measur
     rows = []
     for p in PERCENTILES:
         rounds = {name: [each[p] for each in turns] for name, turns in told.items()}
-        rows += [
-            over_rounds(f"{name}, {what}, p{p}", values, "µs") for name, values in rounds.items()
-        ]
-        over = f"haptic-wall, {what}, p{p}: over that of the bare loop"
-        rows.append(ratio(over, rounds["haptic-wall"], rounds["bare loop"]))
+        rows += compared(f"{what}, p{p}", rounds, "µs")
     return rows
 
 

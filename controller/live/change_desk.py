@@ -191,11 +191,9 @@ class ChangeDesk:
         if told is not None or asked.number:
             return told
         ended = self._words[Word.STATE] > LoopState.RUNNING or self._words[Word.STOP]
-        return (
-            self._not_made(self._over() if ended else _NOT_STARTED)
-            if ended or left_s < 0.0
-            else None
-        )
+        if ended:
+            return self._not_made(self._over())
+        return self._not_made(_NOT_STARTED) if left_s < 0.0 else None
 
     def obstacle(self) -> str:
         """Return why the change at hand waits, as words; empty: it does not."""

@@ -180,22 +180,34 @@ def most_injected(
     return [most[id(decision)] for decision in all_decisions]
 
 
-def law_of(config: Config, facts: Facts) -> Law:
-    """Return the law to render, with stiffness and damping 0; rounding keeps to its clip.
+def clip_of(config: Config, facts: Facts) -> float:
+    """Return the clip of the law's torque, rounded down to a torque of the servo [N·m].
 
     Raises:
-        ConfigError: The encoder does not resolve the law.
-        UnfitServoError: The clip allows the servo no torque.
+        UnfitServoError: It allows the servo no torque.
     """
-    law = config.law(facts.position_step)
-    if law.clip < facts.torque_step * (1.0 - WHOLE):
+    clip = config.wall.torque_clip
+    if clip is None:
+        return math.inf
+    if clip < facts.torque_step * (1.0 - WHOLE):
         raise UnfitServoError(
             advice="raise it above that.",
             field="wall.torque_clip",
-            given=f"is {law.clip:g} N·m, but the smallest torque of the {facts.name} is "
+            given=f"is {clip:g} N·m, but the smallest torque of the {facts.name} is "
             f"{facts.torque_step:.2g} N·m",
         )
-    law.clip = facts.within(law.clip)
+    return facts.within(clip)
+
+
+def law_of(config: Config, facts: Facts) -> Law:
+    """Return the law to render, with stiffness and damping 0.
+
+    Raises:
+        ConfigError: The encoder does not resolve the law.
+        UnfitServoError: See ``clip_of``.
+    """
+    law = config.law(facts.position_step)
+    law.clip = clip_of(config, facts)
     return law
 
 

@@ -12,8 +12,8 @@ from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.runtime.assembly import (
     Decided,
     assembled,
+    clip_of,
     guard_decisions,
-    law_of,
     situation_of,
 )
 from haptic_wall.controller.runtime.axis import Axis
@@ -100,7 +100,7 @@ class Session:
         self._decide()
         if not self._program:
             for config, servo in self._each():
-                law_of(config, servo.facts)  # refused before any torque
+                clip_of(config, servo.facts)  # refused before any torque
         freeze_garbage()
         self._around.take_real_time()
         self._wait = waiter_for(self._clock, self.config.period_ns)
