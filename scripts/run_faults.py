@@ -97,7 +97,6 @@ def target(bus: Bus, folder: Path, arguments: list[str]) -> Iterator[Target]:
     """
     (folder / "sitecustomize.py").write_text(HANGS)
     log = folder / "run.hwlog"
-    log.unlink(missing_ok=True)
     paths = (str(folder), os.environ.get("PYTHONPATH"))
     ours, theirs = pty.openpty()
     with (folder / "output").open("wb") as output, (folder / "said").open("wb") as said:

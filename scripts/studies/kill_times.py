@@ -189,12 +189,12 @@ def cases(given: Given) -> list[tuple[str, int]]:
 def hit(case: tuple[str, int]) -> Hit:
     """Inject a fault into a run; one that ends before it is begun again."""
     name, _ = case
-    with tempfile.TemporaryDirectory() as folder:
-        attempts = (one_fault(NAMED[name], Path(folder)) for _ in range(ATTEMPTS))
-        found = next((each for each in attempts if each is not None), None)
-    if found is None:
-        sys.exit(f"{name}: {ATTEMPTS} runs ended before the fault")
-    return found
+    for _ in range(ATTEMPTS):  # each in a folder of its own: a run overwrites nothing
+        with tempfile.TemporaryDirectory() as folder:
+            found = one_fault(NAMED[name], Path(folder))
+        if found is not None:
+            return found
+    sys.exit(f"{name}: {ATTEMPTS} runs ended before the fault")
 
 
 def held(found: Found[tuple[str, int], Hit]) -> bool:
