@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
@@ -19,6 +20,9 @@ INTERRUPTED = 130
 """Exit status"""
 CLEAR = b"\r\x1b[K"
 """Removes the line of ``working`` from a terminal"""
+_ANSWER = b'{"error": "interrupted", "field": null, "advice": "", "exit_status": 130}\n'
+due = False
+"""Whether ``--json`` is given and nothing is printed yet"""
 
 
 def leave_at_once() -> None:
@@ -26,6 +30,8 @@ def leave_at_once() -> None:
 
     A Ctrl-C that the launcher has blocked acts now.
     """
+    global due  # noqa: PLW0603 - a signal handler has no other memory
+    due = "--json" in sys.argv[1:]
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) in (signal.default_int_handler, signal.SIG_DFL):
             signal.signal(number, leave)
@@ -36,6 +42,8 @@ def leave(_signal: int, _frame: FrameType | None) -> None:
     """End the process, with a line that says so."""
     with suppress(OSError):  # no reader
         os.write(2, CLEAR * os.isatty(2) + b"haptic-wall: interrupted\n")
+        if due:
+            os.write(1, _ANSWER)
     os._exit(INTERRUPTED)
 
 

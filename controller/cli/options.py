@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 import click
 
+from haptic_wall.controller.cli import interrupt
 from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.working import aside
 from haptic_wall.controller.errors import UserError
@@ -138,6 +139,7 @@ def say(text: str) -> None:
 def put(text: str) -> None:
     """Print a text on standard output; a reader that leaves early is no error."""
     _state[_ANSWERED] = True
+    interrupt.due = False
     try:
         with aside():
             click.echo(printable(text))

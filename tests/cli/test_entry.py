@@ -1,5 +1,6 @@
 """The command from its first instant: a Ctrl-C ends it in a line; its own packages come first."""
 
+import json
 import os
 import signal
 import subprocess
@@ -48,6 +49,18 @@ def test_a_ctrl_c_while_it_loads_is_told_in_a_line(
     assert (done.returncode, done.stdout) == (130, "")
     assert done.stderr.splitlines()[-1] == "haptic-wall: interrupted"
     assert words == ("bench",) or len(done.stderr.splitlines()) == 1
+
+
+def test_a_ctrl_c_while_it_loads_gives_a_program_its_object(tmp_path: Path) -> None:
+    given = '"boundary", "--json"'
+    program = INTERRUPTING.replace('"config", "simulated"', given).format(module="click")
+    done = python("-c", program, cwd=tmp_path)
+    assert json.loads(done.stdout) == {
+        "error": "interrupted",
+        "field": None,
+        "advice": "",
+        "exit_status": 130,
+    }
 
 
 def test_a_ctrl_c_at_any_time_of_its_start_leaves_no_traceback() -> None:
