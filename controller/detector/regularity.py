@@ -95,13 +95,17 @@ def beyond_hands(last: deque[HalfCycle]) -> bool:
     if len(last) < 3:
         return False
     cycle = last[-1].duration + last[-2].duration
+    if too_fast(last):
+        return True
     speed = 0.5 * (last[-1].amplitude + last[-2].amplitude) * math.tau / cycle
     pull = min(last[-1].pull, last[-2].pull, last[-3].pull)
-    return (
-        cycle * TUNING.hands_hz < 1.0
-        or speed * math.tau / cycle > TUNING.hands_acceleration
-        or pull * speed > TUNING.hands_power * cycle**3
-    )
+    turns = speed * math.tau / cycle > TUNING.hands_acceleration
+    return turns or pull * speed > TUNING.hands_power * cycle**3
+
+
+def too_fast(last: deque[HalfCycle]) -> bool:
+    """Whether no hand moves a shaft to and fro as fast as the last two half-cycles."""
+    return (last[-1].duration + last[-2].duration) * TUNING.hands_hz < 1.0
 
 
 class Regularity:
@@ -123,7 +127,7 @@ class Regularity:
         self._settings = settings
         self._streak_sizes: deque[float] = deque(maxlen=TUNING.loss_half_cycles + 2)
         self._sizes: deque[float] = deque(maxlen=_SIZES)
-        self._long: deque[HalfCycle] = deque(maxlen=TUNING.beating)
+        self._long: deque[HalfCycle] = deque(maxlen=TUNING.goes_on)
         self._first: list[HalfCycle | None] = [None, None]
         self._way = self._even = self.streak = 0
         self.since = 0.0
@@ -178,24 +182,30 @@ class Regularity:
         rounding = TUNING.loss_counts * self._settings.position_step
         return before - now <= max(rounding, TUNING.loss * cycles * now)
 
+    @property
+    def goes_on(self) -> bool:
+        """Whether its half-cycles have become no smaller for long, regular or not."""
+        if (
+            self.contacts
+            or len(self._long) < TUNING.goes_on
+            or self.size < self._settings.threshold
+        ):
+            return False
+        half, every = TUNING.goes_on // 2, list(self._long)
+        before, now = (sum(one.amplitude for one in part) for part in (every[:half], every[half:]))
+        return now > TUNING.kept * before
+
     def beats(self, stiffness: float) -> bool:
         """Whether several motions together saturate the torque far, and do not become smaller.
 
         Args:
             stiffness: K [N·m/rad].
         """
-        if (
-            self.contacts
-            or len(self._long) < TUNING.beating
-            or self.size < self._settings.threshold
-        ):
+        if not self.goes_on:
             return False
-        half, every = TUNING.beating // 2, list(self._long)
-        before, now = (sum(one.amplitude for one in part) for part in (every[:half], every[half:]))
-        limit = self._settings.torque_limit * len(every)
-        far = stiffness * sum(abs(one.end) for one in every) > TUNING.beating_far * limit
-        pulled = sum(one.pull for one in every) > TUNING.beating_pull * limit
-        return far and pulled and now > TUNING.kept * before
+        limit = self._settings.torque_limit * len(self._long)
+        far = stiffness * sum(abs(one.end) for one in self._long) > TUNING.beating_far * limit
+        return far and sum(one.pull for one in self._long) > TUNING.beating_pull * limit
 
     @property
     def nearly_steady(self) -> bool:

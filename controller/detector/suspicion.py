@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from haptic_wall.controller.detector.regularity import Regularity, beyond_hands, saturates
+from haptic_wall.controller.detector.regularity import (
+    Regularity,
+    beyond_hands,
+    saturates,
+    too_fast,
+)
 from haptic_wall.controller.detector.settings import WatchSettings
 from haptic_wall.controller.detector.tuning import TUNING
 
@@ -25,11 +30,12 @@ class Suspicion(IntEnum):
 
 
 def suspected(seen: Regularity, settings: WatchSettings) -> bool:
-    """Whether a motion does not decay, and is regular or saturates the torque."""
+    """Whether a motion does not decay, and is regular, saturates the torque, or is too fast."""
     regular = seen.steady
     if seen.size >= settings.threshold:
         last = seen.motion.last
         regular = seen.repeats or saturates(last, settings.torque_limit)
+        regular = regular or (seen.goes_on and too_fast(last))
     return regular and seen.motion.gain > TUNING.least_gain
 
 

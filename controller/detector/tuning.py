@@ -84,9 +84,12 @@ class Tuning:
     """The logarithm of the ratio of its apparent inertias a cycle apart is below this [1]: of
     durations, 7 of 42 walls with 4 to 15 times the believed lag were found too late."""
 
-    # Motions of several axes: they beat, so that no half-cycle is like the one before
-    beating: int = 16
-    """They are probed if they become no smaller over so many half-cycles, an even number [1],"""
+    # Motion that goes on, although no half-cycle is like the one before
+    goes_on: int = 16
+    """It becomes no smaller over so many half-cycles, an even number [1]. A motion too fast for a
+    hand is then suspect: at 70 Hz rounding makes durations and amplitudes irregular."""
+
+    # Motions of several axes: they beat, so that they are probed if they go on,
     beating_far: float = 1.5
     """their turning points' mean is at this times what saturates the torque [1]: without it one of
     64 arms that oscillate was never found,"""

@@ -306,6 +306,23 @@ def test_a_saturated_oscillation_that_grows_fast_is_found_before_it_is_large() -
     assert np.abs(trial.output[-1000:]).max() < 0.5
 
 
+def test_a_link_that_a_damper_shakes_too_fast_for_a_hand_is_found_however_rounded() -> None:
+    """At 75 Hz and eleven counts rounding makes no half-cycle like the one before."""
+    truth = Truth(
+        *(0.0027213, 0.0018309, 0.0064165),
+        torque_gain=2.0,
+        current_bandwidth=110.5,
+        torque_limit=0.52,
+        load_inertia=0.00011356,
+        transmission_stiffness=26.4,
+        transmission_damping=0.0031,
+    )
+    sets = bench_of("xl330-m288").sets
+    trial = run_trial(truth, sets, WallAsked(0.0, 0.1633), duration_s=2.0, struck=0.527)
+    assert trial.first_alarm_s < 0.5
+    assert np.ptp(trial.output[-500:]) < 4.0 * math.tau / 4096
+
+
 def pushed(times: list[float], pushes: list[float], duration_s: float) -> Trial:
     """A wall whose lag is not believed swings, and is pushed, linearly between times [s], [N·m]."""
     push = np.interp(np.arange(round(times[-1] * 1e3)) * 1e-3, times, pushes)
