@@ -95,17 +95,13 @@ def beyond_hands(last: deque[HalfCycle]) -> bool:
     if len(last) < 3:
         return False
     cycle = last[-1].duration + last[-2].duration
-    if too_fast(last):
-        return True
     speed = 0.5 * (last[-1].amplitude + last[-2].amplitude) * math.tau / cycle
     pull = min(last[-1].pull, last[-2].pull, last[-3].pull)
-    turns = speed * math.tau / cycle > TUNING.hands_acceleration
-    return turns or pull * speed > TUNING.hands_power * cycle**3
-
-
-def too_fast(last: deque[HalfCycle]) -> bool:
-    """Whether no hand moves a shaft to and fro as fast as the last two half-cycles."""
-    return (last[-1].duration + last[-2].duration) * TUNING.hands_hz < 1.0
+    return (
+        cycle * TUNING.hands_hz < 1.0
+        or speed * math.tau / cycle > TUNING.hands_acceleration
+        or pull * speed > TUNING.hands_power * cycle**3
+    )
 
 
 class Regularity:
@@ -194,6 +190,12 @@ class Regularity:
         half, every = TUNING.goes_on // 2, list(self._long)
         before, now = (sum(one.amplitude for one in part) for part in (every[:half], every[half:]))
         return now > TUNING.kept * before
+
+    @property
+    def races(self) -> bool:
+        """Whether it goes on, and none of its half-cycles is as long as a hand's."""
+        longest = 0.5 / TUNING.hands_hz
+        return self.goes_on and all(one.duration < longest for one in self._long)
 
     def beats(self, stiffness: float) -> bool:
         """Whether several motions together saturate the torque far, and do not become smaller.

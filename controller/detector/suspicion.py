@@ -4,12 +4,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from haptic_wall.controller.detector.regularity import (
-    Regularity,
-    beyond_hands,
-    saturates,
-    too_fast,
-)
+from haptic_wall.controller.detector.regularity import Regularity, beyond_hands, saturates
 from haptic_wall.controller.detector.settings import WatchSettings
 from haptic_wall.controller.detector.tuning import TUNING
 
@@ -35,7 +30,7 @@ def suspected(seen: Regularity, settings: WatchSettings) -> bool:
     if seen.size >= settings.threshold:
         last = seen.motion.last
         regular = seen.repeats or saturates(last, settings.torque_limit)
-        regular = regular or (seen.goes_on and too_fast(last))
+        regular = regular or seen.races
     return regular and seen.motion.gain > TUNING.least_gain
 
 

@@ -86,8 +86,8 @@ class Tuning:
 
     # Motion that goes on, although no half-cycle is like the one before
     goes_on: int = 16
-    """It becomes no smaller over so many half-cycles, an even number [1]. A motion too fast for a
-    hand is then suspect: at 70 Hz rounding makes durations and amplitudes irregular."""
+    """It becomes no smaller over so many half-cycles, an even number [1]. If all are too fast for a
+    hand it is suspect: at 70 Hz rounding makes durations and amplitudes irregular."""
 
     # Motions of several axes: they beat, so that they are probed if they go on,
     beating_far: float = 1.5
