@@ -28,19 +28,14 @@ def pushing() -> Bench:
     return bench
 
 
-def test_torque_goes_off_and_is_read_back() -> None:
+def test_torque_goes_off_and_is_read_back_and_no_goal_is_ever_written() -> None:
+    """With torque-on-by-goal-update a goal would bring the torque back."""
     bench = pushing()
     begun = bench.clock.now_ns()
     assert cut_torque(bench.line, [1]) is True
     assert bench.truth.memory["torque_enable"] == 0
     assert bench.state.torque == 0.0
     assert bench.clock.now_ns() - begun < 4_000_000
-
-
-def test_no_goal_is_ever_written() -> None:
-    """With torque-on-by-goal-update a goal would bring the torque back."""
-    bench = pushing()
-    cut_torque(bench.line, [1])
     for data in bench.line.frames:
         (frame,) = Parser().feed(data)
         assert frame.instruction in (Instruction.SYNC_WRITE, Instruction.READ)

@@ -132,11 +132,3 @@ def test_a_thousand_reads_in_a_row_are_right_with_every_second_reply_twice_or_la
     for number in range(1000):
         name = ("led", "drive_mode", "temperature_limit", "firmware_version")[number % 4]
         assert bench.table.read(name) == bench.table.registers[name].address + 1
-
-
-def test_an_adapter_left_at_its_slow_timer_is_got_over() -> None:
-    bench = Bench(lambda _, reply: [(16 * MS, reply)])
-    bench.servo.registers[64], bench.servo.registers[65] = 1, 0
-    assert bench.table.ping() == 1020
-    assert bench.table.read("torque_enable") == 1
-    assert bench.table.read("led") == 0

@@ -96,8 +96,7 @@ def test_a_servo_that_is_silent_while_it_stores_eeprom_is_waited_for(
 @pytest.mark.parametrize("timer_ms", [0, 1])
 @pytest.mark.parametrize("share", [1.0, 0.5])
 def test_replies_under_another_id_are_never_used(timer_ms: int, share: float) -> None:
-    bench = Bench()
-    bench.bus._adapter = Adapter(timer_ms * 1_000_000, 62, 0)
+    bench = Bench(timer_ms=timer_ms)
     bench.bus.inject(f"wrong-id:to=7,way=reply,p={share}", bench.clock.now_ns())
     with pytest.raises(ServoError, match=r"No servo answers|answered before|answers single"):
         for _ in range(9):
@@ -257,13 +256,6 @@ def test_an_older_firmware_is_not_asked_for_a_register_that_it_does_not_have() -
     }
     assert 6 in asked, "the firmware"
     assert 60 not in asked, "where Startup Configuration would be"
-
-
-def test_all_that_is_wrong_is_said_at_once() -> None:
-    bench = Bench()
-    bench.truth.memory["drive_mode"] = 0x09
-    bench.truth.memory["startup_configuration"] = 3
-    refused(bench, match=r"is reverse and torque on by goal update:.*Startup Configuration")
 
 
 def test_an_adapter_that_returns_what_is_sent_harms_nothing(
