@@ -85,7 +85,7 @@ def test_the_position_is_the_true_one_and_counts_on_over_turns() -> None:
 
 def troubled(fate: Fate) -> tuple[Bench, OneServo, TroubledLine]:
     """A started servo whose replies meet ``fate`` from then on."""
-    bench = Bench(FREE)
+    bench = Bench(FREE, probe_torque=0.0)
     line = TroubledLine(bench.memory_line, unharmed)
     servo = OneServo.driven(bench.settings, line)
     servo.start()

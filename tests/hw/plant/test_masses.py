@@ -59,8 +59,8 @@ def test_events_are_found_beside_a_motion_that_is_over_within_a_substep(
     rigid = State(0.0, 0.0)
     masses = rigid, rigid
     one = TrueServo(0.01 + load, 0.01, 0.05)
-    for k in range(40):
-        torque = 0.4 * math.sin(0.1 * k)
+    for k in range(20):
+        torque = 0.4 * math.sin(0.2 * k)
         masses = step_masses(masses, true, torque, 1e-3)
         rigid = step(rigid, one, torque, 1e-3)
         assert masses[0].position == pytest.approx(rigid.position, abs=1e-7)
