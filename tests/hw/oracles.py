@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from haptic_wall.hw.truth import TrueServo
@@ -173,47 +172,6 @@ def _rigid(body: Body, state: Sequence[float], stretch: Stretch) -> Sequence[flo
         position = float(solution.y[0, -1])
         velocity = 0.0 if solution.status == 1 else float(solution.y[1, -1])
     return position, velocity
-
-
-def closed_loop_poles(
-    *,
-    inertia: float,
-    damping: float,
-    stiffness: float,
-    virtual_damping: float,
-    period: float,
-    delay: float,
-) -> np.ndarray:
-    """Poles of a two-sided wall on the backward difference, from the state matrix.
-
-    The state is position, velocity, the position one sample ago, and the torques sent 1, 2 ..
-    samples ago: a delay of n + f periods lets the torque of n + 1 samples ago act for the first
-    f of a period and that of n samples ago for the rest.
-    """
-    whole, fraction = divmod(delay / period, 1.0)
-    n = int(whole)
-    generator = np.array(
-        [[0.0, 1.0, 0.0], [0.0, -damping / inertia, 1.0 / inertia], [0.0, 0.0, 0.0]]
-    )
-    first = expm(generator * fraction * period)
-    second = expm(generator * (1.0 - fraction) * period)
-    old, new = 3 + n, 3 + n - 1
-    size = 3 + n + 1
-    sent = np.zeros(size)
-    sent[0] = -(stiffness + virtual_damping / period)
-    sent[2] = virtual_damping / period
-    matrix = np.zeros((size, size))
-    matrix[:2, :2] = second[:2, :2] @ first[:2, :2]
-    matrix[:2, old] += second[:2, :2] @ first[:2, 2]
-    if n == 0:
-        matrix[:2, :] += np.outer(second[:2, 2], sent)
-    else:
-        matrix[:2, new] += second[:2, 2]
-    matrix[2, 0] = 1.0
-    matrix[3, :] = sent
-    for k in range(4, size):
-        matrix[k, k - 1] = 1.0
-    return np.linalg.eigvals(matrix)
 
 
 def _coupled(body: Body, state: Sequence[float], stretch: Stretch) -> Sequence[float]:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import os
-import pty
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -19,7 +18,7 @@ from haptic_wall.hw.servo import Outcome
 from haptic_wall.hw.settings import ServoSettings
 from haptic_wall.hw.simulated import SimulatedBus
 from haptic_wall.hw.truth import TrueServo
-from tests.support.one_servo import OneServo
+from tests.hw.conftest import Terminal
 from tests.typed import not_none
 
 TRUE = TrueServo(inertia=0.012, damping=0.012, coulomb=0.09, position=-0.3)
@@ -31,37 +30,16 @@ def settings(
     return ServoSettings(port, 4_000_000, servo_id, model, true=true, backend="dynamixel")
 
 
-@pytest.fixture
-def silent_port() -> Iterator[str]:
-    """A port with nobody on it."""
-    far, near = pty.openpty()
-    yield os.ttyname(near)
-    os.close(near)
-    os.close(far)
-
-
 def test_simulated_settings_are_a_simulated_servo() -> None:
     assert isinstance(open_bus([ServoSettings(true=TRUE)], SimulatedClock()), SimulatedBus)
 
 
-def test_a_bus_in_memory_is_driven_by_the_real_driver() -> None:
-    clock = SimulatedClock()
-    servo = OneServo(open_bus([settings(true=TRUE)], clock))
-    assert isinstance(servo.bus, DynamixelGroup)
-    assert all(check.ok for check in servo.start())
-    servo.request()
-    reading = servo.collect(clock.now_ns() + 1_000_000)
-    assert reading.outcome is Outcome.OK
-    assert reading.position == pytest.approx(-0.3, abs=0.02)
-    servo.close()
-
-
-def test_a_refused_servo_leaves_the_port_to_the_next(silent_port: str) -> None:
-    fussy = replace(settings(silent_port), torque_limit=1e-9)
+def test_a_refused_servo_leaves_the_port_to_the_next(terminal: Terminal) -> None:
+    fussy = replace(settings(terminal.path), torque_limit=1e-9)
     for _ in range(2):
         with pytest.raises(UnfitServoError, match="smallest torque"):
             open_bus([fussy], MonotonicClock())
-    os.close(not_none(open_port([settings(silent_port)])))
+    os.close(not_none(open_port([settings(terminal.path)])))
 
 
 def test_a_bus_in_memory_needs_the_simulated_clock() -> None:
@@ -77,28 +55,28 @@ def test_no_port_is_an_error_and_never_a_simulated_servo(open_it: Callable[..., 
         open_it([settings("/dev/ttyNOWHERE")])
 
 
-def test_a_port_with_nobody_on_it_is_a_missing_servo(silent_port: str) -> None:
-    servo = open_bus([settings(silent_port)], MonotonicClock())
-    with pytest.raises(ServoMissingError, match=rf"id 1 at 4000000 baud on {silent_port}"):
+def test_a_port_with_nobody_on_it_is_a_missing_servo(terminal: Terminal) -> None:
+    servo = open_bus([settings(terminal.path)], MonotonicClock())
+    with pytest.raises(ServoMissingError, match=rf"id 1 at 4000000 baud on {terminal.path}"):
         servo.start()
     servo.close()
 
 
-def test_cutting_on_a_silent_port_does_not_claim_that_torque_is_off(silent_port: str) -> None:
-    descriptor = not_none(open_port([settings(silent_port)]))
-    assert cut_torque([settings(silent_port)], descriptor, MonotonicClock()) is False
+def test_cutting_on_a_silent_port_does_not_claim_that_torque_is_off(terminal: Terminal) -> None:
+    descriptor = not_none(open_port([settings(terminal.path)]))
+    assert cut_torque([settings(terminal.path)], descriptor, MonotonicClock()) is False
     os.fstat(descriptor)  # still open
     os.close(descriptor)
 
 
-def test_whoever_opens_a_port_can_cut_the_torque_without_loading_anything(silent_port: str) -> None:
+def test_whoever_opens_a_port_can_cut_the_torque_and_loads_nothing_then(terminal: Terminal) -> None:
     """Loading it when the loop has died cost 10 ms, with the torque on."""
     program = (
         "import sys\n"
         "from haptic_wall.hw.clock import MonotonicClock\n"
         "from haptic_wall.hw.open import cut_torque, open_port\n"
         "from haptic_wall.hw.settings import ServoSettings\n"
-        f"settings = ServoSettings({silent_port!r}, 4_000_000, 1, 'XM430-W350',"
+        f"settings = ServoSettings({terminal.path!r}, 4_000_000, 1, 'XM430-W350',"
         " backend='dynamixel')\n"
         "port = open_port([settings])\n"
         "before = set(sys.modules)\n"
@@ -116,10 +94,12 @@ def test_several_servos_are_one_bus_and_the_hands_wait_for_the_last() -> None:
     true = replace(TRUE, hand="lean")
     servos = [replace(settings(true=true), id=id_) for id_ in (4, 2, 3, 1)]
     bus = open_bus(servos, clock)
+    assert isinstance(bus, DynamixelGroup)
     assert [facts.name[-11:-10] for facts in bus.facts] == ["4", "2", "3", "1"]
     assert all(check.ok for checks in bus.start() for check in checks)
     bus.request()
     readings = bus.collect(clock.now_ns() + 1_000_000)
+    assert [reading.outcome for reading in readings] == [Outcome.OK] * 4
     assert [reading.position for reading in readings] == pytest.approx([-0.3] * 4, abs=0.02)
     assert bus.stop()
     bus.close()

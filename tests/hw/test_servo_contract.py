@@ -221,7 +221,8 @@ class BusContract:
 
 
 class TestSimulated(BusContract):
-    trues: tuple[TrueServo, ...] = (replace(TRUE, torque_step=0.001, delay=0.4e-3),)
+    trues: tuple[TrueServo, ...] = (replace(TRUE, torque_step=0.0013, delay=0.4e-3),)
+    """The largest torque is no whole number of steps"""
 
     def make_rig(self) -> Rig:
         clock = SimulatedClock(start_ns=7 * PERIOD_NS)

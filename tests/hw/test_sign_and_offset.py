@@ -23,7 +23,7 @@ WALL = (
 def rendered(preset: str, *sets: str) -> Any:
     telemetry = Telemetry.create()
     result = run_session(
-        load_config(preset, [*WALL, *sets]).config, SimulatedClock(), telemetry, 1.0
+        load_config(preset, [*WALL, *sets]).config, SimulatedClock(), telemetry, 0.6
     )
     rows, _ = telemetry.read(0)
     telemetry.close()

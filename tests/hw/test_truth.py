@@ -32,15 +32,22 @@ def test_what_is_no_value_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    "values",
+    ("name", "value"),
     [
-        {"inertia": 0.01, "back_emf": 1},
-        {"inertia": True},
-        {"inertia": "0.01"},
-        {"inertia": 0.01, "damping": None},
-        {"inertia": 0.01, "noise_seed": 1.5},
+        ("back_emf", 1),
+        ("inertia", True),
+        ("inertia", "0.01"),
+        ("damping", None),
+        ("noise_seed", 1.5),
+        ("inertia", -1.0),
+        ("delay", -1e-3),
+        ("torque_limit", 0.0),
+        ("gravity", -0.1),
+        ("encoder_eccentricity", 1.0),
+        ("encoder_noise", -1.0),
+        ("encoder_noise", 1.0),  # without counts
     ],
 )
-def test_the_record_refuses_a_wrong_type(values: dict[str, Any]) -> None:
-    with pytest.raises(SpecError, match=f"{list(values)[-1]}: "):
-        TrueServo(**values)
+def test_the_record_refuses_a_wrong_type_and_an_impossible_servo(name: str, value: Any) -> None:
+    with pytest.raises(SpecError, match=f"{name}: "):
+        TrueServo(**{"inertia": 0.01, "counts_per_rev": 0, name: value})

@@ -7,7 +7,7 @@ matrix exponential.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -87,6 +87,58 @@ def state_matrix(loop: Loop) -> Array:
 def radius(loop: Loop) -> float:
     """Largest magnitude of a closed-loop pole; stable below 1."""
     return float(np.max(np.abs(np.linalg.eigvals(state_matrix(loop)))))
+
+
+class LinkedLoop(NamedTuple):
+    """One wall on two masses; the first numbers are those of ``two_masses``."""
+
+    inertia: float
+    damping: float
+    load: float
+    spring: float
+    damper: float
+    period: float
+    late: float
+    """Delay, in periods"""
+    samples: int
+    encoder: str
+    bandwidth: float = 0.0
+    """0: the torque follows at once"""
+
+
+def linked_radius(
+    loop: LinkedLoop,
+    stiffness: float,
+    virtual_damping: float,
+    taps: Sequence[float] = (1.0, 0.0, 0.0, 0.0, 0.0),
+) -> float:
+    """Largest magnitude of a pole of a wall on two masses; stable below 1.
+
+    One step is written out for all unit states: plant, torques on their way, past positions, and
+    the last two inputs and outputs of the velocity's filter, whose taps are b0, b1, b2, a1, a2.
+    """
+    m, b, j, k, c, period, late, n, encoder, bandwidth = loop
+    lag = 2 * np.pi * bandwidth
+    rates = np.zeros((6, 6))  # positions and speeds, acting torque, commanded torque
+    rates[0, 1] = rates[2, 3] = 1.0
+    rates[1, :4] = np.array([-k, -(b + c), k, c]) / m
+    rates[3, :4] = np.array([k, c, -k, -c]) / j
+    rates[1, 4 if bandwidth else 5] = 1.0 / m
+    rates[4, 4:] = -lag, lag
+    whole = int(np.floor(late))
+    first, rest = (expm(rates * period * part)[:5] for part in (late - whole, 1 - late + whole))
+    seen = 2 if encoder == "output" else 0
+    plant, torques, past, filtered = np.split(np.eye(10 + whole + n), [5, 6 + whole, 6 + whole + n])
+    b0, b1, b2, a1, a2 = taps
+    v1, v2, y1, y2 = filtered
+    v = (plant[seen] - past[-1]) / (n * period)
+    y = b0 * v + b1 * v1 + b2 * v2 - a1 * y1 - a2 * y2
+    queue = np.vstack([-stiffness * plant[seen] - virtual_damping * y, torques])
+    moved = first @ np.vstack([plant, queue[whole + 1]])
+    moved = rest @ np.vstack([moved, queue[whole]])
+    moved[4] *= bandwidth > 0.0  # without a lag no torque is stored
+    step = np.vstack([moved, queue[:-1], plant[seen], past[:-1], v, v1, y, y1])
+    return float(np.max(np.abs(np.linalg.eigvals(step))))
 
 
 def bounce(loops: list[Loop], phases: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The boundary held against poles in extended precision, its two ways of solving, its domain."""
+"""The boundary held against poles in extended precision, and its domain."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import ArrayLike
 
 from haptic_wall.controller.theory import (
     critical_stiffness,
@@ -56,14 +57,20 @@ def test_poles_in_extended_precision_leave_the_circle_within_a_billionth(
 
 
 def test_long_differences_and_heavy_damping_do_too(thorough: bool) -> None:
+    """Of any inertia and period; the poles are those of inertia and period 1."""
     count = 1_000 if thorough else 60
     random = np.random.default_rng(2)
     samples = random.choice([1, 2, 3, 5, 8, 20], count)
     delta = 10 ** random.uniform(-5, 1.5, count)
     delay = random.uniform(0, 20, count) * random.integers(0, 2, count)
-    top = max_virtual_damping(1.0, delta, 1.0, delay, samples)
+    inertia, period = 10 ** random.uniform(-3.5, 0, count), 10 ** random.uniform(-3.5, -2, count)
+    damped = inertia / period
+    top = max_virtual_damping(inertia, delta * damped, period, delay * period, samples) / damped
     beta = -0.5 * delta + (0.95 * top + 0.5 * delta) * random.random(count) ** 2
-    alpha = critical_stiffness(1.0, delta, beta, 1.0, delay, samples)
+    stiffness = critical_stiffness(
+        inertia, delta * damped, beta * damped, period, delay * period, samples
+    )
+    alpha = stiffness * period**2 / inertia
     part = mpmath.mpf(10) ** -9
     with mpmath.workdps(DIGITS):
         for d, b, late, n, limit in zip(delta, beta, delay, samples, alpha, strict=True):
@@ -158,16 +165,39 @@ def test_extreme_settings_give_numbers_and_zero_outside_of_the_damping_range(
     check()
 
 
+def test_the_limit_moves_smoothly_over_whole_delays() -> None:
+    late = np.array([2 - 1e-9, 2.0, 2 + 1e-9])
+    k = critical_stiffness(0.01, 0.01, 0.1, 1e-3, late * 1e-3)
+    np.testing.assert_allclose(k, k[1], rtol=1e-7)
+
+
+def test_no_stiffness_is_stable_without_damping() -> None:
+    assert critical_stiffness(1.0, 0.0, 0.0, 1.0, 0.0) == 0
+    assert critical_stiffness(1.0, 0.1, -0.1, 1.0, 0.0) == 0
+    assert chain_boundary(*one_mass(1.0, 0.1), -0.2, 1.0, 1.0).frequency == 0
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
+        ({"inertia": 0.0}, "inertia must be > 0, got 0"),
+        ({"damping": -1.0}, "damping must be >= 0, got -1"),
+        ({"virtual_damping": np.nan}, "virtual_damping must be finite, got nan"),
+        ({"period": -1e-3}, "period must be > 0, got -0.001"),
+        ({"delay": [0.0, -1.0]}, "delay must be >= 0, got -1"),
+        ({"velocity_samples": 1.5}, "velocity_samples must be a whole number >= 1, got 1.5"),
+        ({"velocity_samples": 2**70}, "velocity_samples must be at most 10000"),
+        ({"inertia": "much"}, "inertia must be a number, got 'much'"),
+        ({"inertia": "1"}, "inertia must be a number, got '1'"),
+        ({"inertia": 10**400}, "inertia must be a number"),
+        ({"delay": [1j]}, "delay must be a number"),
         ({"inertia": 1e-300, "damping": 1e10}, "inertia .* too small"),
         ({"period": 1e-300, "delay": 1e10}, "period .* too small"),
+        ({"inertia": np.ones(2), "damping": np.ones(3)}, "the shapes must broadcast"),
     ],
 )
-def test_numbers_beyond_all_bounds_are_refused_by_name(
-    change: dict[str, float], message: str
-) -> None:
-    good = {"inertia": 1.0, "damping": 0.1, "virtual_damping": 0.0, "period": 1e-3, "delay": 0.0}
+def test_errors_name_the_argument(change: dict[str, ArrayLike], message: str) -> None:
+    good: dict[str, ArrayLike] = {"inertia": 1.0, "damping": 0.1, "virtual_damping": 0.0}
+    good |= {"period": 1e-3, "delay": 0.0}
     with pytest.raises(ValueError, match=message):
         critical_stiffness(**{**good, **change})

@@ -2,70 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
 
-from haptic_wall.controller.theory import (
-    critical_stiffness,
-    max_virtual_damping,
-)
+from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.chain import Chain, two_masses
 from haptic_wall.controller.theory.checks import FloatArray
 from tests.cases import sampled
+from tests.theory.oracles import LinkedLoop, linked_radius
 
 
-class Loop(NamedTuple):
-    """One wall on two masses; ``bandwidth`` 0: the torque follows at once."""
-
-    inertia: float
-    damping: float
-    load: float
-    spring: float
-    damper: float
-    period: float
-    late: float
-    samples: int
-    encoder: str
-    bandwidth: float = 0.0
-
-
-def radius(loop: Loop, stiffness: float, virtual_damping: float) -> float:
-    """Largest modulus of the poles; states: positions, speeds, torques on their way."""
-    m, b, j, k, c, period, late, n, encoder, bandwidth = loop
-    lag = 2 * np.pi * bandwidth
-    rates = np.zeros((6, 6))  # positions and speeds, acting torque, commanded torque
-    rates[0, 1] = rates[2, 3] = 1.0
-    rates[1, :5] = np.array([-k, -(b + c), k, c, 1.0]) / m
-    rates[3, :4] = np.array([k, c, -k, -c]) / j
-    if bandwidth:
-        rates[4, 4], rates[4, 5] = -lag, lag
-    else:
-        rates[1, 4], rates[1, 5] = 0.0, 1.0 / m
-    whole = int(np.floor(late))
-    first, rest = (expm(rates * period * part) for part in (late - whole, 1 - late + whole))
-    size = 5 + whole + 1 + n
-    command = np.zeros(size)
-    position = 2 if encoder == "output" else 0
-    command[position] = -stiffness - virtual_damping / (n * period)
-    command[-1] = virtual_damping / (n * period)
-    torques = [command, *np.eye(size)[5 : 6 + whole]]
-    a = np.eye(size, k=-1)
-    a[:5] = 0.0
-    a[:5, :5] = rest[:5, :5] @ first[:5, :5]
-    a[:5] += np.outer(rest[:5, :5] @ first[:5, 5], torques[whole + 1])
-    a[:5] += np.outer(rest[:5, 5], torques[whole])
-    a[5] = command
-    a[6 + whole] = np.eye(size)[position]
-    if not bandwidth:
-        a = np.delete(np.delete(a, 4, 0), 4, 1)
-    return float(np.max(np.abs(np.linalg.eigvals(a))))
-
-
-def drawn(count: int, encoder: str, *, lag: bool, unlike: bool = False) -> list[Loop]:
+def drawn(count: int, encoder: str, *, lag: bool, unlike: bool = False) -> list[LinkedLoop]:
     """Unlike masses: 0.001 to 100 times the motor's, damping ratios from 1e-7 on."""
     random = np.random.default_rng(7 + 2 * lag + (encoder == "motor"))
     loops = []
@@ -77,7 +27,7 @@ def drawn(count: int, encoder: str, *, lag: bool, unlike: bool = False) -> list[
         if unlike:
             mode = np.sqrt(10 ** random.uniform(0, 5) / moved)
         loops.append(
-            Loop(
+            LinkedLoop(
                 inertia=m,
                 damping=m * (0.0 if unlike else 1.0) * 10 ** random.uniform(-3, 1.5),
                 load=load,
@@ -93,7 +43,9 @@ def drawn(count: int, encoder: str, *, lag: bool, unlike: bool = False) -> list[
     return loops
 
 
-def answers(loops: list[Loop], shares: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def answers(
+    loops: list[LinkedLoop], shares: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Ceilings, dampings at these shares of them, and the boundary's stiffnesses."""
     columns = (np.array(column) for column in zip(*(loop[:8] for loop in loops), strict=True))
     m, b, load, k, c, period, late, n = columns
@@ -126,11 +78,11 @@ def test_poles_leave_the_circle_exactly_at_the_boundary(
     assert np.all(stiffness > 0)
     for loop, big_b, top, limit in zip(loops, dampings, ceiling, stiffness, strict=True):
         for share in (0.03, 0.3, 0.8, 1 - 1e-6):
-            assert radius(loop, share * limit, big_b) < 1.0
-        assert radius(loop, (1 + 1e-6) * limit, big_b) > 1.0
+            assert linked_radius(loop, share * limit, big_b) < 1.0
+        assert linked_radius(loop, (1 + 1e-6) * limit, big_b) > 1.0
         # without stiffness a pole is at 1, rounded to 1e-13
-        assert radius(loop, 0.0, 0.999 * top) < 1.0 + 1e-11
-        assert radius(loop, 0.0, 1.001 * top) > 1.0 + 1e-9
+        assert linked_radius(loop, 0.0, 0.999 * top) < 1.0 + 1e-11
+        assert linked_radius(loop, 0.0, 1.001 * top) > 1.0 + 1e-9
 
 
 @pytest.mark.parametrize("lag", [False, True])
@@ -142,8 +94,8 @@ def test_hardly_damped_masses_of_very_unlike_size(encoder: str, lag: bool, thoro
     assert np.all(stiffness > 0)
     for loop, big_b, limit in zip(loops, dampings, stiffness, strict=True):
         for share in (0.03, 0.3, 0.8, 1 - 1e-4):
-            assert radius(loop, share * limit, big_b) < 1.0
-        assert radius(loop, (1 + 1e-4) * limit, big_b) > 1.0
+            assert linked_radius(loop, share * limit, big_b) < 1.0
+        assert linked_radius(loop, (1 + 1e-4) * limit, big_b) > 1.0
 
 
 def test_no_stiffness_above_the_ceiling() -> None:
@@ -173,16 +125,6 @@ def test_a_stiff_transmission_is_none() -> None:
     damper = 2 * 0.05 * np.sqrt(1e8 * m * load / (m + load))
     found = chain_boundary(*two_masses(m, b, load, 1e8, damper), big_b, period, delay).stiffness
     np.testing.assert_allclose(found, rigid, rtol=1e-5)
-
-
-def test_one_mass_without_lag_is_the_rigid_servo() -> None:
-    one = Chain(np.array([[0.012]]), np.array([[0.0117]]), np.empty((1, 0)), np.empty((1, 0)))
-    big_b = np.linspace(0.0, 1.5, 20)
-    found = chain_boundary(one, (1,), big_b, 1e-3, 3.3e-3)
-    rigid = critical_stiffness(0.012, 0.0117, big_b, 1e-3, 3.3e-3)
-    np.testing.assert_allclose(found.stiffness, rigid, rtol=1e-8)
-    ceiling = max_virtual_damping(0.012, 0.0117, 1e-3, 3.3e-3)
-    assert chain_ceiling(one, (1,), 1e-3, 3.3e-3)[0] == pytest.approx(float(ceiling), rel=1e-8)
 
 
 def test_three_masses_with_one_stiff_transmission_are_two() -> None:

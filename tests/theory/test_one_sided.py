@@ -53,8 +53,8 @@ def test_restitution_equals_an_independent_contact() -> None:
     assert np.all(difference < (found * b * t / m)[fast] + 1e-6)
 
 
-def test_the_limit_is_where_the_device_comes_back_as_fast() -> None:
-    m, b, virtual, t, delay, n = random_walls(150, seed=2)
+def test_the_limit_is_where_the_device_comes_back_as_fast(wholly: bool) -> None:
+    m, b, virtual, t, delay, n = random_walls(150 if wholly else 60, seed=2)
     limit = one_sided_limit(m, b, virtual, t, delay, n)
     exact = critical_stiffness(m, b, virtual, t, delay, n)
     assert np.all(limit <= exact * (1 + 1e-9))
@@ -62,7 +62,7 @@ def test_the_limit_is_where_the_device_comes_back_as_fast() -> None:
     above = restitution(m, b, limit * (1 + 2e-4), virtual, t, delay, 201, n)
     assert np.all(below < 1 + 1e-6)
     lower = limit < exact * (1 - 1e-6)
-    assert np.count_nonzero(lower) > 75
+    assert np.count_nonzero(lower) > 0.5 * lower.size
     assert np.all(above[lower] > 1 - 1e-6)
 
 

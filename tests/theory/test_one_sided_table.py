@@ -29,7 +29,7 @@ def random_settings(count: int, seed: int) -> tuple[Array, ...]:
 def test_looked_up_is_not_above_what_is_computed_and_hardly_below(
     thorough: bool, wholly: bool
 ) -> None:
-    count = 10_000 if thorough else 700 if wholly else 200
+    count = 10_000 if thorough else 700 if wholly else 100
     delta, beta, late, samples, ceiling = random_settings(count, 31)
     share = tabulated_share(delta, beta, late, samples, ceiling)
     known = np.isfinite(share)

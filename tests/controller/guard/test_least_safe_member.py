@@ -22,7 +22,7 @@ from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.chain import two_masses
 from haptic_wall.controller.theory.checks import FloatArray
 from tests.cases import sampled
-from tests.theory import oracles, test_flexible
+from tests.theory import oracles
 
 NAMES = (
     *("inertia", "damping", "torque_gain", "load_inertia", "flexible_hz"),
@@ -134,8 +134,8 @@ def radius(case: Case, member: FloatArray, stiffness: float, damping: float) -> 
     if not load:
         return oracles.radius(oracles.Loop(whole, b, k, big_b, period, delay, n))
     servo = map(float, masses_of(*member[[0, 1, 3, 4, 5]]))
-    loop = test_flexible.Loop._make([*servo, period, delay / period, n, case.belief.encoder, 0.0])
-    return test_flexible.radius(loop, k, big_b)
+    loop = oracles.LinkedLoop._make([*servo, period, delay / period, n, case.belief.encoder, 0.0])
+    return oracles.linked_radius(loop, k, big_b)
 
 
 def least(

@@ -7,6 +7,7 @@ from dataclasses import replace
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode
 from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.emulated.adapter import Adapter
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo, TrueState
@@ -70,15 +71,21 @@ class Bench:
         firmware: int = 48,
         baud: int = BAUD,
         bus_baud: int = BAUD,
+        timer_ms: float = 0.0,
+        phase_ms: float = 0.0,
         **settings: object,
     ) -> None:
-        """A servo set to ``baud`` on a bus whose host and driver talk at ``bus_baud``."""
+        """A servo set to ``baud`` on a bus whose host and driver talk at ``bus_baud``.
+
+        Its adapter has a latency timer [ms] where that is above 0, which runs from ``phase_ms`` on.
+        """
         self.clock = SimulatedClock(start_ns=123_456_789)
         now_ns = self.clock.now_ns()
         self.truth = EmulatedServo(
             MODELS[model], 1, firmware, true, start_ns=now_ns, baud=baud, tick=12_345
         )
-        self.bus = EmulatedBus([self.truth], baud=bus_baud, start_ns=now_ns)
+        adapter = Adapter(round(timer_ms * 1e6), 62, round(phase_ms * 1e6)) if timer_ms else None
+        self.bus = EmulatedBus([self.truth], baud=bus_baud, start_ns=now_ns, adapter=adapter)
         self.memory_line = MemoryLine(self.bus, self.clock)
         self.line = SpyLine(self.memory_line, self.truth)
         self.settings = replace(SETTINGS, baud=bus_baud, **settings)  # type: ignore[arg-type]

@@ -72,6 +72,14 @@ class Client:
     def send(self, id_: int, instruction: int, params: bytes = b"") -> None:
         self.line.write(encode(id_, instruction, params))
 
+    def heard(self, frame: bytes, within_ns: int = 3 * MS) -> bytes:
+        """Every byte that comes after a frame before nothing has come for so long."""
+        self.line.write(frame)
+        found = b""
+        while self.line.wait(self.clock.now_ns() + within_ns):
+            found += self.line.read()
+        return found
+
     def replies(self, within_ns: int = 3 * MS) -> list[Frame]:
         """Every reply that comes before nothing has come for so long."""
         found = []

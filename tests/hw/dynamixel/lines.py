@@ -46,8 +46,16 @@ class ClockLine:
         self._parser = Parser()
         self._replies: list[tuple[int, bytes]] = []
 
+    def asked_ns(self, now_ns: int) -> int:
+        """When a request that is written now comes to the servos."""
+        return now_ns
+
+    def heard_ns(self, now_ns: int) -> int:
+        """When a reply that they send now has come."""
+        return now_ns
+
     def write(self, data: bytes) -> None:
-        now = self.clock.now_ns()
+        now = self.asked_ns(self.clock.now_ns())
         for frame in self._parser.feed(data):
             if frame.instruction == Instruction.PING:
                 reply = encode_status(frame.id, 0, bytes([0xFC, 0x03, 48]))  # an XM430-W350
@@ -72,7 +80,7 @@ class ClockLine:
                     address, size = struct.unpack("<HH", frame.params[:4])
                     self.registers[address : address + size] = frame.params[-size:]
                 continue
-            self._replies.append((now + self.reply_ns, reply))
+            self._replies.append((self.heard_ns(now + self.reply_ns), reply))
 
     def block(self, id_: int, params: bytes, now: int) -> bytes:
         """Registers of a servo, whose position is the time and its id."""

@@ -85,27 +85,12 @@ def test_the_position_is_the_true_one_and_counts_on_over_turns() -> None:
 
 def troubled(fate: Fate) -> tuple[Bench, OneServo, TroubledLine]:
     """A started servo whose replies meet ``fate`` from then on."""
-    bench = Bench(FREE)
+    bench = Bench(FREE, probe_torque=0.0)
     line = TroubledLine(bench.memory_line, unharmed)
     servo = OneServo.driven(bench.settings, line)
     servo.start()
     line.fate, line.number = fate, 0
     return bench, servo, line
-
-
-def test_stopping_zeroes_the_torque_first_and_reads_back_that_it_is_off() -> None:
-    bench = started()
-    bench.cycle(1.0)
-    frames = len(bench.line.frames)
-    begun = bench.clock.now_ns()
-    assert bench.servo.stop() is True
-    (goal,) = Parser().feed(bench.line.frames[frames])
-    (off,) = Parser().feed(bench.line.frames[frames + 1])
-    assert (goal.instruction, goal.params[-2:]) == (Instruction.SYNC_WRITE, b"\0\0")
-    assert (off.instruction, off.params) == (Instruction.SYNC_WRITE, bytes([64, 0, 1, 0, 1, 0]))
-    assert bench.clock.now_ns() - begun < 1_000_000
-    assert bench.truth.memory["torque_enable"] == 0
-    assert bench.state.torque == 0.0
 
 
 def test_stopping_gets_over_lost_replies() -> None:

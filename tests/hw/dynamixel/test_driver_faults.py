@@ -81,7 +81,7 @@ def fresh(bench: Bench) -> None:
                 ("wrong-id:p=0.1,way=reply", {"lost"}, 0.1),
                 ("noise:p=0.1,way=reply", set(), 0.0),
             ],
-            3,
+            5,
         ),
         (MIXTURE, {"corrupt", "lost", "late"}, 0.1),
     ],

@@ -21,16 +21,7 @@ PING = encode(1, Instruction.PING)
 READ_POSITION = bytes([132, 0, 4, 0])
 
 
-def raw(client: Client, frame: bytes = PING, within_ns: int = 3 * MS) -> bytes:
-    """Every byte that comes before nothing has come for so long."""
-    client.line.write(frame)
-    got = b""
-    while client.line.wait(client.clock.now_ns() + within_ns):
-        got += client.line.read()
-    return got
-
-
-CLEAN = raw(Client())
+CLEAN = Client().heard(PING)
 
 
 # --- single frames ---------------------------------------------------------------------------
@@ -41,7 +32,7 @@ def test_every_hundredth_frame_is_lost_on_its_way(way: str, heard: int) -> None:
     client = Client()
     client.inject(f"drop:every=100,way={way}")
     before = len(client.rows())
-    results = [bool(raw(client)) for _ in range(300)]
+    results = [bool(client.heard(PING)) for _ in range(300)]
     assert [n + 1 for n, ok in enumerate(results) if not ok] == [100, 200, 300]
     assert client.bus.faults == [(f"drop:every=100,way={way}", 3)]
     events = Counter(row[1] for row in client.rows()[before:])
@@ -57,7 +48,7 @@ def test_as_many_as_the_probability_says_and_the_same_every_time(spec: str, seed
     def run(seed: int) -> tuple[list[bytes], str]:
         client = Client(faults=Faults((), seed))
         client.inject(spec)
-        heard = [raw(client) for _ in range(1000)]
+        heard = [client.heard(PING) for _ in range(1000)]
         (_, struck), rows = client.bus.faults[0], client.fault_rows()
         assert sum(data != CLEAN for data in heard) == struck == len(rows)
         return heard, client.record.getvalue()
@@ -74,7 +65,7 @@ def test_a_corrupt_request_is_refused_or_not_understood_and_never_acts() -> None
     client.inject("corrupt:way=request")
     write = encode(1, Instruction.WRITE, bytes([65, 0, 1]))  # LED
     errors = Counter(
-        frame.error for _ in range(200) for frame in Parser().feed(raw(client, write, 500_000))
+        frame.error for _ in range(200) for frame in Parser().feed(client.heard(write, 500_000))
     )
     # A frame whose length or header was hit never ends for the servo, until the gap is too long.
     assert set(errors) == {ErrorCode.CRC}
@@ -88,24 +79,24 @@ def test_truncate_keeps_the_beginning() -> None:
     client.inject("truncate:way=reply")
     lengths = set()
     for _ in range(200):
-        rest = raw(client)
+        rest = client.heard(PING)
         assert CLEAN.startswith(rest)
         lengths.add(len(rest))
     assert lengths == set(range(1, len(CLEAN)))
     client.bus.lift("truncate", client.clock.now_ns())
     client.inject("truncate:keep=5,way=reply")
-    assert raw(client) == CLEAN[:5]
+    assert client.heard(PING) == CLEAN[:5]
 
 
 def test_a_copy_noise_and_another_id_are_what_their_names_say() -> None:
     client = Client()
     client.inject("duplicate:times=1,way=reply")
-    assert [raw(client), raw(client)] == [CLEAN + CLEAN, CLEAN]
+    assert [client.heard(PING), client.heard(PING)] == [CLEAN + CLEAN, CLEAN]
     client.inject("noise:bytes=20,times=1,way=reply")
-    noisy = raw(client)
+    noisy = client.heard(PING)
     assert len(noisy) == 20 + len(CLEAN) and noisy.endswith(CLEAN)
     client.inject("wrong-id:to=9,way=reply")
-    (frame,) = Parser().feed(raw(client))
+    (frame,) = Parser().feed(client.heard(PING))
     assert frame.id == 9
 
 
@@ -130,7 +121,7 @@ def test_faults_can_be_for_one_id_and_one_time_only() -> None:
     outcome = []
     for tenth in range(4):
         client.pass_time(start + (100 * tenth + 50) * MS - client.clock.now_ns())
-        outcome.append((bool(raw(client)), bool(raw(client, encode(2, Instruction.PING)))))
+        outcome.append((bool(client.heard(PING)), bool(client.heard(encode(2, Instruction.PING)))))
     assert outcome == [(True, True), (True, False), (True, False), (True, True)]
 
 
@@ -149,7 +140,7 @@ def three() -> Client:
 
 def joint(client: Client) -> tuple[bytes, list[int]]:
     """The bytes of a joint reply, and the ids of its valid parts."""
-    wire = raw(client, FAST_OF_THREE)
+    wire = client.heard(FAST_OF_THREE)
     return wire, [frame.id for frame in Parser(joint=3).feed(wire)]
 
 
@@ -331,7 +322,7 @@ def test_an_unplugged_adapter_ends_the_line_and_a_new_one_finds_the_servos_going
     with pytest.raises(ServoLostError):
         client.line.write(PING)
     client.line = MemoryLine(client.bus, client.clock)
-    assert raw(client) == CLEAN
+    assert client.heard(PING) == CLEAN
     assert [(i, name) for _, i, name in client.fault_rows()] == [
         (254, "unplug-adapter"),
         (254, "unplug-adapter over"),
@@ -390,7 +381,7 @@ def test_any_faults_together_break_nothing_and_are_over_when_lifted(
     client.pass_time(500 * MS)  # booted, and what was held up has come
     client.line = MemoryLine(client.bus, client.clock)
     client.line.read()
-    assert Parser().feed(raw(client, within_ns=20 * MS))[-1].params == bytes([0xFC, 0x03, 48])
+    assert Parser().feed(client.heard(PING, 20 * MS))[-1].params == bytes([0xFC, 0x03, 48])
     times = [float(row[0]) for row in client.rows()]
     assert times == sorted(times)
     assert {float(row[4]) for row in client.rows()} == {1.0}

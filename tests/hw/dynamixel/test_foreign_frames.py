@@ -12,17 +12,12 @@ from typing import NamedTuple
 
 import pytest
 
-from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode, encode_status
-from haptic_wall.hw.dynamixel.tables import MODELS
-from haptic_wall.hw.emulated.bus import EmulatedBus
-from haptic_wall.hw.emulated.memory_line import MemoryLine
-from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.truth import TrueServo
+from tests.hw.dynamixel.emulated_client import Client
 
 DATA = Path(__file__).parents[2] / "data" / "protocol2_frames.json"
 FRAMES = [bytes.fromhex(one["hex"]) for one in json.loads(DATA.read_text())]
-BAUD = 1_000_000
 
 
 def frame_of(note: str) -> bytes:
@@ -38,20 +33,6 @@ def test_the_parser_reads_it_and_the_encoder_writes_the_same_bytes(wire: bytes) 
         assert encode_status(frame.id, frame.error, frame.params) == wire
     else:
         assert encode(frame.id, frame.instruction, frame.params) == wire
-
-
-@pytest.mark.parametrize("piece", [1, 2, 7, 1000])
-def test_the_parser_finds_all_of_them_in_one_stream(piece: int) -> None:
-    """Two were published glued together; between others there is what a line brings."""
-    stream = b"\xff\xff".join(FRAMES) + b"".join(FRAMES)
-    parser = Parser()
-    found = [
-        frame
-        for start in range(0, len(stream), piece)
-        for frame in parser.feed(stream[start : start + piece])
-    ]
-    once = [Parser().feed(wire)[0] for wire in FRAMES]
-    assert found == once * 2
 
 
 class Asked(NamedTuple):
@@ -106,24 +87,8 @@ ANSWERED = [
 
 @pytest.mark.parametrize("asked", ANSWERED, ids=lambda asked: f"{asked.note} {asked.model}")
 def test_an_emulated_servo_says_it_byte_for_byte(asked: Asked) -> None:
-    line, servo = bus_of(asked.model, asked.id, asked.firmware, asked.counts)
+    true = TrueServo(0.01, coulomb=0.1, position=asked.counts * math.tau / 4096)
+    client = Client((asked.model, asked.id), true=true, firmware=asked.firmware)
     for name, value in asked.registers:
-        servo.memory[name] = value
-    assert reply(line, asked.request) == frame_of(asked.note)
-
-
-def bus_of(model: str, id_: int, firmware: int, counts: int) -> tuple[MemoryLine, EmulatedServo]:
-    clock = SimulatedClock(5_000_000)
-    true = TrueServo(0.01, coulomb=0.1, position=counts * math.tau / 4096)
-    servo = EmulatedServo(MODELS[model], id_, firmware, true, start_ns=clock.now_ns(), baud=BAUD)
-    servo.memory["return_delay_time"] = 0
-    bus = EmulatedBus([servo], baud=BAUD, start_ns=clock.now_ns())
-    return MemoryLine(bus, clock), servo
-
-
-def reply(line: MemoryLine, request: bytes) -> bytes:
-    line.write(request)
-    found = b""
-    while line.wait(line.clock.now_ns() + 3_000_000):
-        found += line.read()
-    return found
+        client.servos[asked.id].memory[name] = value
+    assert client.heard(asked.request) == frame_of(asked.note)

@@ -122,21 +122,3 @@ def test_a_reply_of_another_length_is_passed_over(data: bytes) -> None:
     bench = Bench(first(1, lambda _, reply: [(0, stray), (MS // 10, reply)]))
     bench.servo.registers[102] = 7
     assert bench.table.read("goal_current") == 7
-
-
-def test_a_thousand_reads_in_a_row_are_right_with_every_second_reply_twice_or_late() -> None:
-    """Even if the copy, or the reply after it was given up, comes 0.4 s later."""
-    delays = [[0, 400 * MS], [0], [5 * MS], [0, 200 * MS, 300 * MS], [400 * MS], []]
-    bench = Bench(lambda number, reply: [(delay, reply) for delay in delays[number % 6]])
-    bench.servo.registers[:147] = bytes(range(1, 148))
-    for number in range(1000):
-        name = ("led", "drive_mode", "temperature_limit", "firmware_version")[number % 4]
-        assert bench.table.read(name) == bench.table.registers[name].address + 1
-
-
-def test_an_adapter_left_at_its_slow_timer_is_got_over() -> None:
-    bench = Bench(lambda _, reply: [(16 * MS, reply)])
-    bench.servo.registers[64], bench.servo.registers[65] = 1, 0
-    assert bench.table.ping() == 1020
-    assert bench.table.read("torque_enable") == 1
-    assert bench.table.read("led") == 0

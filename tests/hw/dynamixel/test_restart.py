@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import random
-import struct
-from dataclasses import dataclass, field
 
 import pytest
 
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.dynamixel.codec import Parser, encode_status
 from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.registers import TICK_MODULUS
 from haptic_wall.hw.errors import ServoLostError, TorqueLostError
 from haptic_wall.hw.servo import Outcome
 from tests.cases import sampled
 from tests.hw.dynamixel.bench import TRUE, Bench
-from tests.hw.dynamixel.lines import MS
+from tests.hw.dynamixel.lines import MS, ClockLine
 
 BOOT_NS = 200 * MS
 START_NS = 1_000 * MS
+Holds = list[list[tuple[int, int, int]]]
 
 
 class BusyClock(SimulatedClock):
@@ -40,59 +38,38 @@ class BusyClock(SimulatedClock):
         return self._now
 
 
-@dataclass
-class HoldingLine:
+class HoldingLine(ClockLine):
     """A servo behind an adapter that holds bytes, in each direction, and keeps their order.
 
-    Attributes:
+    Args:
+        clock: That of the loop.
         holds: Begin, end and delay [ns] of the holds of requests and of replies; without a delay
             all is held until the end.
+        chance: Decides which requests are lost.
+        loss: Fraction of the requests that are lost.
     """
 
-    clock: BusyClock
-    holds: tuple[list[tuple[int, int, int]], list[tuple[int, int, int]]]
-    chance: random.Random
-    tick: int = 0
-    rate: float = 1.0
-    loss: float = 0.0
-    replies: list[tuple[int, bytes]] = field(default_factory=list)
-    asked: list[tuple[int, bytes]] = field(default_factory=list)
-    parser: Parser = field(default_factory=Parser)
+    def __init__(self, clock: BusyClock, holds: Holds, chance: random.Random, loss: float) -> None:
+        super().__init__(clock, reply_ns=100_000)
+        self.stalls, self.holds, self.chance, self.loss = clock.stalls, holds, chance, loss
+        self._last_ns = [0, 0]
 
-    def _through(self, way: int, instant_ns: int) -> int:
+    def write(self, data: bytes) -> None:
+        if self.chance.random() >= self.loss:
+            super().write(data)
+
+    def asked_ns(self, now_ns: int) -> int:
+        return self._through(0, now_ns, 0)
+
+    def heard_ns(self, now_ns: int) -> int:
+        return self._through(1, now_ns, 60_000)
+
+    def _through(self, way: int, instant_ns: int, length_ns: int) -> int:
         for begin_ns, end_ns, delay_ns in self.holds[way]:
             if begin_ns <= instant_ns < end_ns:
                 instant_ns = instant_ns + delay_ns if delay_ns else end_ns
-        return instant_ns
-
-    def write(self, data: bytes) -> None:
-        before = self.asked[-1][0] if self.asked else 0
-        arrives_ns = max(before, self._through(0, self.clock._now))
-        self.asked.append((arrives_ns, data))
-        if self.chance.random() < self.loss:
-            return
-        tick = (int(arrives_ns * self.rate / MS) + self.tick) % TICK_MODULUS
-        (frame,) = self.parser.feed(data)
-        address, size = struct.unpack("<HH", frame.params)
-        sample = struct.pack("<HHhhii", tick, 0, 0, 0, 0, arrives_ns // 1_000)
-        body = (bytes(120 - address) + sample).ljust(size, b"\0")
-        before = self.replies[-1][0] if self.replies else 0
-        comes_ns = max(before + 60_000, self._through(1, arrives_ns + 100_000))
-        self.replies.append((comes_ns, encode_status(1, 0, body)))
-
-    def read(self) -> bytes:
-        now_ns = self.clock._now
-        here = [data for at, data in self.replies if at <= now_ns]
-        self.replies = [each for each in self.replies if each[0] > now_ns]
-        return b"".join(here)
-
-    def wait(self, deadline_ns: int) -> bool:
-        first = min((at for at, _ in self.replies), default=deadline_ns)
-        self.clock.wait_until(min(first, deadline_ns))
-        now_ns = self.clock.now_ns()
-        return any(at <= now_ns for at, _ in self.replies)
-
-    def close(self) -> None: ...
+        self._last_ns[way] = max(self._last_ns[way] + length_ns, instant_ns)
+        return self._last_ns[way]
 
 
 def drive(line: HoldingLine, seconds: float, period_ns: int, *, pipelined: bool) -> list[Outcome]:
@@ -133,14 +110,11 @@ def troubled(seed: int, seconds: float) -> HoldingLine:
         ]
         for _ in range(2)
     ]
-    return HoldingLine(
-        BusyClock(stretches(chance, seconds, many)),
-        (holds[0], holds[1]),
-        chance,
-        tick=chance.randrange(TICK_MODULUS),
-        rate=chance.uniform(0.985, 1.015),
-        loss=chance.choice([0.0, 0.02, 0.5]),
-    )
+    clock = BusyClock(stretches(chance, seconds, many))
+    line = HoldingLine(clock, holds, chance, chance.choice([0.0, 0.02, 0.5]))
+    line.tick_offset = chance.randrange(TICK_MODULUS)
+    line.tick_rate = chance.uniform(0.985, 1.015)
+    return line
 
 
 @pytest.mark.parametrize("seed", sampled(range(300), 30))
@@ -149,8 +123,9 @@ def test_after_a_stall_no_sample_is_refused_for_ever(seed: int) -> None:
     line = troubled(seed, 3.0)
     period_ns = chance.choice([1, 2, 5]) * MS
     last = drive(line, 3.0, period_ns, pipelined=chance.random() < 0.5)[-200:]
-    held = any(end_ns > line.clock._now - 1000 * MS for way in line.holds for _, end_ns, _ in way)
-    if not held and all(end < line.clock._now - 1000 * MS for _, end in line.clock.stalls):
+    quiet_ns = line.clock.now_ns() - 1000 * MS
+    held = any(end_ns > quiet_ns for way in line.holds for _, end_ns, _ in way)
+    if not held and all(end_ns < quiet_ns for _, end_ns in line.stalls):
         assert last.count(Outcome.OK) > 50
 
 

@@ -5,33 +5,16 @@ The real driver on an emulated bus in memory behind an adapter's latency timer.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
-from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.dynamixel.tables import MODELS
-from haptic_wall.hw.emulated.adapter import Adapter
-from haptic_wall.hw.emulated.bus import EmulatedBus
-from haptic_wall.hw.emulated.memory_line import MemoryLine
-from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.errors import UnfitServoError
-from tests.hw.dynamixel.bench import BAUD, SETTINGS, TRUE
-from tests.support.one_servo import OneServo
-
-MS = 1_000_000
+from tests.hw.dynamixel.bench import Bench
 
 
-class Behind:
-    """A servo behind an adapter with a latency timer [ms], not started."""
-
-    def __init__(self, timer_ms: float, period_ms: float = 1.0, phase_ms: float = 0.35) -> None:
-        self.clock = SimulatedClock()
-        self.truth = EmulatedServo(MODELS["XM430-W350"], 1, 48, TRUE, start_ns=0, baud=BAUD)
-        adapter = Adapter(round(timer_ms * MS), 62, round(phase_ms * MS))
-        self.bus = EmulatedBus([self.truth], baud=BAUD, start_ns=0, adapter=adapter)
-        settings = replace(SETTINGS, period_s=period_ms * 1e-3, probe_torque=0.0)
-        self.servo = OneServo.driven(settings, MemoryLine(self.bus, self.clock))
+def behind(timer_ms: float, period_ms: float = 1.0, phase_ms: float = 0.35) -> Bench:
+    """A servo behind an adapter with a latency timer, not started."""
+    period_s = period_ms * 1e-3
+    return Bench(timer_ms=timer_ms, phase_ms=phase_ms, period_s=period_s, probe_torque=0.0)
 
 
 @pytest.mark.parametrize(
@@ -41,7 +24,7 @@ class Behind:
 def test_replies_that_take_more_than_1_8_periods_are_refused_with_the_torque_off(
     timer_ms: float, period_ms: float, phase_ms: float
 ) -> None:
-    slow = Behind(timer_ms, period_ms, phase_ms)
+    slow = behind(timer_ms, period_ms, phase_ms)
     with pytest.raises(UnfitServoError) as refusal:
         slow.servo.start()
     told = str(refusal.value)
@@ -53,7 +36,7 @@ def test_replies_that_take_more_than_1_8_periods_are_refused_with_the_torque_off
 
 @pytest.mark.parametrize(("timer_ms", "period_ms"), [(1, 1.0), (16, 10.0), (1, 0.6)])
 def test_replies_within_1_8_periods_are_taken(timer_ms: float, period_ms: float) -> None:
-    quick = Behind(timer_ms, period_ms)
+    quick = behind(timer_ms, period_ms)
     (check,) = (check for check in quick.servo.start() if check.name == "adapter reply")
     assert check.ok and check.found.startswith(f"{timer_ms:.1f} ms")
     assert check.wanted == f"at most {1.8 * period_ms:.1f} ms"
@@ -62,7 +45,7 @@ def test_replies_within_1_8_periods_are_taken(timer_ms: float, period_ms: float)
 
 def test_a_stalled_machine_at_the_start_makes_no_slow_adapter() -> None:
     """One long reply in three is the machine's: the median is not."""
-    stalled = Behind(timer_ms=1)
+    stalled = behind(timer_ms=1)
     stalled.bus.inject("late:ms=12,way=reply,every=3", stalled.clock.now_ns())
     (check,) = (check for check in stalled.servo.start() if check.name == "adapter reply")
     assert check.ok

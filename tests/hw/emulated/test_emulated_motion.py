@@ -1,4 +1,4 @@
-"""How an emulated servo moves in each mode, through the vendor's own client.
+"""How an emulated servo moves in each mode.
 
 The oracle is the manual (units, gains), the published figures of the model, and
 mechanics in closed form.
@@ -7,7 +7,6 @@ mechanics in closed form.
 import math
 from dataclasses import replace
 
-import dynamixel_sdk as sdk
 import pytest
 
 from haptic_wall.hw.dynamixel.codec import ErrorCode
@@ -15,8 +14,7 @@ from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.truth import TrueArm, TrueServo
-from tests.hw.dynamixel.emulated_client import BAUD, Client
-from tests.hw.emulated.sdk_port import LinePort
+from tests.hw.dynamixel.emulated_client import Client
 from tests.typed import not_none
 
 X, X540, SMALL = "XM430-W350", "XM540-W270", "XL330-M288"
@@ -26,26 +24,19 @@ MX64 = TrueServo(0.011951, 0.011692, 0.09039, position=math.pi, torque_limit=20.
 COUNTS = 4096 / (2 * math.pi)
 
 
-class Sdk:
-    """One servo in a mode, and its registers by name through dynamixel-sdk."""
+class Moving:
+    """One servo in a mode, and its registers by name."""
 
-    def __init__(
-        self, model: str = X, mode: int = POSITION, true: TrueServo = MX64, **before: int
-    ) -> None:
+    def __init__(self, model: str = X, mode: int = POSITION, true: TrueServo = MX64) -> None:
         self.client = Client((model, 1), true=true, recorded=False)
         self.servo = self.client.servos[1]
         self.registers = MODELS[model].registers
-        self.port = LinePort(self.client.line, BAUD)
-        self.handler = sdk.Protocol2PacketHandler()
-        self.write(operating_mode=mode, **before)
+        self.write(operating_mode=mode)
 
     def set(self, name: str, value: int) -> int:
         """The error byte of the reply."""
         register = self.registers[name]
-        data = list(value.to_bytes(register.size, "little", signed=value < 0))
-        result, error = self.handler.writeTxRx(self.port, 1, register.address, register.size, data)
-        assert result == sdk.COMM_SUCCESS
-        return int(error)
+        return self.client.write(1, register.address, value, register.size)
 
     def write(self, **values: int) -> None:
         for name, value in values.items():
@@ -53,14 +44,12 @@ class Sdk:
 
     def __getitem__(self, name: str) -> int:
         register = self.registers[name]
-        data, result, error = self.handler.readTxRx(self.port, 1, register.address, register.size)
-        assert (result, error & 0x7F) == (sdk.COMM_SUCCESS, 0)
-        return register.decode(bytes(data))
+        return self.client.read(1, register.address, register.size, signed=register.minimum < 0)
 
     def pass_time(self, seconds: float) -> None:
         self.client.pass_time(round(seconds * 1e9))
 
-    def on(self, **goals: int) -> "Sdk":
+    def on(self, **goals: int) -> "Moving":
         self.write(torque_enable=1, **goals)
         return self
 
@@ -75,7 +64,7 @@ def friction_counts(model: str, true: TrueServo) -> float:
 @pytest.mark.parametrize("model", [X, X540, SMALL, "XW540-T260", "XC330-T288"])
 def test_position_mode_goes_to_its_goal_and_says_when_it_is_there(model: str) -> None:
     true = replace(MX64, coulomb=0.01 * not_none(MODELS[model].stall_torque))
-    servo = Sdk(model, true=true).on(goal_position=2600)
+    servo = Moving(model, true=true).on(goal_position=2600)
     servo.pass_time(0.03)
     assert servo["moving"] == 1
     servo.pass_time(4)
@@ -84,13 +73,15 @@ def test_position_mode_goes_to_its_goal_and_says_when_it_is_there(model: str) ->
 
 
 def test_enabling_torque_moves_nothing() -> None:
-    servo = Sdk(goal_position=100).on()
+    servo = Moving()
+    servo.write(goal_position=100)
+    servo.on()
     servo.pass_time(0.2)
     assert servo["present_position"] == servo["goal_position"] == 2048
 
 
 def test_extended_mode_counts_turns_and_position_mode_forgets_them() -> None:
-    servo = Sdk(mode=EXTENDED).on(goal_position=-10_000)
+    servo = Moving(mode=EXTENDED).on(goal_position=-10_000)
     servo.pass_time(5)
     assert servo["present_position"] == pytest.approx(-10_000, abs=5)
     assert servo.client.position() == pytest.approx(-10_000 / COUNTS, abs=5 / COUNTS)
@@ -100,7 +91,7 @@ def test_extended_mode_counts_turns_and_position_mode_forgets_them() -> None:
 
 
 def test_the_bus_watchdog_stops_it() -> None:
-    servo = Sdk().on(bus_watchdog=5, goal_position=4000)
+    servo = Moving().on(bus_watchdog=5, goal_position=4000)
     servo.pass_time(0.099)
     assert abs(servo.servo.state(servo.client.clock.now_ns()).velocity) > 0.5
     servo.pass_time(1)

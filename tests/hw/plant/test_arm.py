@@ -32,26 +32,6 @@ def mass(positions: Sequence[float]) -> NDArray[np.float64]:
     return np.array(inertia_of(LINKS, positions[1])) + FREE.inertia * np.eye(2)
 
 
-def energy(mechanisms: Sequence[Mechanism]) -> float:
-    now = state(mechanisms)
-    v = np.array(now[2:])
-    return float(0.5 * v @ mass(now[:2]) @ v)
-
-
-def test_arm_without_friction_keeps_its_energy() -> None:
-    arm = [Mechanism(FREE, 0, velocity=speed) for speed in (5.0, -3.0)]
-    Arm(LINKS, arm)
-    start = energy(arm)
-    ends = []
-    for step in range(1, 2001):
-        arm[0].advance(step * MS)
-        ends.append(energy(arm) / start - 1.0)
-    # Second order: it swings by (speed times step) squared, and does not drift.
-    assert max(map(abs, ends)) < 1e-7
-    assert abs(np.mean(ends[-500:]) - np.mean(ends[:500])) < 1e-8
-    assert arm[1].time_ns == arm[0].time_ns == 2000 * MS
-
-
 def test_torque_at_one_joint_moves_both_as_the_equations_say() -> None:
     true = TrueServo(inertia=0.002, damping=0.01, coulomb=0.0, counts_per_rev=0, position=0.4)
     arm = [Mechanism(true, 0) for _ in range(2)]

@@ -67,8 +67,14 @@ def test_the_lag_stays_within_its_stated_error(
         assert torque == pytest.approx(wanted, abs=1e-11)
 
 
-@pytest.mark.parametrize("values", sampled([{"back_emf": True}, {"current_bandwidth": 150.0}], 2))
-def test_the_instants_at_which_it_is_looked_at_do_not_matter(values: dict[str, Any]) -> None:
+@pytest.mark.parametrize(
+    ("values", "near"),
+    sampled([({"back_emf": True}, 0.0), ({"current_bandwidth": 150.0}, 0.0), ({}, 1e-10)], 2),
+)
+def test_the_instants_at_which_it_is_looked_at_do_not_matter(
+    values: dict[str, Any], near: float
+) -> None:
+    """To the bit where a current loop is computed, which has steps of its own."""
     true = servo(
         damping=0.01,
         coulomb=0.09,
@@ -91,8 +97,8 @@ def test_the_instants_at_which_it_is_looked_at_do_not_matter(values: dict[str, A
         torque, sent_ns = rng.uniform(-0.6, 0.6), now_ns + MS + rng.randrange(90_000)
         often.command(torque, sent_ns)
         seldom.command(torque, sent_ns)
-        assert often.measured()[0] == seldom.measured()[0]
-        assert often.velocity == seldom.velocity
+        assert often.measured()[0] == pytest.approx(seldom.measured()[0], rel=0.0, abs=near)
+        assert often.velocity == pytest.approx(seldom.velocity, rel=0.0, abs=100.0 * near)
         assert often.torque == pytest.approx(seldom.torque, rel=1e-12)
 
 

@@ -59,26 +59,11 @@ def test_events_are_found_beside_a_motion_that_is_over_within_a_substep(
     rigid = State(0.0, 0.0)
     masses = rigid, rigid
     one = TrueServo(0.01 + load, 0.01, 0.05)
-    for k in range(40):
-        torque = 0.4 * math.sin(0.1 * k)
+    for k in range(20):
+        torque = 0.4 * math.sin(0.2 * k)
         masses = step_masses(masses, true, torque, 1e-3)
         rigid = step(rigid, one, torque, 1e-3)
         assert masses[0].position == pytest.approx(rigid.position, abs=1e-7)
-
-
-def test_without_friction_a_vibration_keeps_its_energy() -> None:
-    true = replace(LINEAR, damping=0.0, transmission_damping=0.0)
-    motor, output = State(0.0, 1.0), State(0.0, -1.0)
-
-    def energy(motor: State, output: State) -> float:
-        twist = motor.position - output.position
-        moving = 0.012 * motor.velocity**2 + 0.003 * output.velocity**2
-        return 0.5 * (moving + 200.0 * twist**2)
-
-    begin = energy(motor, output)
-    for _ in range(5_000):
-        motor, output = step_masses((motor, output), true, 0.0, 1e-3)
-    assert energy(motor, output) == pytest.approx(begin, rel=1e-9)
 
 
 @pytest.mark.parametrize("side", ["output", "motor"])
@@ -93,24 +78,3 @@ def test_the_encoder_sees_its_side(side: Any) -> None:
     output, seen = mechanism.position, mechanism.measured()[0]
     assert output < stiff.position  # the load lags at first
     assert seen == output if side == "output" else seen > stiff.position
-
-
-def test_a_weight_hangs_on_the_output_and_friction_holds_the_motor() -> None:
-    """With a stuck motor the output rests where the transmission carries the weight."""
-    true = replace(LINEAR, transmission_damping=0.2, coulomb=0.5, gravity=0.2, gravity_angle=-1.57)
-    mechanism = Mechanism(true, 0)
-    mechanism.advance(500 * MS)
-    twist = mechanism.measured()[0]
-    assert mechanism.motor_velocity == 0.0
-    assert 200.0 * twist == pytest.approx(-0.2 * math.sin(twist + 1.57), rel=1e-4)
-
-
-def test_backlash_is_between_the_masses() -> None:
-    """The output does not move before the motor has gone through half of it."""
-    mechanism = Mechanism(replace(LINEAR, damping=0.0, backlash=0.02), 0)
-    mechanism.command(0.12, 0)  # 10 rad/s²: half of the backlash takes sqrt(2 * 0.01 / 10) s
-    mechanism.advance(44 * MS)
-    assert mechanism.measured()[0] == 0.0
-    assert mechanism.motor_velocity == pytest.approx(0.44, rel=1e-9)
-    mechanism.advance(46 * MS)
-    assert mechanism.measured()[0] > 0.0

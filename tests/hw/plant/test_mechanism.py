@@ -1,13 +1,10 @@
 """The servo in time: when a torque acts, what becomes of it, and what the encoder sees."""
 
 import math
-import random
 import statistics
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.truth import TrueServo
@@ -33,50 +30,6 @@ def test_a_torque_acts_its_delay_later_to_the_nanosecond() -> None:
     mechanism.advance(8 * MS)
     # The velocity is u t / m over the time that was left.
     assert mechanism.velocity == pytest.approx(100.0 * (3 * MS - 1_234_567) * 1e-9, rel=1e-12)
-
-
-def test_the_instants_at_which_it_is_looked_at_do_not_matter() -> None:
-    true = servo(
-        damping=0.01, coulomb=0.09, delay=1.7e-3, backlash=0.004, hand="tap", position=0.05
-    )
-    rng = random.Random(3)
-    often, seldom = Mechanism(true, 0), Mechanism(true, 0)
-    for k in range(2000):
-        torque = rng.gauss(0.0, 0.3)
-        often.command(torque, k * MS)
-        seldom.command(torque, k * MS)
-        for cut in sorted(rng.sample(range(1, MS), 3)):
-            often.advance(k * MS + cut)
-    often.advance(2000 * MS)
-    seldom.advance(2000 * MS)
-    assert often.position == pytest.approx(seldom.position, abs=1e-10)
-    assert often.velocity == pytest.approx(seldom.velocity, abs=1e-8)
-    assert often.measured()[0] == pytest.approx(seldom.measured()[0], abs=1e-10)
-
-
-@pytest.mark.parametrize("torque", [math.nan, math.inf, -math.inf])
-def test_a_torque_that_is_no_number_never_reaches_it(torque: float) -> None:
-    mechanism = Mechanism(FREE, 0)
-    mechanism.command(0.2, 0)
-    with pytest.raises(ValueError, match="finite"):
-        mechanism.command(torque, 1)
-    mechanism.advance(MS)
-    assert mechanism.torque == 0.2
-    assert math.isfinite(mechanism.position)
-
-
-@given(st.floats(-10.0, 10.0), st.floats(1e-4, 0.5), st.floats(0.1, 5.0))
-def test_a_rounded_torque_is_a_whole_number_of_steps_within_the_limit(
-    wanted: float, size: float, limit: float
-) -> None:
-    mechanism = Mechanism(servo(torque_limit=limit, torque_step=size), 0)
-    acting = mechanism.command(wanted, 0)
-    assert acting / size == pytest.approx(round(acting / size), abs=1e-9)
-    assert abs(acting) <= limit
-    # The nearest step, but the one below where the nearest would pass the limit.
-    limited = min(max(wanted, -limit), limit)
-    allowed = size if abs(limited) > limit - size else 0.5 * size
-    assert abs(acting - limited) <= allowed * (1 + 1e-9)
 
 
 def test_the_encoder_rounds_to_the_nearest_count_over_turns() -> None:
@@ -171,20 +124,3 @@ def test_noise_has_its_size_and_belongs_to_the_time_and_the_seed() -> None:
     assert abs(neighbours) < 0.06
     assert readings(1, twice=True) == found
     assert abs(statistics.correlation(found, readings(2))) < 0.06
-
-
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
-        ("inertia", -1.0),
-        ("delay", -1e-3),
-        ("torque_limit", 0.0),
-        ("gravity", -0.1),
-        ("encoder_eccentricity", 1.0),
-        ("encoder_noise", -1.0),
-        ("encoder_noise", 1.0),  # without counts
-    ],
-)
-def test_an_impossible_servo_is_refused_by_name(field: str, value: float) -> None:
-    with pytest.raises(ValueError, match=field):
-        Mechanism(servo(**{field: value}), 0)

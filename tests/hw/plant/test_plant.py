@@ -126,13 +126,6 @@ def test_random_motion_agrees_with_an_integrator(group: str, hand: bool, thoroug
     assert not thorough or "coulomb" not in on or sum(resting for _, resting in found) > 100
 
 
-def test_it_coasts_to_rest_where_the_energy_is_used_up() -> None:
-    # Without damping and torque: v²/2 m = c x, and it stays there.
-    end = step(State(0.0, 2.0), TrueServo(0.012, 0.0, 0.09), 0.0, 10.0)
-    assert end.velocity == 0.0
-    assert end.position == pytest.approx(0.012 * 2.0**2 / (2 * 0.09), rel=1e-14)
-
-
 def test_it_breaks_away_exactly_when_the_hand_pulls_harder_than_friction() -> None:
     # The hand's spring passes the friction of 0.1 N·m after 0.1 / (4 · 0.5) = 50 ms.
     true = TrueServo(0.012, 0.01, 0.1)

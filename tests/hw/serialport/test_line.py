@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import grp
 import os
-import pty
 import select
 import stat
 import subprocess
@@ -19,65 +18,46 @@ from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.errors import PortError, ServoLostError
 from haptic_wall.hw.serialport.line import FdLine
 from haptic_wall.hw.serialport.port import open_port
+from tests.hw.conftest import Terminal
 
 EVERY_BYTE = bytes(range(256))
 
 
-class Ends:
-    """A pseudo-terminal: the far side's descriptor, and the path of the side to open."""
-
-    def __init__(self) -> None:
-        self.far, near = pty.openpty()
-        self.path = os.ttyname(near)
-        os.close(near)
-
-    def receive(self, size: int) -> bytes:
-        data = b""
-        while len(data) < size and select.select([self.far], [], [], 5.0)[0]:
-            data += os.read(self.far, 4096)
-        return data
-
-    def close(self) -> None:
-        if self.far >= 0:
-            os.close(self.far)
-            self.far = -1
+def receive(descriptor: int, size: int) -> bytes:
+    data = b""
+    while len(data) < size and select.select([descriptor], [], [], 5.0)[0]:
+        data += os.read(descriptor, 4096)
+    return data
 
 
 @pytest.fixture
-def ends() -> Iterator[Ends]:
-    pair = Ends()
-    yield pair
-    pair.close()
-
-
-@pytest.fixture
-def line(ends: Ends) -> Iterator[FdLine]:
-    opened = FdLine(open_port(ends.path, 1_000_000), MonotonicClock())
+def line(terminal: Terminal) -> Iterator[FdLine]:
+    opened = FdLine(open_port(terminal.path, 1_000_000), MonotonicClock())
     yield opened
     opened.close()
 
 
-def test_every_byte_passes_unchanged_both_ways(ends: Ends, line: FdLine) -> None:
+def test_every_byte_passes_unchanged_both_ways(terminal: Terminal, line: FdLine) -> None:
     line.write(EVERY_BYTE)
-    assert ends.receive(256) == EVERY_BYTE
-    os.write(ends.far, EVERY_BYTE)
+    assert receive(terminal.far, 256) == EVERY_BYTE
+    os.write(terminal.far, EVERY_BYTE)
     received = b""
     while len(received) < 256 and line.wait(time.monotonic_ns() + 5_000_000_000):
         received += line.read()
     assert received == EVERY_BYTE
 
 
-def test_what_was_sent_to_the_previous_user_is_not_received(ends: Ends) -> None:
-    first = open_port(ends.path, 1_000_000)
-    os.write(ends.far, b"a reply nobody waited for")
+def test_what_was_sent_to_the_previous_user_is_not_received(terminal: Terminal) -> None:
+    first = open_port(terminal.path, 1_000_000)
+    os.write(terminal.far, b"a reply nobody waited for")
     os.close(first)
-    line = FdLine(open_port(ends.path, 1_000_000), MonotonicClock())
+    line = FdLine(open_port(terminal.path, 1_000_000), MonotonicClock())
     assert line.read() == b""
     line.close()
 
 
-def test_a_port_that_hangs_up_is_a_lost_servo(ends: Ends, line: FdLine) -> None:
-    ends.close()
+def test_a_port_that_hangs_up_is_a_lost_servo(terminal: Terminal, line: FdLine) -> None:
+    terminal.hang_up()
     assert line.wait(time.monotonic_ns() + 1_000_000_000) is True
     with pytest.raises(ServoLostError, match="port is gone"):
         line.read()
@@ -126,17 +106,17 @@ def test_what_is_no_serial_port_is_refused(kind: str, tmp_path: Path) -> None:
 
 
 def test_a_refused_permission_names_what_grants_it(
-    ends: Ends, monkeypatch: pytest.MonkeyPatch
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: object, **__: object) -> int:
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(os, "open", refuse)
-    group = grp.getgrgid(Path(ends.path).stat().st_gid).gr_name
-    mode = stat.S_IMODE(Path(ends.path).stat().st_mode)
+    group = grp.getgrgid(Path(terminal.path).stat().st_gid).gr_name
+    mode = stat.S_IMODE(Path(terminal.path).stat().st_mode)
     advice = f"usermod -aG {group}" if mode & 0o060 == 0o060 and group != "root" else "chmod a\\+rw"
     with pytest.raises(PortError, match=f"may not be used by this user.*{advice}"):
-        open_port(ends.path, 1_000_000)
+        open_port(terminal.path, 1_000_000)
 
 
 def test_the_process_on_the_far_side_does_not_make_the_port_busy() -> None:

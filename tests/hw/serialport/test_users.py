@@ -1,7 +1,6 @@
 """Programs that have a port open are named; others cannot open it during a run."""
 
 import os
-import pty
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -14,6 +13,7 @@ from haptic_wall.controller.doctor.adapter import examine_port
 from haptic_wall.hw.errors import PortBusyError
 from haptic_wall.hw.serialport import users
 from haptic_wall.hw.serialport.port import open_port
+from tests.hw.conftest import Terminal
 from tests.typed import not_none
 
 OPENER = """
@@ -23,25 +23,6 @@ print("held", flush=True)
 sys.stdin.read()
 """
 AS_NOBODY = "import os\nos.setgroups([]); os.setgid(65534); os.setuid(65534)\n"
-
-
-class Port:
-    """An open pseudo-terminal."""
-
-    def __init__(self) -> None:
-        self.far, self.near = pty.openpty()
-        self.path = os.ttyname(self.near)
-
-    def close(self) -> None:
-        os.close(self.near)
-        os.close(self.far)
-
-
-@pytest.fixture
-def port() -> Iterator[Port]:
-    made = Port()
-    yield made
-    made.close()
 
 
 @contextmanager
@@ -55,14 +36,14 @@ def opened_by_another(path: str) -> Iterator[None]:
         not_none(other.stdin).close()
 
 
-def test_nobody_of_ours_opens_a_port_that_is_in_use(port: Port) -> None:
+def test_nobody_of_ours_opens_a_port_that_is_in_use(terminal: Terminal) -> None:
     """`doctor` and a second `run` would else disturb the first."""
-    with opened_by_another(port.path):
-        *_, used_by = examine_port(port.path)
+    with opened_by_another(terminal.path):
+        *_, used_by = examine_port(terminal.path)
         assert (used_by.name, used_by.ok) == ("used by", False)
         assert used_by.found.startswith("python")
         with pytest.raises(PortBusyError, match="is used by python"):
-            open_port(port.path, 1_000_000)
+            open_port(terminal.path, 1_000_000)
 
 
 def may_open(path: str) -> bool:
@@ -74,15 +55,15 @@ def may_open(path: str) -> bool:
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can become somebody else")
 def test_a_reserved_port_refuses_others_and_is_released(
-    port: Port, monkeypatch: pytest.MonkeyPatch
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    Path(port.path).chmod(0o666)
-    with users.reserved(port.near):
-        assert may_open(port.path), "no pseudo-terminal: it would outlive its user"
+    Path(terminal.path).chmod(0o666)
+    with users.reserved(terminal.near):
+        assert may_open(terminal.path), "no pseudo-terminal: it would outlive its user"
     monkeypatch.setattr(users, "is_pseudo", lambda _device: False)
-    with users.reserved(port.near):
-        assert not may_open(port.path)
-    assert may_open(port.path)
+    with users.reserved(terminal.near):
+        assert not may_open(terminal.path)
+    assert may_open(terminal.path)
 
 
 def test_what_is_no_port_is_left_alone(tmp_path: Path) -> None:
