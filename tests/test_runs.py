@@ -312,17 +312,6 @@ def test_stalls_of_the_loop_or_its_own_bus_are_waited_for(tmp_path: Path, who: s
     assert any("waited" in text for text in report["warnings"])
 
 
-@pytest.mark.whole
-def test_an_emulated_bus_that_stays_stopped_ends_the_run(tmp_path: Path) -> None:
-    with ticking(*run_arguments("--duration", "60"), cwd=tmp_path) as (process, family):
-        os.kill(family["program"], signal.SIGSTOP)
-        output, _ = process.communicate(timeout=60)
-    assert process.returncode in (3, 4)
-    report = json.loads(output)
-    assert report["torque_off"] is False
-    assert report["explanation"].startswith("the emulated bus was stopped by a signal")
-
-
 def on(port: str, *more: str) -> list[str]:
     words = [f"servo.port={port}", *more]
     return ["xm430-w350", *PATIENT, *BELIEF, *(w for s in words for w in ("--set", s))]

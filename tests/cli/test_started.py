@@ -11,7 +11,6 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from haptic_wall.controller.cli.started import RunError, RunningWall, run
@@ -102,16 +101,6 @@ def test_a_wall_that_cannot_start_says_why() -> None:
     ):
         pass
     assert caught.value.exit_status == 4
-
-
-def test_a_run_on_the_simulated_clock_is_over_and_has_a_report(tmp_path: Path) -> None:
-    changes = {"loop.clock": "simulated", "wall.stiffness": np.int64(4)}
-    half: float = np.float64(0.5)
-    with run("simulated", changes, duration_s=half, log=tmp_path / "run.hwlog") as wall:
-        assert not wall.running()
-        assert wall.report()["guard"]["requested"]["stiffness"] == 4.0
-        with pytest.raises(UserError, match="has ended"):
-            wall.set({"wall.stiffness": 2.0})
 
 
 @pytest.mark.whole
