@@ -107,8 +107,8 @@ if TYPE_CHECKING:  # read by mypy, which says where an error that is ignored her
 def test_a_log_is_a_table_in_documented_units(tmp_path: Path) -> None:
     path = tmp_path / "run.hwlog"
     changes = {"loop.clock": "simulated", "wall.stiffness": np.int64(4)}
-    second: float = np.float64(1.0)
-    with haptic_wall.run("simulated", changes, duration_s=second, log=path) as wall:
+    moment: float = np.float64(0.4)
+    with haptic_wall.run("simulated", changes, duration_s=moment, log=path) as wall:
         assert not wall.running(), "on the simulated clock a run is over at once"
         report = wall.report()
         with pytest.raises(haptic_wall.UserError, match="has ended"):
