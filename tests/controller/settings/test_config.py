@@ -85,11 +85,6 @@ def test_a_real_servo_is_probed_away_from_the_wall(side: str, away: int) -> None
     assert settings.probe_direction == away
 
 
-def test_nobody_knows_the_truth_of_a_real_servo() -> None:
-    with pytest.raises(ValueError, match="/dev/ttyUSB0 is real"):
-        loaded("xm430-w350").true_servo()
-
-
 def test_a_model_that_makes_no_torque_is_named_with_the_nearest_that_does() -> None:
     with pytest.raises(ConfigError, match=r"servo\.model.*did you mean XM430-W350\?"):
         loaded("xm430-w350", "servo.model=xm430-w305")
