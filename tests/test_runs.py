@@ -14,7 +14,6 @@ import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -23,10 +22,9 @@ from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP, ROW, Telemetry, Word
 from tests.cases import sampled
-from tests.support.program import PROGRAM, Cli, python, started
+from tests.support.program import PROGRAM, Cli, children, python, started, wait_for
 from tests.typed import not_none
 
-T = TypeVar("T")
 PATIENT = [
     word
     for setting in (
@@ -50,30 +48,8 @@ def emulator(folder: Path, *arguments: str) -> Iterator[tuple[subprocess.Popen[s
         yield process, not_none(process.stdout).readline().strip()
 
 
-def children(pid: int) -> dict[str, int]:
-    """The children of a process by the module they run."""
-    found: dict[str, int] = {}
-    tasks = Path(f"/proc/{pid}/task/{pid}/children")
-    with contextlib.suppress(FileNotFoundError), tasks.open() as file:
-        for child in file.read().split():
-            # Gone by now, or not yet the program it is going to be.
-            with contextlib.suppress(FileNotFoundError, ValueError):
-                words = Path(f"/proc/{child}/cmdline").read_text().split("\0")
-                found[words[words.index("-m") + 1].rpartition(".")[2]] = int(child)
-    return found
-
-
 def gone(pid: int) -> bool:
     return not Path(f"/proc/{pid}").exists()
-
-
-def wait_for(condition: Callable[[], T | None], what: str, timeout_s: float = 60.0) -> T:
-    end = time.monotonic() + timeout_s
-    while time.monotonic() < end:
-        if result := condition():
-            return result
-        time.sleep(0.02)
-    raise AssertionError(f"waited {timeout_s} s for {what}")
 
 
 STALLED = {

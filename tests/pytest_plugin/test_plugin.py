@@ -4,7 +4,6 @@ import os
 import subprocess
 import sys
 import textwrap
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -13,7 +12,7 @@ import yaml
 
 from haptic_wall.controller.emulated_bus.bus import PROGRAM
 from tests.docs.pages import ROOT
-from tests.support.program import python
+from tests.support.program import python, wait_for
 from tests.typed import not_none
 
 pytest_plugins = ["pytester"]
@@ -149,10 +148,7 @@ def test_tests_that_are_killed_leave_no_bus_and_no_folder(tmp_path: Path) -> Non
         assert not_none(tests.stdout).readline().startswith(str(tmp_path))
         assert emulators(tmp_path)
         tests.kill()
-    end = time.monotonic() + 60.0
-    while list(tmp_path.iterdir()) or emulators(tmp_path):
-        assert time.monotonic() < end, list(tmp_path.rglob("*"))
-        time.sleep(0.02)
+    wait_for(lambda: not [*tmp_path.iterdir(), *emulators(tmp_path)], "the end of bus and folder")
 
 
 @pytest.mark.whole
