@@ -115,6 +115,7 @@ def test_everybody_on_the_bus_is_found_with_model_and_firmware() -> None:
         (200, "XH430-W350", 48),
     ]
     assert found.garbled == 0
+    assert [s.id for s in search(Bus(("XM430-W350", 200)), BAUD).servos] == [200], "and one alone"
 
 
 def test_a_servo_at_another_rate_is_silence_and_costs_little_time() -> None:
