@@ -14,7 +14,6 @@ import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -23,10 +22,9 @@ from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP, ROW, Telemetry, Word
 from tests.cases import sampled
-from tests.support.program import PROGRAM, Cli, python, started
+from tests.support.program import PROGRAM, Cli, children, python, started, wait_for
 from tests.typed import not_none
 
-T = TypeVar("T")
 PATIENT = [
     word
     for setting in (
@@ -50,30 +48,8 @@ def emulator(folder: Path, *arguments: str) -> Iterator[tuple[subprocess.Popen[s
         yield process, not_none(process.stdout).readline().strip()
 
 
-def children(pid: int) -> dict[str, int]:
-    """The children of a process by the module they run."""
-    found: dict[str, int] = {}
-    tasks = Path(f"/proc/{pid}/task/{pid}/children")
-    with contextlib.suppress(FileNotFoundError), tasks.open() as file:
-        for child in file.read().split():
-            # Gone by now, or not yet the program it is going to be.
-            with contextlib.suppress(FileNotFoundError, ValueError):
-                words = Path(f"/proc/{child}/cmdline").read_text().split("\0")
-                found[words[words.index("-m") + 1].rpartition(".")[2]] = int(child)
-    return found
-
-
 def gone(pid: int) -> bool:
     return not Path(f"/proc/{pid}").exists()
-
-
-def wait_for(condition: Callable[[], T | None], what: str, timeout_s: float = 60.0) -> T:
-    end = time.monotonic() + timeout_s
-    while time.monotonic() < end:
-        if result := condition():
-            return result
-        time.sleep(0.02)
-    raise AssertionError(f"waited {timeout_s} s for {what}")
 
 
 STALLED = {
@@ -310,17 +286,6 @@ def test_stalls_of_the_loop_or_its_own_bus_are_waited_for(tmp_path: Path, who: s
     assert report["stalled_s"] >= 0.25
     assert report["ticks"] + report["missed_ticks"] == 2000, "on the grid"
     assert any("waited" in text for text in report["warnings"])
-
-
-@pytest.mark.whole
-def test_an_emulated_bus_that_stays_stopped_ends_the_run(tmp_path: Path) -> None:
-    with ticking(*run_arguments("--duration", "60"), cwd=tmp_path) as (process, family):
-        os.kill(family["program"], signal.SIGSTOP)
-        output, _ = process.communicate(timeout=60)
-    assert process.returncode in (3, 4)
-    report = json.loads(output)
-    assert report["torque_off"] is False
-    assert report["explanation"].startswith("the emulated bus was stopped by a signal")
 
 
 def on(port: str, *more: str) -> list[str]:

@@ -18,7 +18,7 @@ from haptic_wall.controller.theory import critical_stiffness, max_virtual_dampin
 from haptic_wall.controller.theory.boundary import chain_peak
 from haptic_wall.controller.theory.chain import one_mass
 from tests.cases import whole_only
-from tests.support.program import started
+from tests.support.program import started, wait_for
 
 
 def members(session: int) -> list[int]:
@@ -41,10 +41,7 @@ def test_ctrl_c_while_it_starts_ends_all_of_it(tmp_path: Path, wait_s: float) ->
         time.sleep(wait_s)
         os.killpg(child.pid, signal.SIGINT)
         _, said = child.communicate(timeout=30.0)
-        end_s = time.monotonic() + 10.0
-        while members(child.pid) and time.monotonic() < end_s:
-            time.sleep(0.02)
-        assert members(child.pid) == []
+        wait_for(lambda: not members(child.pid), "the end of all", 10.0)
     assert child.returncode == 130
     assert said.strip() == ""
     assert list(tmp_path.iterdir()) == []

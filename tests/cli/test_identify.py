@@ -56,7 +56,7 @@ def test_figures_are_printed_though_a_file_cannot_be_written(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("haptic_wall.controller.report.identify.plot_identification", full)
-    words = ["identify", "simulated", *QUICK, "--set=loop.rate_hz=500"]  # half of the rows
+    words = ["identify", "simulated", *QUICK, "--set=loop.rate_hz=250"]  # a quarter of the rows
     said = cli(*words, "--out=mine.yaml", "--plot=fit.png", "--json")
     given = " ".join(f"--set {word.removeprefix('--set=')}" for word in words[2:])
     assert f"mine.yaml has {given} too" in said.err

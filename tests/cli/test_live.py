@@ -12,9 +12,8 @@ import pytest
 from websockets.sync.client import connect
 
 from haptic_wall.controller.live.place import live_at
-from haptic_wall.controller.live.run_socket import MODULE
 from tests.controller.live import strangers
-from tests.support.program import Cli, started
+from tests.support.program import Cli, children, started
 
 
 def test_a_taken_port_is_refused_before_anything_starts(cli: Cli) -> None:
@@ -35,20 +34,6 @@ def test_a_token_only_where_knobs_may_be_turned() -> None:
     assert turning.address.endswith(f"/?token={turning.token}")
 
 
-def server_of(parent: int) -> int:
-    """The page's process that a run started."""
-    for each in Path("/proc").iterdir():
-        if each.name.isdigit():
-            try:
-                words = (each / "cmdline").read_bytes().split(b"\0")
-                mine = int((each / "stat").read_text().rpartition(")")[2].split()[1]) == parent
-            except OSError:
-                continue
-            if mine and MODULE.encode() in words:
-                return int(each.name)
-    raise AssertionError("no page")
-
-
 @pytest.mark.whole
 @pytest.mark.realtime
 def test_a_killed_page_changes_nothing_for_the_run(tmp_path: Path) -> None:
@@ -63,7 +48,7 @@ def test_a_killed_page_changes_nothing_for_the_run(tmp_path: Path) -> None:
             client.send('{"set": {"wall.law": []}}')
             while "may not change the wall" not in str(client.recv(timeout=60.0)):
                 pass
-            os.kill(server_of(child.pid), signal.SIGKILL)
+            os.kill(children(child.pid)["door"], signal.SIGKILL)
         report = json.loads(child.stdout.read())
         said = child.stderr.read()
         child.wait()

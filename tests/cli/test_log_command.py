@@ -12,10 +12,10 @@ from haptic_wall.controller.logs.writer import LogWriter, append_end
 from haptic_wall.controller.report.run_text import report_text
 from haptic_wall.controller.report.sketch import Sketch
 from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_WARM_UP
-from haptic_wall.controller.settings.load import load_config
 from tests.cli.test_text import REPORT
 from tests.support.program import Cli
 from tests.support.rows import rows_of
+from tests.support.told_logs import metadata
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -31,13 +31,8 @@ def log(tmp_path: Path) -> Path:
     rows["flags"][401:] = FLAG_CONTACT
     rows["lateness_ns"][700] = 60_000
     rows["oscillation"][500:520] = 2
-    metadata = {
-        "program": "haptic-wall 0.1.0",
-        "name": "simulated",
-        "config": load_config("simulated").config.model_dump(mode="json"),
-    }
     path = tmp_path / "run.hwlog"
-    with LogWriter(path, metadata) as writer:
+    with LogWriter(path, metadata()) as writer:
         for start in range(0, 1001, 250):
             writer.append(rows[start : start + 250, None])
     return path

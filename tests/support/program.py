@@ -7,15 +7,17 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import pytest
 
 from haptic_wall.controller.cli.main import main
 from tests.typed import not_none, status_of
 
+T = TypeVar("T")
 Process = subprocess.Popen[str]
 PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
 
@@ -98,3 +100,26 @@ def started(
         process.wait()
         not_none(process.stdout).close()
         not_none(process.stderr).close()
+
+
+def children(pid: int) -> dict[str, int]:
+    """The children of a process by the module they run."""
+    found: dict[str, int] = {}
+    tasks = Path(f"/proc/{pid}/task/{pid}/children")
+    with contextlib.suppress(FileNotFoundError), tasks.open() as file:
+        for child in file.read().split():
+            # Gone by now, or not yet the program it is going to be.
+            with contextlib.suppress(FileNotFoundError, ValueError):
+                words = Path(f"/proc/{child}/cmdline").read_text().split("\0")
+                found[words[words.index("-m") + 1].rpartition(".")[2]] = int(child)
+    return found
+
+
+def wait_for(condition: Callable[[], T | None], what: str, timeout_s: float = 60.0) -> T:
+    """What a condition gives when it holds; it must do so in time."""
+    end = time.monotonic() + timeout_s
+    while time.monotonic() < end:
+        if result := condition():
+            return result
+        time.sleep(0.02)
+    raise AssertionError(f"waited {timeout_s} s for {what}")

@@ -38,9 +38,9 @@ def rows(count: int, start: int = 0, hand: float = 0.0) -> NDArray[np.void]:
     return made
 
 
-def metadata(preset: str = "simulated", **changed: object) -> dict[str, object]:
+def metadata(preset: str = "simulated", *sets: str, **changed: object) -> dict[str, object]:
     """Metadata that a log begins with."""
-    config = load_config(preset).config.model_dump(mode="json")
+    config = load_config(preset, sets).config.model_dump(mode="json")
     head = {"program": "haptic-wall", "name": preset, "config": config}
     return {**head, **changed}
 

@@ -67,9 +67,9 @@ def rigid(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="module")
 def usual(tmp_path_factory: pytest.TempPathFactory, wholly: bool) -> tuple[Config, Identified]:
-    """A servo, and what is found of it; by default of half the rows."""
+    """A servo, and what is found of it; by default of a quarter of the rows."""
     sets = ("servo.delay=0.0037", "servo.kick=0.0003", "wall.stiffness=3", "servo.hand=push")
-    config = config_of(*sets, *(() if wholly else ("loop.rate_hz=500",)))
+    config = config_of(*sets, *(() if wholly else ("loop.rate_hz=250",)))
     return config, identify(config, tmp_path_factory.mktemp("usual"))
 
 

@@ -32,7 +32,7 @@ def random_loops(seed: int, n: int) -> tuple[FiveOf[FloatArray], IntArray]:
 
 
 def test_random_two_sided_walls_are_on_the_exact_boundary(thorough: bool) -> None:
-    loop, samples = random_loops(3, 400 if thorough else 15)
+    loop, samples = random_loops(3, 400 if thorough else 6)
     found = simulated_critical_stiffness(*loop, velocity_samples=samples)
     # Turning points are taken from the speeds at the samples, which is not exact under friction.
     np.testing.assert_allclose(found, critical_stiffness(*loop, samples), rtol=2e-4)

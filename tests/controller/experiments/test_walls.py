@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.experiments.maps import search, walls
 from haptic_wall.controller.experiments.maps.bounce import returned
 from haptic_wall.controller.experiments.maps.compiled import compiled
@@ -26,6 +24,8 @@ from haptic_wall.controller.theory.chain import two_masses
 from haptic_wall.controller.theory.chain_contact import returned as chain_returned
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.truth import TrueServo
+from tests.support.executors import AtOnce
+from tests.support.program import call
 
 PERIOD, PERIOD_NS = 1e-3, 1_000_000
 PAST = 150
@@ -128,10 +128,8 @@ def test_it_is_what_the_program_does(tmp_path: Path) -> None:
     sets += ("servo.torque_limit=2", "servo.torque_step=0.01", "servo.delay=0.0013")
     sets += ("delay.steps=2", "wall.velocity_samples=3", "guard.mode=off")
     options = [part for each in sets for part in ("--set", each)]
-    arguments = ["run", "paper-table2", "--duration", "0.5", "--log", str(log), "--json"]
-    with pytest.raises(SystemExit) as ended:
-        main([*arguments, "--no-plot", *options])
-    assert ended.value.code == 0
+    words = ["run", "paper-table2", "--duration", "0.5", "--log", log, "--json", "--no-plot"]
+    assert call(*words, *options) == 0
     rows = LogReader.open(log).rows()
     servo = TrueServo(1.0, 0.1, 0.05, backlash=0.001, torque_limit=2.0, torque_step=0.01)
     wall = wall_of(servo, period=PERIOD, delay=0.0033, virtual_damping=0.1, velocity_samples=3)
@@ -187,10 +185,8 @@ def test_the_simulated_limit_of_a_load_without_friction_is_the_exact_one() -> No
     sets += ("servo.transmission_damping=0.03",)
     for side in ("output", "motor"):
         config = load_config("simulated", (*sets, f"servo.encoder={side}")).config
-        with ThreadPoolExecutor(1) as here:
-            found = critical_map(
-                MapQuestion(MapSettings.of(config), [0.0, 0.05], [1], [0.03]), executor=here
-            )
+        asked = MapQuestion(MapSettings.of(config), [0.0, 0.05], [1], [0.03])
+        found = critical_map(asked, executor=AtOnce())
         np.testing.assert_allclose(found.stiffness[0, :, 0], found.exact[0], rtol=1e-3)
 
 

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import pytest
@@ -18,42 +17,43 @@ from haptic_wall.hw.servo import Facts
 NOT_YET = "the servo has not been started yet"
 
 
-@dataclass
 class Side:
-    """A desk, and the loop's side."""
+    """A desk, and the loop's side, of a run with these axes."""
 
-    desk: ChangeDesk
-    telemetry: Telemetry
-    inbox: Inbox
-    told: list[dict[str, Any]]
+    def __init__(self, axes: int = 1, *sets: str) -> None:
+        self.telemetry = Telemetry.create(axes)
+        self.inbox, self.told = Inbox(self.telemetry), list[dict[str, Any]]()
+        config = load_config("simulated", ("servo.hand=none", *sets)).config
+        self.desk = ChangeDesk(config, self.telemetry, Offers(self.telemetry), self.told.append)
 
     def begin(self, wait_s: float) -> dict[str, Any] | None:
         return self.desk.begin(["wall.stiffness=1"], wait_s)
 
     def start(self) -> None:
-        """Start the servo."""
-        self.inbox.tell([KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, True)])
+        """Start the servos."""
+        known = KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, True)
+        self.inbox.tell([known] * self.telemetry.axes)
         self.telemetry.words[Word.STATE] = LoopState.RUNNING
 
 
 @pytest.fixture
 def side() -> Iterator[Side]:
-    telemetry = Telemetry.create()
-    told: list[dict[str, Any]] = []
-    config = load_config("simulated", ("servo.hand=none",)).config
-    desk = ChangeDesk(config, telemetry, Offers(telemetry), told.append)
-    yield Side(desk, telemetry, Inbox(telemetry), told)
-    telemetry.close()
+    made = Side()
+    yield made
+    made.telemetry.close()
 
 
-def test_a_change_is_of_the_wall_of_one_axis() -> None:
-    sets = "servo.hand=none", "axes={arm: {}, elbow: {wall: {stiffness: 4}}}"
-    told: list[dict[str, Any]] = []
-    telemetry = Telemetry.create(2)
-    inbox = Inbox(telemetry)
-    config = load_config("simulated", sets).config
-    desk = ChangeDesk(config, telemetry, Offers(telemetry), told.append)
-    inbox.tell([KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, True)] * 2)
+@pytest.fixture
+def arm() -> Iterator[Side]:
+    """Of two axes, whose servos have started."""
+    made = Side(2, "axes={arm: {}, elbow: {wall: {stiffness: 4}}}")
+    made.start()
+    yield made
+    made.telemetry.close()
+
+
+def test_a_change_is_of_the_wall_of_one_axis(arm: Side) -> None:
+    desk, inbox = arm.desk, arm.inbox
     no_wall = "no change of the wall of one axis"
     for wrong, found in (
         (["wall.stiffness=3"], no_wall),
@@ -75,7 +75,6 @@ def test_a_change_is_of_the_wall_of_one_axis() -> None:
     inbox.settle(0, 0)
     answer = desk.look()
     assert answer is not None and answer["changed"] == {"axes.elbow.wall.stiffness": 3.0}
-    telemetry.close()
 
 
 def test_it_waits_for_the_start_and_says_so(side: Side) -> None:
@@ -116,13 +115,9 @@ def test_it_is_given_up_with_whoever_asked(side: Side) -> None:
     assert side.desk.give_up()["error"] == "not applied: the run is over"
 
 
-def test_a_change_of_a_run_that_an_axis_ends_is_told_why() -> None:
+def test_a_change_of_a_run_that_an_axis_ends_is_told_why(arm: Side) -> None:
     """The loop settles the change of an axis that has tripped a moment before it tells why."""
-    sets = "servo.hand=none", "axes={arm: {}, elbow: {wall: {stiffness: 4}}}"
-    telemetry = Telemetry.create(2)
-    inbox, words = Inbox(telemetry), telemetry.words
-    desk = ChangeDesk(load_config("simulated", sets).config, telemetry, Offers(telemetry), print)
-    inbox.tell([KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, True)] * 2)
+    desk, inbox, words = arm.desk, arm.inbox, arm.telemetry.words
     for tripped in (False, True):
         words[Word.STATE], words[Word.REASON], words[Word.STOP_AXIS] = LoopState.RUNNING, 0, 0
         assert desk.begin(["axes.arm.wall.stiffness=3"], 60.0) is None
@@ -140,4 +135,3 @@ def test_a_change_of_a_run_that_an_axis_ends_is_told_why() -> None:
         answer = desk.look() or desk.look()
         assert answer is not None
         assert answer["error"] == "not applied: the run is over: trip:oscillation of elbow"
-    telemetry.close()

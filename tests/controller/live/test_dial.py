@@ -123,13 +123,6 @@ def sent(served: Served, content: bytes) -> dict[str, Any]:
         return answer
 
 
-def test_a_request_is_answered(served: Served) -> None:
-    client = Client(served.run, "wall.stiffness=4", "delay.steps=1")
-    served.until(lambda: client.answer)
-    assert client.answer == {"applied": True, "changed": {}, "waited_s": 0.0}
-    assert served.desk.asked == [["wall.stiffness=4", "delay.steps=1"]]
-
-
 def test_what_is_refused_is_an_error_with_its_status(served: Served) -> None:
     client = Client(served.run, "x")
     served.until(lambda: client.answer)

@@ -57,10 +57,3 @@ def test_points_of_figure_10() -> None:
     for point, stable in ((above, True), (below, False)):
         line = float(linear_limit(0.01, point.beta, 1.0, 3.0))
         assert (radius(Loop(1.0, 0.01, line, point.beta, 1.0, 3.0)) < 1) == stable
-
-
-def test_errors_name_the_argument() -> None:
-    with pytest.raises(ValueError, match="delta must be > 0, got 0"):
-        no_delay_limit(0.0, 0.1)
-    with pytest.raises(ValueError, match=r"error must be > 0, got -0\.02"):
-        error_points(0.01, 1.0, -0.02)

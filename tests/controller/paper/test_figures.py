@@ -1,6 +1,5 @@
 """The figures' data hold what theory says of them, by closed-loop poles and by known values."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,11 @@ def fig10(
     return linear_error.figure_10()
 
 
+@pytest.fixture(scope="module")
+def fig5() -> FigureData:
+    return boundaries.figure_5()
+
+
 def one(data: FigureData, kind: str, **settings: Any) -> Curve:
     (curve,) = data.of_kind(kind, **settings)
     return curve
@@ -35,25 +39,24 @@ def on_the_edge(inertia: float, damping: float, period: float, delay: float, cur
         assert below < 1 < above
 
 
-@pytest.mark.parametrize("figure", [boundaries.figure_3, boundaries.figure_5])
-def test_peaks(figure: Callable[..., FigureData]) -> None:
+def test_peaks(fig5: FigureData) -> None:
     # delta = 1e-4, four digits; the paper states .686 and .144 for d = 0 and 1
     table = {0: 0.6864, 0.25: 0.3964, 0.5: 0.2670, 0.75: 0.1924, 1: 0.1445}
     table |= {1.5: 0.0908, 2: 0.0625, 3: 0.0348}
-    data = figure()
-    peaks = {c.settings["delay_periods"]: c.y[0] for c in data.of_kind("peak")}
-    assert set(peaks) == {c.settings["delay_periods"] for c in data.of_kind("exact")}
-    for delay, height in peaks.items():
-        assert height == pytest.approx(table[delay], abs=0.6e-4)
-        # the curve as it is drawn reaches it: its points are dense enough
-        assert one(data, "exact", delay_periods=delay).y.max() == pytest.approx(height, rel=1e-4)
+    for data in (boundaries.figure_3(), fig5):
+        peaks = {c.settings["delay_periods"]: c.y[0] for c in data.of_kind("peak")}
+        assert set(peaks) == {c.settings["delay_periods"] for c in data.of_kind("exact")}
+        for delay, height in peaks.items():
+            assert height == pytest.approx(table[delay], abs=0.6e-4)
+            # the curve as it is drawn reaches it: its points are dense enough
+            top = one(data, "exact", delay_periods=delay).y.max()
+            assert top == pytest.approx(height, rel=1e-4)
 
 
-def test_figure_5_draws_the_eight_delays_from_the_origin_to_the_ceiling() -> None:
-    data = boundaries.figure_5()
-    delays = [c.settings["delay_periods"] for c in data.of_kind("exact")]
+def test_figure_5_draws_the_eight_delays_from_the_origin_to_the_ceiling(fig5: FigureData) -> None:
+    delays = [c.settings["delay_periods"] for c in fig5.of_kind("exact")]
     assert delays == [0, 0.25, 0.5, 0.75, 1, 1.5, 2, 3]
-    for curve in data.of_kind("exact"):
+    for curve in fig5.of_kind("exact"):
         delay = curve.settings["delay_periods"]
         assert curve.y[[0, -1]] == pytest.approx([0, 0], abs=1e-6)
         assert curve.x[0] == pytest.approx(-1e-4)

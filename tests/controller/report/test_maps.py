@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.report import maps as map_plot
 from haptic_wall.controller.report import style
 from haptic_wall.controller.settings.load import load_config
+from tests.support.executors import AtOnce
 
 
 def drawn(monkeypatch: pytest.MonkeyPatch, dampings: list[float]) -> Axes:
@@ -29,8 +29,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch, dampings: list[float]) -> Axes:
         yield figure
 
     setting = MapSettings.of(load_config("paper-table2", ()).config)
-    with ThreadPoolExecutor(1) as pool:
-        found = critical_map(MapQuestion(setting, dampings, [1], [0.01], 0.1), executor=pool)
+    found = critical_map(MapQuestion(setting, dampings, [1], [0.01], 0.1), executor=AtOnce())
     monkeypatch.setattr(style, "picture", picture)
     map_plot.plot_map(found, "test", Path("unused"))
     return figure.axes[0]

@@ -14,13 +14,11 @@ from haptic_wall.controller.report import run as plot
 from haptic_wall.controller.report.sketch import sketched
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_ALARM,
-    FLAG_CONTACT,
     FLAG_PROBED,
     FLAG_WARM_UP,
 )
-from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.servo import Outcome
-from tests.support.rows import rows_of
+from tests.support.told_logs import metadata, rows
 from tests.typed import not_none
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -28,31 +26,11 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 
 def run_rows(count: int = 600) -> NDArray[np.void]:
-    """A slow push in and out of a wall at zero, after a warm-up."""
-    number = np.arange(count)
-    position = 0.1 * np.sin(number / 50)
-    torque = np.where(position > 0, -8.0 * position, 0.0)
-    rows = rows_of(
-        count,
-        position=position,
-        velocity=2.0 * np.cos(number / 50),
-        stiffness=8.0,
-        damping=0.02,
-        delay_s=0.0003,
-        lateness_ns=500,
-        work_ns=25_000,
-        bus_ns=90_000,
-        wall_torque=torque,
-        torque=torque,
-        flags=np.where(position > 0, FLAG_CONTACT, 0),
-    )
-    rows["flags"][:100] |= FLAG_WARM_UP
-    return rows
-
-
-def metadata(preset: str = "simulated", *sets: str) -> dict[str, Any]:
-    config = load_config(preset, sets).config
-    return {"name": preset, "config": config.model_dump(mode="json")}
+    """A hand that goes in and out of a wall at zero, after a warm-up."""
+    made = rows(count)
+    made["velocity"], made["work_ns"], made["bus_ns"] = 1.0, 25_000, 90_000
+    made["flags"][:100] |= FLAG_WARM_UP
+    return made
 
 
 def draw(
@@ -65,8 +43,6 @@ def draw(
     report: Mapping[str, Any] | None = None,
 ) -> Figure:
     """The figure that was drawn; the file is checked to be a PNG, where that is waited for."""
-    from matplotlib.figure import Figure
-
     figures = []
     save = Figure.savefig
 

@@ -73,11 +73,6 @@ def test_an_axis_is_what_a_file_of_its_own_makes_it(
     assert loaded(compact(config.model_dump(mode="json")), "of several axes, short") == config
 
 
-def test_without_axes_the_configuration_is_its_own_only_axis() -> None:
-    config = load_config("simulated").config
-    assert config.each == {"": config}
-
-
 def test_the_names_of_the_bus_are_those_of_its_servo(tmp_path: Path) -> None:
     file = tmp_path / "arm.yaml"
     file.write_text(yaml.safe_dump(SHARED | {"bus": {"port": "/dev/ttyUSB7", "baud": 1000000}}))

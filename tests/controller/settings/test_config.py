@@ -85,11 +85,6 @@ def test_a_real_servo_is_probed_away_from_the_wall(side: str, away: int) -> None
     assert settings.probe_direction == away
 
 
-def test_nobody_knows_the_truth_of_a_real_servo() -> None:
-    with pytest.raises(ValueError, match="/dev/ttyUSB0 is real"):
-        loaded("xm430-w350").true_servo()
-
-
 def test_a_model_that_makes_no_torque_is_named_with_the_nearest_that_does() -> None:
     with pytest.raises(ConfigError, match=r"servo\.model.*did you mean XM430-W350\?"):
         loaded("xm430-w350", "servo.model=xm430-w305")
@@ -119,43 +114,31 @@ def test_around_what_the_wall_comes_on_at_once(preset: str, sets: list[str], roo
     assert loaded(preset, *sets).start_room == room
 
 
+NOTCH = ["wall.velocity_filter=notch", "model.load_inertia=0.001"]
+
+
 @pytest.mark.parametrize(
-    "sets, field, said",
+    ("sets", "said"),
     [
-        (["wall.velocity_hz=450"], "wall.velocity_hz", "less than 450 Hz"),
-        (["wall.velocity_q=1"], "wall.velocity_q", "at most 0.7072 for a low-pass"),
-        (["wall.side=above"], "wall.velocity_filter", "wall.side both"),
-        (["guard.mode=passive"], "wall.velocity_filter", "guard.mode stable or off"),
+        (["wall.velocity_hz=450"], "wall.velocity_hz: .*less than 450 Hz"),
+        (["wall.velocity_q=1"], "wall.velocity_q: .*at most 0.7072 for a low-pass"),
+        (["wall.side=above"], "wall.velocity_filter: .*wall.side both"),
+        (["guard.mode=passive"], "wall.velocity_filter: .*guard.mode stable or off"),
         (
-            [
-                "wall.velocity_filter=notch",
-                "model.load_inertia=0.001",
-                "model.flexible_hz={value: 50, low: 20, high: 90}",
-            ],
-            "wall.velocity_filter",
-            "known to 60 Hz for a notch",
+            [*NOTCH, "model.flexible_hz={value: 50, low: 20, high: 90}"],
+            "wall.velocity_filter: .*known to 60 Hz for a notch",
         ),
         (
-            [
-                "wall.velocity_filter=notch",
-                "model.load_inertia=0.001",
-                "model.flexible_hz=50",
-                "servo.encoder=motor",
-            ],
-            "wall.velocity_filter",
-            "servo.encoder output",
+            [*NOTCH, "model.flexible_hz=50", "servo.encoder=motor"],
+            "wall.velocity_filter: .*servo.encoder output",
         ),
     ],
 )
-def test_a_velocity_filter_that_is_not_counted_is_refused(
-    sets: list[str], field: str, said: str
-) -> None:
+def test_a_velocity_filter_that_is_not_counted_is_refused(sets: list[str], said: str) -> None:
     plain = ["wall.side=both", "wall.velocity_filter=lowpass"]
     assert load_config("simulated", plain).config.velocity_filter() is not None
-    with pytest.raises(ConfigError) as caught:
+    with pytest.raises(ConfigError, match=said):
         load_config("simulated", [*plain, *sets])
-    assert field in str(caught.value)
-    assert said in str(caught.value)
 
 
 def test_a_load_of_nearly_all_is_refused() -> None:

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_wall.controller.errors import ConfigError, UserError
-from haptic_wall.controller.settings.fields import Field, fields, sections
+from haptic_wall.controller.settings.fields import fields, sections
 from haptic_wall.controller.settings.load import (
     MOST_BYTES,
     apply_set,
@@ -139,22 +139,14 @@ def test_all_problems_are_told_at_once_in_the_order_of_the_fields() -> None:
     ]
 
 
-def _outside(field: Field) -> str:
-    """A value no field takes: beyond every bound, no known name."""
-    return "nonesuch" if field.choices else "-1e300"
-
-
-def test_every_field_is_bounded() -> None:
-    for field in fields().values():
-        found = problems("simulated", f"{field.path}={_outside(field)}")
-        assert any(line.startswith(f"{field.path}: found") for line in found), field
-
-
-def test_every_field_refuses_what_is_not_a_number_or_a_name() -> None:
+def test_every_field_refuses_what_is_beyond_all_bounds_and_what_is_no_number_or_name() -> None:
     for field, value in itertools.product(fields().values(), ("true", "[1]", ".nan", "{a: 1}")):
         if value != field.wanted.partition(" ")[0] and field.wanted != "a section":
             found = problems("simulated", f"{field.path}={value}")
             assert any(line.startswith(field.path) for line in found), (field, value)
+    for field in fields().values():
+        found = problems("simulated", f"{field.path}={'nonesuch' if field.choices else '-1e300'}")
+        assert any(line.startswith(f"{field.path}: found") for line in found), field
 
 
 def test_a_field_with_choices_names_its_default() -> None:
@@ -224,7 +216,7 @@ def test_a_duplicate_key_is_refused(tmp_path: Path) -> None:
         ("wall:\n\tstiffness: 1\n", "line 2"),
         ("wall: \x00\n", "not readable as YAML"),
         ("wall: {}\n---\nwall: {}\n", "line 2, column 1: found another document"),
-        (f"wall: {'[' * 5000}", "nested too deeply"),
+        (f"wall: {'[' * 1000}", "nested too deeply"),
         (f"wall: {{stiffness: {'9' * 5000}}}", "wall.stiffness: found inf, wanted a number"),
         ('"\\ud800": 1', "unable to parse raw data as a unicode string"),
     ],

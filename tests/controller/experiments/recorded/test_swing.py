@@ -47,20 +47,6 @@ def test_a_free_swing_is_that_of_the_solver(interval: float) -> None:
     assert off(pieces, terms_of(truth), 0.9) < 1.5e-3
 
 
-@pytest.mark.whole
-def test_a_driven_motion_is_that_of_the_solver() -> None:
-    truth = Truth()
-    time = np.arange(0.0, 2.0, 0.0025)  # the torque jumps between two samples
-    torque = 0.2 * np.sin(9.0 * time) + 0.15 * np.sign(np.sin(4.0 * time))
-    true = swing(truth, time, truth.hanging, torque)
-    pieces, _ = pieces_of(
-        record_of({"time_s": time, "position_rad": true, "torque_nm": torque}).stretches,
-        longest_driven_s=2.0,
-    )
-    terms = terms_of(truth, gain=truth.gain / truth.total, delay=truth.delay)
-    assert off(pieces, terms, truth.hanging) < 1e-3
-
-
 def test_friction_is_that_of_the_published_models() -> None:
     """By hand from bam's equations: load 0.3 N·m, motor -0.1 N·m, at 1 rad/s and at next to none.
 
