@@ -110,6 +110,8 @@ class Reduction:
         last, size = seen.motion.last, seen.size
         large = size >= settings.threshold
         self.count += 1
+        if not large and seen.goes_on(settings.small):
+            self._small = True
         if size < (settings.small if self._small else settings.threshold):
             return Course.DIED
         if self.count < 2 or len(last) < 4:

@@ -178,14 +178,13 @@ class Regularity:
         rounding = TUNING.loss_counts * self._settings.position_step
         return before - now <= max(rounding, TUNING.loss * cycles * now)
 
-    @property
-    def goes_on(self) -> bool:
-        """Whether its half-cycles have become no smaller for long, regular or not."""
-        if (
-            self.contacts
-            or len(self._long) < TUNING.goes_on
-            or self.size < self._settings.threshold
-        ):
+    def goes_on(self, least: float) -> bool:
+        """Whether its half-cycles have become no smaller for long, regular or not.
+
+        Args:
+            least: Smallest amplitude that counts [rad].
+        """
+        if self.contacts or len(self._long) < TUNING.goes_on or self.size < least:
             return False
         half, every = TUNING.goes_on // 2, list(self._long)
         before, now = (sum(one.amplitude for one in part) for part in (every[:half], every[half:]))
@@ -195,7 +194,8 @@ class Regularity:
     def races(self) -> bool:
         """Whether it goes on, and none of its half-cycles is as long as a hand's."""
         longest = 0.5 / TUNING.hands_hz
-        return self.goes_on and all(one.duration < longest for one in self._long)
+        every = all(one.duration < longest for one in self._long)
+        return every and self.goes_on(self._settings.threshold)
 
     def beats(self, stiffness: float) -> bool:
         """Whether several motions together saturate the torque far, and do not become smaller.
@@ -203,7 +203,7 @@ class Regularity:
         Args:
             stiffness: K [N·m/rad].
         """
-        if not self.goes_on:
+        if not self.goes_on(self._settings.threshold):
             return False
         limit = self._settings.torque_limit * len(self._long)
         far = stiffness * sum(abs(one.end) for one in self._long) > TUNING.beating_far * limit

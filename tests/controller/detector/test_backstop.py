@@ -10,9 +10,9 @@ from haptic_wall.controller.detector.detection import Known, detect
 from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.laws.wall import Side
 from tests.cases import sampled
-from tests.support.judges import called_quiet, own_oscillation
+from tests.support.judges import called_quiet, own_oscillation, unseen
 from tests.support.operators import NOBODY, Operator, operator_of
-from tests.support.trial import Trial, WallAsked, run_trial
+from tests.support.trial import Case, Trial, WallAsked, run_trial
 from tests.support.truth import Truth
 from tests.support.truths_drawn import bench_of
 
@@ -321,6 +321,21 @@ def test_a_link_that_a_damper_shakes_too_fast_for_a_hand_is_found_however_rounde
     trial = run_trial(truth, sets, WallAsked(0.0, 0.1633), duration_s=2.0, struck=0.527)
     assert trial.first_alarm_s < 0.5
     assert np.ptp(trial.output[-500:]) < 4.0 * math.tau / 4096
+
+
+def test_a_small_motion_that_a_reduced_wall_keeps_up_is_seen_and_ended() -> None:
+    """Six counts at 15 Hz, of a law whose torque differs much from count to count."""
+    truth = replace(VALUE, inertia=0.017927, damping=0.023384, coulomb=0.18078, torque_gain=1.35)
+    truth = replace(truth, delay=0.002, back_emf="current", stall_torque=5.535)
+    rows = (
+        "[[-0.8, 1], [-0.466395, 0.225576], [0.439409, 0.188032], [0.44982, -0.133721], [0.8, -1]]"
+    )
+    wall = WallAsked(1413.446, 0.2)
+    law = ("wall.law=profile", f"wall.profile={rows}")
+    case = Case("xm430-w350", truth, wall, position=0.0347, velocity=2.645139, law=law)
+    trial = case.run()
+    assert trial.stiffness[-1] < 0.1 * trial.stiffness[0]
+    assert not unseen(trial)
 
 
 def pushed(times: list[float], pushes: list[float], duration_s: float) -> Trial:
