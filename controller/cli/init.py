@@ -5,16 +5,15 @@ from __future__ import annotations
 import itertools
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 import yaml
-from click.core import ParameterSource
 
 from haptic_wall.controller.cli.numbers import Number
-from haptic_wall.controller.cli.options import put, reading, writing
+from haptic_wall.controller.cli.options import put, writing
 from haptic_wall.controller.cli.places import FileToWrite, force_option
 from haptic_wall.controller.errors import ConfigError, UserError
 from haptic_wall.controller.settings.fields import fields
@@ -25,7 +24,6 @@ from haptic_wall.controller.settings.load import (
     preset_names,
     preset_text,
 )
-from haptic_wall.controller.settings.urdf import joint_ranges
 from haptic_wall.controller.system.files import whole
 
 Axes = Mapping[str, Mapping[str, Mapping[str, Any]]]
@@ -54,25 +52,8 @@ _HINT = """\
     metavar="ID[,ID...]",
     help="Ids of the servos, for a file with an axis for each.",
 )
-@click.option(
-    "--urdf",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="A robot's description: its joints are the axes, in order, with stops at the limits of "
-    "revolute ones; ids: --axes, else 1, 2, ...",
-)
-@click.option(
-    "--margin",
-    type=Number(0, math.pi, unit="rad"),
-    default=0.1,
-    show_default=True,
-    metavar="RAD",
-    help="With --urdf: distance of the stops from the limits.",
-)
 @force_option
-def command(
-    file: Path, preset: str, ids: list[int] | None, urdf: Path | None, margin: float
-) -> None:
+def command(file: Path, preset: str, ids: list[int] | None) -> None:
     """Write a commented configuration to FILE, which every command takes as CONFIG.
 
     The file contains the preset's settings with their comments. It lists all other settings as
@@ -86,38 +67,17 @@ def command(
             wanted="another name",
             advice=f"give for example `haptic-wall init my-{file}.yaml --from {file}`",
         )
-    source = click.get_current_context().get_parameter_source("margin")
-    if urdf is None and source is not ParameterSource.DEFAULT:
-        raise UserError("of no use", field="--margin", wanted="it with --urdf")
-    text = commented(preset, _axes(ids, urdf, margin))
+    text = commented(preset, _axes(ids or ()))
     with writing("FILE", file), whole(file) as part:
         part.write_text(text, encoding="utf-8")
     put(f"{file}: the preset {preset}; `haptic-wall run {file}` runs it")
 
 
-def _axes(ids: list[int] | None, urdf: Path | None, margin: float) -> Axes:
-    """Return the axes that the options ask for."""
-    if twice := [id_ for id_ in ids or () if (ids or ()).count(id_) > 1]:
+def _axes(ids: Sequence[int]) -> Axes:
+    """Return an axis for each servo."""
+    if twice := [id_ for id_ in ids if ids.count(id_) > 1]:
         raise UserError(f"found {twice[0]} twice", field="--axes", wanted="an id for each servo")
-    if urdf is None:
-        return {f"axis_{id_}": {"servo": {"id": id_}} for id_ in ids or ()}
-    with reading("--urdf", urdf, "a URDF"):
-        ranges = joint_ranges(urdf, margin)
-    ids = list(range(1, len(ranges) + 1)) if ids is None else ids
-    if len(ids) != len(ranges):
-        wanted = f"{len(ranges)}, one for each of {', '.join(ranges)}"
-        raise UserError(f"found {len(ids)} ids", field="--axes", wanted=wanted)
-    walls = (
-        # from the joint's own zero, wherever the preset's wall is
-        {"law": "stops", "position": 0.0, "low": ends[0], "high": ends[1]}
-        if ends
-        else {"law": "none"}
-        for ends in ranges.values()
-    )
-    return {
-        name: {"servo": {"id": id_}, "wall": wall}
-        for name, id_, wall in zip(ranges, ids, walls, strict=True)
-    }
+    return {f"axis_{id_}": {"servo": {"id": id_}} for id_ in ids}
 
 
 ARM = "loop.rate_hz=500", "wall.law=none", "wall.position=0"
@@ -143,8 +103,7 @@ def commented(preset: str, axes: Axes | None = None) -> str:
             raise UserError(
                 f"{preset} cannot have such axes: {error.problems[0]}",
                 field="--axes",
-                advice="give --urdf for stops at a robot's limits, start --from another preset, or "
-                "leave --axes out, and edit the preset's own",
+                advice="start --from another preset, or leave --axes out and edit its own axes",
             ) from None
     config, kind = loaded.config.model_dump(mode="json"), loaded.config.servo.kind
     about = itertools.takewhile(lambda line: line.startswith("#"), preset_text(preset).splitlines())

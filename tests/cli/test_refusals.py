@@ -169,7 +169,6 @@ REFUSED = [
     ("emulate --record /proc/no/such.csv", "--record /proc/no/such.csv: cannot be written"),
     # init
     ("init simulated", "FILE simulated: found the name of a preset .. --from simulated"),
-    ("init a.yaml --margin 0.1", "--margin: of no use, wanted it with --urdf"),
     ("init a.yaml --axes 1,1", "--axes: found 1 twice, wanted an id for each servo"),
 ]
 
