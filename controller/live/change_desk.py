@@ -5,7 +5,6 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, Final
 
 from haptic_wall.controller.errors import ConfigError, HapticWallError, UserError
@@ -15,7 +14,7 @@ from haptic_wall.controller.live.run_socket import NOT_MADE, OVER
 from haptic_wall.controller.runtime.assembly import decision_in_force
 from haptic_wall.controller.runtime.changeover import MOST_J, Obstacle
 from haptic_wall.controller.runtime.changes import Changes
-from haptic_wall.controller.runtime.handover import Offers, Settled
+from haptic_wall.controller.runtime.handover import Change, Offers, Settled
 from haptic_wall.controller.runtime.safety import REASONS
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.axis_names import split_path
@@ -26,29 +25,14 @@ from haptic_wall.hw.names import did_you_mean
 
 START_S: Final = 1.0
 """Least wait for the servo's start [s]"""
-_NOT_STARTED: Final = "the servo has not been started yet"
 LOOP_S: Final = 2.0
 """Longest wait for the loop to say what became of a change [s]"""
 LEAST_S: Final = 0.3
 """Least time for the loop to take a change and to try it [s]"""
+_LOOK_S: Final = 0.01
+"""Time between two looks at what is waited for [s]"""
 _SHOWN: Final = 300
 """Characters of a request in the log"""
-
-
-@dataclass(slots=True)
-class _Asked:
-    """The change at hand."""
-
-    sets: list[str]
-    axis: int
-    new: Config
-    until_s: float
-    began_s: float
-    number: int = 0
-    """0: the loop has not got it, as the servo has not been started yet"""
-    withdrawn_s: float | None = None
-    why: str = ""
-    """Why it was withdrawn"""
 
 
 class ChangeDesk:
@@ -59,6 +43,7 @@ class ChangeDesk:
         telemetry: Telemetry of the run.
         offers: To the loop.
         tell: Called with each change, for report and log.
+        ends: Returns whether the run is over, also where the loop does not tell it.
     """
 
     def __init__(
@@ -67,17 +52,23 @@ class ChangeDesk:
         telemetry: Telemetry,
         offers: Offers,
         tell: Callable[[dict[str, Any]], None],
+        ends: Callable[[], bool],
     ) -> None:
-        self._names, self._configs = list(config.each), list(config.each.values())
+        self._names = list(config.each)
         self._telemetry = telemetry
         self._words = telemetry.words
         self._offers = offers
         self._tell = tell
-        self._changes: Changes | None = None
-        self._asked: _Asked | None = None
+        self._ends = ends
+        self._changes = Changes(list(config.each.values()), [])
 
     @classmethod
-    def of(cls, orders: Mapping[str, Any], tell: Callable[[dict[str, Any]], None]) -> ChangeDesk:
+    def of(
+        cls,
+        orders: Mapping[str, Any],
+        tell: Callable[[dict[str, Any]], None],
+        ends: Callable[[], bool],
+    ) -> ChangeDesk:
         """Return the desk of a run, by the orders of its process."""
         config = Config.model_validate_json(orders["config"], context=RUNS)
         telemetry = Telemetry(orders["telemetry"], axes=len(config.each), mapped=False)
@@ -86,30 +77,49 @@ class ChangeDesk:
         def told(change: dict[str, Any]) -> None:
             tell({"change": change, "logged": send_event(to_log, change)})
 
-        return cls(config, telemetry, Offers(telemetry), told)
+        return cls(config, telemetry, Offers(telemetry), told, ends)
 
-    def begin(self, sets: list[str], wait_s: float) -> dict[str, Any] | None:
-        """Check and compute a change, and send it to the loop.
+    def change(
+        self,
+        sets: list[str],
+        wait_s: float,
+        tell_wait: Callable[[str], None],
+        gone: Callable[[], bool],
+    ) -> dict[str, Any]:
+        """Check and compute a change, send it to the loop, and wait until that has made it.
 
         Args:
             sets: Changes as ``PATH=VALUE``.
             wait_s: Longest wait for its moment [s].
+            tell_wait: Called again and again while the change waits, with the obstacle as words;
+                empty: none is known.
+            gone: Returns whether the client has gone, so that the change is withdrawn.
 
         Returns:
-            The answer, if there already is one.
+            The answer.
         """
-        began_s = time.monotonic()
+        configs, until_s = self._changes.configs, time.monotonic() + max(wait_s, START_S)
         try:
             axis, own = self._addressed(sets)
-            new = changed(self._configs[axis], own)
-            asked = self._asked = _Asked(sets, axis, new, 0.0, began_s)
-            if not difference(self._configs[axis], new):
-                self._asked = None
+            new = changed(configs[axis], own)
+            if not difference(configs[axis], new):
                 return {"applied": True, "changed": {}, "waited_s": 0.0}
+            if not self._is_known():
+                if why := self._wait(self._is_known, until_s, tell_wait, gone):
+                    return self._not_made(sets, why)
+                wait_s = until_s - time.monotonic()
+            change = self._changes.computed(new, axis)
+            self._offers.send(change)
         except ExplainedError as error:
             return self._refused(sets, error)
-        asked.until_s = began_s + max(wait_s, START_S)
-        return self._sent(asked, wait_s)
+        began_ns, until_s = self._now_ns(), time.monotonic() + max(wait_s, LEAST_S)
+        why = self._wait(lambda: self._is_made(change), until_s, tell_wait, gone)
+        if why:
+            self._withdraw(change)
+        settled = self._offers.settled(change.number)
+        if settled is None or settled.row < 0:
+            return self._not_made(sets, why)
+        return self._made(sets, axis, new, settled, began_ns)
 
     def _addressed(self, sets: list[str]) -> tuple[int, list[str]]:
         """Return the index of the axis that changes are for, and the changes as for it alone.
@@ -140,124 +150,79 @@ class ChangeDesk:
         """Return the beginning of the paths of an axis."""
         return f"axes.{self._names[axis]}." if self._names[axis] else ""
 
-    def _sent(self, asked: _Asked, wait_s: float) -> dict[str, Any] | None:
-        """Compute the change at hand and send it to the loop, once the servo is known.
+    def _wait(
+        self,
+        done: Callable[[], bool],
+        until_s: float,
+        tell_wait: Callable[[str], None],
+        gone: Callable[[], bool],
+    ) -> str:
+        """Wait until something is done; return why the wait has ended before; empty: it has not."""
+        while not done():
+            obstacle = self._obstacle()
+            # Where its axis has tripped a change is settled before the loop tells the reason.
+            if self._is_over():
+                number, axis = self._words[Word.REASON], self._words[Word.STOP_AXIS]
+                reason = f": {REASONS[number - 1]}" if number else ""
+                return f"{OVER}{reason}{f' of {self._names[axis - 1]}' if axis else ''}"
+            if gone():
+                return "the client has closed its connection"
+            if time.monotonic() > until_s:
+                return obstacle or "the loop has not made the change in time"
+            tell_wait(obstacle)
+            time.sleep(_LOOK_S)
+        return ""
 
-        Returns:
-            The answer, if there already is one.
-        """
-        try:
-            changes = self._known()
-            if changes is None:
-                return None
-            change = changes.computed(asked.new, asked.axis)
-            asked.number = change.number
-            self._offers.send(change)
-        except ExplainedError as error:
-            return self._refused(asked.sets, error)
-        asked.began_s = time.monotonic()
-        asked.until_s = asked.began_s + max(wait_s, LEAST_S)
-        return None
+    def _is_known(self) -> bool:
+        """Whether the servos are known; the loop's process tells them once, as it starts them."""
+        if not self._changes.servos:
+            self._changes.servos = self._offers.servos() or []
+        return bool(self._changes.servos)
 
-    def look(self) -> dict[str, Any] | None:
-        """Return the answer to the change at hand; None: it waits."""
-        asked = self._asked
-        if asked is None:
-            return None
-        if not asked.number:
-            return self._look_for_start(asked)
-        settled = self._offers.settled(asked.number)
-        if settled is not None and settled.row >= 0:
-            return self._made(asked, settled)
-        now_s = time.monotonic()
-        if asked.withdrawn_s is None:
-            # Where its axis has tripped it is settled before the loop tells the reason.
-            if self._words[Word.STATE] != LoopState.RUNNING:
-                asked.why = self._over()
-                self._give_up(asked)
-            elif now_s > asked.until_s:
-                asked.why = self.obstacle() or "the loop has not made the change in time"
-                self._give_up(asked)
-        elif settled is not None or now_s > asked.withdrawn_s + LOOP_S:
-            return self._not_made(asked.why)  # the loop has ended
-        return None
+    def _is_made(self, change: Change) -> bool:
+        settled = self._offers.settled(change.number)
+        return settled is not None and settled.row >= 0
 
-    def _look_for_start(self, asked: _Asked) -> dict[str, Any] | None:
-        """Send the change at hand if the servo has been started; return an answer if it is over."""
-        if asked.withdrawn_s is not None:
-            return self._not_made(asked.why)
-        left_s = asked.until_s - time.monotonic()
-        told = self._sent(asked, max(0.0, left_s))
-        if told is not None or asked.number:
-            return told
-        ended = self._words[Word.STATE] > LoopState.RUNNING or self._words[Word.STOP]
-        if ended:
-            return self._not_made(self._over())
-        return self._not_made(_NOT_STARTED) if left_s < 0.0 else None
+    def _is_over(self) -> bool:
+        """Whether the loop makes no change any more: it has ended, or is not to start."""
+        state, stop = self._words[Word.STATE], self._words[Word.STOP]
+        ended = state > LoopState.RUNNING or (stop and state < LoopState.RUNNING)
+        return bool(ended) or self._ends()
 
-    def obstacle(self) -> str:
-        """Return why the change at hand waits, as words; empty: it does not."""
-        if self._asked is not None and not self._asked.number:
-            return _NOT_STARTED
-        kind, size = self._offers.obstacle
-        return obstacle_text(kind, size)
+    def _obstacle(self) -> str:
+        if not self._changes.servos:
+            return "the servo has not been started yet"
+        return obstacle_text(*self._offers.obstacle)
 
-    def withdraw(self) -> None:
-        """Give the change at hand up."""
-        if self._asked is not None and self._asked.withdrawn_s is None:
-            self._asked.why = "the client has closed its connection"
-            self._give_up(self._asked)
+    def _withdraw(self, change: Change) -> None:
+        """Give a change up, and wait until the loop has settled it; it may have made it already."""
+        self._offers.withdraw(change.number)
+        until_s = time.monotonic() + LOOP_S
+        while self._offers.settled(change.number) is None and not self._is_over():
+            if time.monotonic() > until_s:
+                return  # the loop is dead or hangs
+            time.sleep(_LOOK_S)
 
-    def give_up(self) -> dict[str, Any]:
-        """Give the change at hand up: the run is over; return the answer."""
-        asked = self._asked
-        assert asked is not None
-        settled = self._offers.settled(asked.number) if asked.number else None
-        if settled is not None and settled.row >= 0:
-            return self._made(asked, settled)
-        return self._not_made(self._over())
-
-    def _over(self) -> str:
-        """Say that the run is over, and its reason and axis as far as the loop has told them."""
-        number, axis = self._words[Word.REASON], self._words[Word.STOP_AXIS]
-        reason = f": {REASONS[number - 1]}" if number else ""
-        return f"{OVER}{reason}{f' of {self._names[axis - 1]}' if axis else ''}"
-
-    def _give_up(self, asked: _Asked) -> None:
-        asked.withdrawn_s = time.monotonic()
-        if asked.number:
-            self._offers.withdraw(asked.number)
-
-    def _known(self) -> Changes | None:
-        if self._changes is None:
-            servos = self._offers.servos()
-            if servos is not None:
-                self._changes = Changes(self._configs, servos)
-        return self._changes
-
-    def _made(self, asked: _Asked, settled: Settled) -> dict[str, Any]:
-        changes = self._changes
-        assert changes is not None and changes.decided is not None
-        new_values = {
-            f"{self._prefix(asked.axis)}{path}": value
-            for path, value in difference(self._configs[asked.axis], asked.new).items()
-        }
-        self._configs[asked.axis] = asked.new
-        self._asked = None
-        servo = changes.servos[asked.axis]
-        told = decision_in_force(asked.new, servo, changes.decided, settled.bin)
+    def _made(
+        self, sets: list[str], axis: int, new: Config, settled: Settled, began_ns: int
+    ) -> dict[str, Any]:
+        changes, prefix = self._changes, self._prefix(axis)
+        assert changes.decided is not None
+        differing = difference(changes.configs[axis], new)
+        changes.configs[axis] = new
+        told = decision_in_force(new, changes.servos[axis], changes.decided, settled.bin)
         guard = decision_report(told)
         made_ns = self._made_ns(settled.row)
         answer = {
             "applied": True,
-            "changed": new_values,
-            "waited_s": max(0.0, made_ns * 1e-9 - asked.began_s),
+            "changed": {f"{prefix}{path}": value for path, value in differing.items()},
+            "waited_s": max(0.0, (made_ns - began_ns) * 1e-9),
             "row": settled.row,
             "guard": {
                 name: guard[name] for name in ("requested", "commanded", "binding", "reasons")
             },
         }
-        self._event(asked.sets, "applied", "", answer, made_ns)
+        self._event(sets, "applied", "", answer, made_ns)
         return answer
 
     def _made_ns(self, row: int) -> int:
@@ -269,15 +234,12 @@ class ChangeDesk:
         """Return the time on the loop's clock [ns]."""
         return time.monotonic_ns() - self._words[Word.OFFSET_NS]
 
-    def _not_made(self, why: str) -> dict[str, Any]:
-        asked, self._asked = self._asked, None
-        assert asked is not None
+    def _not_made(self, sets: list[str], why: str) -> dict[str, Any]:
         text = f"not applied: {why}"
-        self._event(asked.sets, "not applied", why, {})
+        self._event(sets, "not applied", why, {})
         return {"error": text, "field": None, "advice": None, "exit_status": NOT_MADE}
 
     def _refused(self, sets: list[str], error: ExplainedError) -> dict[str, Any]:
-        self._asked = None
         field = error.problem.field or ""
         # what was checked as for the axis alone is told by the path that was given
         axis = split_path(sets[0])[0] if field.startswith("wall.") else ""

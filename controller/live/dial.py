@@ -9,14 +9,18 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import re
 import socket
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
 
+from haptic_wall.controller.errors import HapticWallError, UserError
+from haptic_wall.controller.live.ask import NotAppliedError
 from haptic_wall.controller.live.run_socket import MOST_BYTES, NOT_MADE, OVER
 from haptic_wall.hw.clock import ready
+from haptic_wall.hw.errors import Problem
 
 if TYPE_CHECKING:
     from haptic_wall.controller.live.change_desk import ChangeDesk
@@ -30,139 +34,115 @@ MOST_WAIT_S: Final = 3600.0
 MOST_SETS: Final = 100
 IDLE_S: Final = 0.5
 """Longest wait for a request [s]"""
-_LOOK_S: Final = 0.01
 _NUMBERS: Final = re.compile(r"\d[-+.\de]*")
 
 
-class Dial:
-    """Serves clients.
+def serve(
+    listener: socket.socket, desk: Callable[[], ChangeDesk], ends: Callable[[], bool]
+) -> None:
+    """Serve one client until it has its answer; return if none comes within ``IDLE_S``.
 
     Args:
         listener: Listens, and does not block.
-        desk: Returns the desk that makes the changes; called at the first request.
+        desk: Returns the desk that makes the changes.
+        ends: Returns whether the run is over.
+    """
+    if not ready([listener.fileno()], IDLE_S):
+        return
+    try:
+        connection, _ = listener.accept()
+    except OSError:
+        return  # it has gone again
+    with connection:
+        connection.setblocking(False)
+        client = _Client(connection)
+        try:
+            sets, wait_s = _request(client.line(ends))
+        except HapticWallError as error:
+            client.say({"error": str(error), "exit_status": error.exit_status})
+        else:
+            client.say(desk().change(sets, wait_s, client.tell_wait, client.gone))
+
+
+def _request(line: bytes) -> tuple[list[str], float]:
+    """Return the changes of a request, and the longest wait for their moment [s].
+
+    Raises:
+        UserError: It is none.
+    """
+    try:
+        request = json.loads(line)
+        sets, wait_s = request["set"], float(request.get("wait_s", 0.0))
+        whole = isinstance(sets, list) and all(isinstance(each, str) for each in sets)
+    except (ValueError, OverflowError, TypeError, KeyError, AttributeError, RecursionError):
+        whole = False
+    if not whole or not 0.0 <= wait_s <= MOST_WAIT_S or len(sets) > MOST_SETS:
+        raise UserError(
+            'wanted one line {"set": ["PATH=VALUE", ...], "wait_s": S}, with S from 0 to '
+            f"{MOST_WAIT_S:g}",
+        )
+    return sets, wait_s
+
+
+class _Client:
+    """A client with a change.
+
+    Args:
+        connection: To the client; it does not block.
     """
 
-    def __init__(self, listener: socket.socket, desk: Callable[[], ChangeDesk]) -> None:
-        self._listener = listener
-        self._open_desk = desk
-        self._desk: ChangeDesk | None = None
-        self._client: socket.socket | None = None
-        self._began_s = 0.0
-        """When the client came, or its change was begun"""
-        self._sent = b""
-        self._asks = False
-        """Whether the client's change is at the desk"""
+    def __init__(self, connection: socket.socket) -> None:
+        self._connection = connection
+        self._waits_s = math.inf
+        """Since when its change waits"""
         self._told = ""
 
-    def serve(self, most_s: float = IDLE_S) -> None:
-        """Read a request that has come, and continue the present change; returns soon.
+    def line(self, ends: Callable[[], bool]) -> bytes:
+        """Return the line that it sends.
 
-        Args:
-            most_s: Longest wait for a request [s].
+        Raises:
+            UserError: It sends none in time, closes, or sends too much.
+            NotAppliedError: The run is over.
         """
-        heard = self._client or (None if self._asks else self._listener)
-        wait_s = min(_LOOK_S, most_s) if self._asks else most_s
-        if heard is None:
-            time.sleep(wait_s)  # the desk gives the change up whose client has gone
-        elif ready([heard.fileno()], wait_s):
-            if self._client is None:
-                self._accept()
-            else:
-                self._read(self._client)
-        if self._asks:
-            self._go_on(self.prepare())
-        elif self._client is not None and time.monotonic() > self._began_s + READ_S:
-            self._refuse(f"no whole request came within {READ_S:g} s")
-
-    def prepare(self) -> ChangeDesk:
-        """Load the desk that makes the changes, before the first request; return it."""
-        if self._desk is None:
-            self._desk = self._open_desk()
-        return self._desk
-
-    def close(self) -> None:
-        """Tell a waiting client that the run is over, and leave."""
-        if self._asks:
-            self._end(self.prepare().give_up())
-        elif self._client is not None:
-            self._end({"error": f"not applied: {OVER}", "exit_status": NOT_MADE})
-        self._listener.close()
-
-    def _accept(self) -> None:
-        try:
-            self._client, _ = self._listener.accept()
-        except OSError:
-            return  # it has gone again
-        self._client.setblocking(False)
-        self._began_s, self._sent, self._told = time.monotonic(), b"", ""
-
-    def _read(self, client: socket.socket) -> None:
-        try:
-            found = client.recv(MOST_BYTES)
-        except BlockingIOError:
-            return
-        except OSError:
-            found = b""
-        if self._asks:
-            if not found:  # it has gone: its change is given up
-                self.prepare().withdraw()
-                client.close()
-                self._client = None
-            return
-        if not found:
-            self._leave()
-            return
-        self._sent += found
-        line, end, _ = self._sent.partition(b"\n")
+        sent, until_s = b"", time.monotonic() + READ_S
+        while b"\n" not in sent and len(sent) < MOST_BYTES:
+            if ends():
+                raise NotAppliedError(Problem(f"not applied: {OVER}"), NOT_MADE)
+            if time.monotonic() > until_s:
+                raise UserError(f"no whole request came within {READ_S:g} s")
+            if ready([self._connection.fileno()], IDLE_S):
+                found = self._received()
+                if found == b"":
+                    raise UserError("the connection was closed before a whole request")
+                sent += found or b""
+        line, _, _ = sent.partition(b"\n")
         if len(line) >= MOST_BYTES:
-            self._refuse(f"found a request of more than {MOST_BYTES} bytes")
-        elif end:
-            self._take(line)
+            raise UserError(f"found a request of more than {MOST_BYTES} bytes")
+        return line
 
-    def _take(self, line: bytes) -> None:
+    def gone(self) -> bool:
+        """Whether it has closed the connection."""
+        return self._received() == b""
+
+    def _received(self) -> bytes | None:
+        """Return the bytes that have come; None: none have; empty: it has gone."""
         try:
-            request = json.loads(line)
-            sets, wait_s = request["set"], float(request.get("wait_s", 0.0))
-            whole = isinstance(sets, list) and all(isinstance(each, str) for each in sets)
-        except (ValueError, OverflowError, TypeError, KeyError, AttributeError, RecursionError):
-            whole = False
-        if not whole or not 0.0 <= wait_s <= MOST_WAIT_S or len(sets) > MOST_SETS:
-            self._refuse(
-                'wanted one line {"set": ["PATH=VALUE", ...], "wait_s": S}, with S from 0 to '
-                f"{MOST_WAIT_S:g}",
-            )
-            return
-        told = self.prepare().begin(sets, wait_s)
-        self._began_s, self._asks = time.monotonic(), True
-        if told is not None:
-            self._end(told)
+            return self._connection.recv(MOST_BYTES)
+        except BlockingIOError:
+            return None
+        except OSError:
+            return b""
 
-    def _go_on(self, desk: ChangeDesk) -> None:
-        told = desk.look()
-        if told is not None:
-            self._end(told)
-        elif time.monotonic() > self._began_s + TOLD_S:
-            obstacle = desk.obstacle()
-            kind = _NUMBERS.sub("", obstacle)  # the same obstacle, of another size
-            if obstacle and kind != self._told:
-                self._told = kind
-                self._say({"waits": obstacle})
+    def tell_wait(self, obstacle: str) -> None:
+        """Tell it why its change waits, each reason once; empty: that is not known."""
+        now_s = time.monotonic()
+        self._waits_s = min(self._waits_s, now_s)
+        kind = _NUMBERS.sub("", obstacle)  # the same obstacle, of another size
+        if obstacle and kind != self._told and now_s > self._waits_s + TOLD_S:
+            self._told = kind
+            self.say({"waits": obstacle})
 
-    def _end(self, told: dict[str, Any]) -> None:
-        self._asks = False
-        self._say(told)
-        self._leave()
-
-    def _refuse(self, why: str) -> None:
-        self._say({"error": why, "exit_status": 2})
-        self._leave()
-
-    def _say(self, what: dict[str, Any]) -> None:
-        if self._client is not None:
-            with contextlib.suppress(OSError):  # it has gone, or does not read
-                self._client.send((json.dumps(what) + "\n").encode())
-
-    def _leave(self) -> None:
-        if self._client is not None:
-            self._client.close()
-            self._client = None
+    def say(self, what: dict[str, Any]) -> None:
+        """Send it a line."""
+        with contextlib.suppress(OSError):  # it has gone, or does not read
+            self._connection.send((json.dumps(what) + "\n").encode())

@@ -7,8 +7,10 @@ flooded, stopped or killed without an effect on the loop or the log.
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import signal
+import socket
 import sys
 import threading
 import time
@@ -16,7 +18,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from haptic_wall.controller.live.dial import IDLE_S, Dial
+from haptic_wall.controller.live.dial import IDLE_S, serve
 from haptic_wall.controller.live.run_socket import listening
 from haptic_wall.controller.runtime.realtime import die_with_parent
 from haptic_wall.controller.system.orders import read_orders, say
@@ -43,19 +45,26 @@ def main() -> None:
         page.start()
     os.nice(_NICE)
     place = Path(sys.argv[1])
-    dial = _dial(place, orders) if orders["to_log"] is not None else None
+    listener = None if orders["to_log"] is None else _listener(place)
+
+    @functools.cache
+    def desk() -> ChangeDesk:
+        from haptic_wall.controller.live.change_desk import ChangeDesk
+
+        return ChangeDesk.of(orders, say, ends)
+
     begun_s = time.monotonic()
     try:
         while not ends():
-            if dial is None:
+            if listener is None:
                 time.sleep(IDLE_S)
             else:
-                dial.serve(IDLE_S)
+                serve(listener, desk, ends)
                 if time.monotonic() > begun_s + LOAD_S:
-                    dial.prepare()
+                    desk()
     finally:
-        if dial is not None:
-            dial.close()
+        if listener is not None:
+            listener.close()
             with contextlib.suppress(OSError):
                 place.unlink()
         if page is not None:
@@ -69,21 +78,14 @@ def _page(orders: Mapping[str, Any], ends: Callable[[], bool]) -> None:
     serve_page(orders, ends)
 
 
-def _dial(place: Path, orders: Mapping[str, Any]) -> Dial | None:
-    """Return what takes changes at a socket; None: it cannot be made."""
+def _listener(place: Path) -> socket.socket | None:
+    """Return the socket that takes changes; None: it cannot be made."""
     try:
-        listener = listening(place)
+        return listening(place)
     except OSError as error:
         why = f"{place} cannot be made ({error.strerror or error})"
         say({"trouble": f"the running wall cannot be changed: {why}"})
         return None
-
-    def desk() -> ChangeDesk:
-        from haptic_wall.controller.live.change_desk import ChangeDesk
-
-        return ChangeDesk.of(orders, say)
-
-    return Dial(listener, desk)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ class Changes:
 
     Attributes:
         configs: Configuration of each axis in force now.
-        servos: Of each axis.
+        servos: Of each axis; empty until they are known.
         decided: The decisions for the configuration that was computed last.
     """
 

@@ -1,8 +1,10 @@
-"""A change that is asked for before the servo has been started."""
+"""A change while the loop starts, makes it, or ends; the other side acts while the desk waits."""
 
+import contextlib
 import time
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Self
 
 import pytest
 
@@ -17,43 +19,72 @@ from haptic_wall.hw.servo import Facts
 NOT_YET = "the servo has not been started yet"
 
 
+@dataclass
 class Side:
-    """A desk, and the loop's side, of a run with these axes."""
+    """A desk, and the loop's side."""
 
-    def __init__(self, axes: int = 1, *sets: str) -> None:
-        self.telemetry = Telemetry.create(axes)
-        self.inbox, self.told = Inbox(self.telemetry), list[dict[str, Any]]()
+    desk: ChangeDesk
+    telemetry: Telemetry
+    inbox: Inbox
+    told: list[dict[str, Any]]
+    over: bool = False
+
+    @classmethod
+    @contextlib.contextmanager
+    def of(cls, *sets: str) -> Iterator[Self]:
         config = load_config("simulated", ("servo.hand=none", *sets)).config
-        self.desk = ChangeDesk(config, self.telemetry, Offers(self.telemetry), self.told.append)
+        telemetry = Telemetry.create(len(config.each))
+        told: list[dict[str, Any]] = []
+        desk = ChangeDesk(config, telemetry, Offers(telemetry), told.append, lambda: side.over)
+        side = cls(desk, telemetry, Inbox(telemetry), told)
+        yield side
+        telemetry.close()
 
-    def begin(self, wait_s: float) -> dict[str, Any] | None:
-        return self.desk.begin(["wall.stiffness=1"], wait_s)
+    def change(
+        self, change: str, *acts: Callable[[], object], gone: bool = False, wait_s: float = 60.0
+    ) -> dict[str, Any]:
+        """Ask for a change; each time that it waits the other side does the next of the acts."""
+        left = [*acts]
+
+        def act(_obstacle: str) -> None:
+            left.pop(0)()
+
+        answer = self.desk.change([change], wait_s, act, lambda: gone and not left)
+        assert not left
+        return answer
 
     def start(self) -> None:
         """Start the servos."""
-        known = KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, True)
-        self.inbox.tell([known] * self.telemetry.axes)
+        servo = KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, True)
+        self.inbox.tell([servo] * len(self.desk._names))
         self.telemetry.words[Word.STATE] = LoopState.RUNNING
+
+    def settle(self, row: int) -> None:
+        """Take the change, and settle it."""
+        self.inbox.take()
+        self.inbox.settle(row, 0)
+
+    def end(self) -> None:
+        """End the run by the second axis."""
+        words = self.telemetry.words
+        words[Word.STOP_AXIS], words[Word.REASON] = 2, 1 + REASONS.index(Trip.OSCILLATION)
+        words[Word.STATE] = LoopState.STOPPING
 
 
 @pytest.fixture
 def side() -> Iterator[Side]:
-    made = Side()
-    yield made
-    made.telemetry.close()
+    with Side.of() as made:
+        yield made
 
 
 @pytest.fixture
 def arm() -> Iterator[Side]:
-    """Of two axes, whose servos have started."""
-    made = Side(2, "axes={arm: {}, elbow: {wall: {stiffness: 4}}}")
-    made.start()
-    yield made
-    made.telemetry.close()
+    with Side.of("axes={arm: {}, elbow: {wall: {stiffness: 4}}}") as made:
+        made.start()
+        yield made
 
 
 def test_a_change_is_of_the_wall_of_one_axis(arm: Side) -> None:
-    desk, inbox = arm.desk, arm.inbox
     no_wall = "no change of the wall of one axis"
     for wrong, found in (
         (["wall.stiffness=3"], no_wall),
@@ -61,77 +92,88 @@ def test_a_change_is_of_the_wall_of_one_axis(arm: Side) -> None:
         (["axes.arm.wall.damping=0", "axes.elbow.wall.damping=0"], "changes of 2 axes"),
         (["axes.elbwo.wall.damping=0"], "no axis elbwo (did you mean elbow?)"),
     ):
-        answer = desk.begin(wrong, 1.0)
-        assert answer is not None
+        answer = arm.desk.change(wrong, 1.0, lambda _: None, lambda: False)
         assert f"found {found}, wanted" in answer["error"]
         assert "NAME is one of arm, elbow" in answer["error"]
-    answer = desk.begin(["axes.elbow.wall.stiffness=-1"], 1.0)
-    assert answer is not None and answer["field"] == "axes.elbow.wall.stiffness"
+    answer = arm.change("axes.elbow.wall.stiffness=-1")
+    assert answer["field"] == "axes.elbow.wall.stiffness"
     assert answer["error"].startswith("refused: axes.elbow.wall.stiffness: found -1")
-    assert desk.begin(["axes.elbow.wall.stiffness=3"], 1.0) is None
-    change = inbox.take()
-    assert change is not None and change.axis == 1
-    assert change.table.at(0).stiffness == 3.0
-    inbox.settle(0, 0)
-    answer = desk.look()
-    assert answer is not None and answer["changed"] == {"axes.elbow.wall.stiffness": 3.0}
+
+    def make() -> None:
+        change = arm.inbox.take()
+        assert change is not None and change.axis == 1
+        assert change.table.at(0).stiffness == 3.0
+        arm.inbox.settle(0, 0)
+
+    answer = arm.change("axes.elbow.wall.stiffness=3", make)
+    assert answer["changed"] == {"axes.elbow.wall.stiffness": 3.0}
 
 
 def test_it_waits_for_the_start_and_says_so(side: Side) -> None:
-    assert side.begin(60.0) is None
-    assert side.desk.look() is None and side.desk.obstacle() == NOT_YET
-    side.start()
-    assert side.desk.look() is None and side.desk.obstacle() == ""
-    offered = side.telemetry.words[Word.OFFERED]
-    assert offered > 0, "the loop gets it"
-    while side.inbox.change is None:
-        side.inbox.take()
-    side.inbox.settle(0, 0)
-    answer = side.desk.look()
-    assert answer is not None and answer["applied"]
-    assert answer["changed"] == {"wall.stiffness": 1.0}
+    obstacles: list[str] = []
+
+    def tell_wait(obstacle: str) -> None:
+        obstacles.append(obstacle)
+        if len(obstacles) == 2:
+            side.start()
+        elif len(obstacles) == 3:
+            side.settle(0)
+
+    answer = side.desk.change(["wall.stiffness=1"], 60.0, tell_wait, lambda: False)
+    assert obstacles == [NOT_YET, NOT_YET, ""]
+    assert answer["applied"] and answer["changed"] == {"wall.stiffness": 1.0}
 
 
 def test_it_is_not_made_where_the_start_takes_too_long(
     side: Side, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "START_S", 0.0)
-    assert side.begin(0.0) is None
-    time.sleep(1e-3)
-    answer = side.desk.look()
-    assert answer is not None and answer["error"] == f"not applied: {NOT_YET}"
+    monkeypatch.setattr(module, "START_S", -1.0)
+    answer = side.change("wall.stiffness=1", wait_s=-1.0)
+    assert answer["error"] == f"not applied: {NOT_YET}"
     assert [each["outcome"] for each in side.told] == ["not applied"]
-    assert side.desk.look() is None
 
 
-def test_it_is_given_up_with_whoever_asked(side: Side) -> None:
-    assert side.begin(60.0) is None
-    side.desk.withdraw()
+def test_how_long_it_waited_is_counted_on_the_loops_clock(side: Side) -> None:
+    """That clock is late by the time in which loop and emulated bus waited for each other."""
+    side.telemetry.words[Word.OFFSET_NS] = 10**12
     side.start()
-    answer = side.desk.look()
-    assert answer is not None and answer["error"].startswith("not applied: ")
-    assert side.telemetry.words[Word.OFFERED] == 0
-    assert side.begin(60.0) is None
-    assert side.desk.give_up()["error"] == "not applied: the run is over"
+    answer = side.change("wall.stiffness=1", lambda: time.sleep(0.05), lambda: side.settle(0))
+    assert 0.05 <= answer["waited_s"] < 30.0
 
 
-def test_a_change_of_a_run_that_an_axis_ends_is_told_why(arm: Side) -> None:
+def test_it_is_withdrawn_with_whoever_asked(side: Side, monkeypatch: pytest.MonkeyPatch) -> None:
+    closed = "not applied: the client has closed its connection"
+    assert side.change("wall.stiffness=1", gone=True)["error"] == closed
+    assert side.telemetry.words[Word.OFFERED] == 0, "the servo has not been started"
+    side.start()
+    answer = side.change("wall.stiffness=1", lambda: side.settle(-1), gone=True)
+    assert answer["error"] == closed
+    assert side.telemetry.words[Word.WITHDRAWN] == side.telemetry.words[Word.OFFERED] == 1
+    monkeypatch.setattr(side.desk._offers, "withdraw", lambda _: side.settle(0))
+    assert side.change("wall.stiffness=1", gone=True)["applied"], "it was too late"
+    monkeypatch.undo()
+    monkeypatch.setattr(module, "LOOP_S", 0.0)
+    answer = side.change("wall.stiffness=2", gone=True)
+    assert answer["error"] == closed, "the loop says nothing"
+
+
+@pytest.mark.parametrize("started", [False, True])
+def test_it_is_given_up_at_once_where_the_run_is_over(
+    side: Side, started: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The loop may have died; the supervisor does not wait for long."""
+    monkeypatch.setattr(module, "LOOP_S", 60.0)
+    if started:
+        side.start()
+    side.over = True
+    began_s = time.monotonic()
+    assert side.change("wall.stiffness=1")["error"] == "not applied: the run is over"
+    assert time.monotonic() - began_s < 60.0
+
+
+@pytest.mark.parametrize("tripped", [False, True])
+def test_a_change_of_a_run_that_an_axis_ends_is_told_why(arm: Side, tripped: bool) -> None:
     """The loop settles the change of an axis that has tripped a moment before it tells why."""
-    desk, inbox, words = arm.desk, arm.inbox, arm.telemetry.words
-    for tripped in (False, True):
-        words[Word.STATE], words[Word.REASON], words[Word.STOP_AXIS] = LoopState.RUNNING, 0, 0
-        assert desk.begin(["axes.arm.wall.stiffness=3"], 60.0) is None
-        if tripped:
-            inbox.change = None
-            inbox.take()
-            inbox.settle(-1, 0)
-        assert desk.look() is None
-        words[Word.STOP_AXIS], words[Word.REASON] = 2, 1 + REASONS.index(Trip.OSCILLATION)
-        words[Word.STATE] = LoopState.STOPPING
-        if not tripped:
-            assert desk.look() is None
-            inbox.take()
-            inbox.settle(-1, 0)
-        answer = desk.look() or desk.look()
-        assert answer is not None
-        assert answer["error"] == "not applied: the run is over: trip:oscillation of elbow"
+    acts = [lambda: arm.settle(-1), arm.end] if tripped else [arm.end]
+    answer = arm.change("axes.arm.wall.stiffness=3", *acts)
+    assert answer["error"] == "not applied: the run is over: trip:oscillation of elbow"

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -18,7 +18,7 @@ from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.live import dial as module
 from haptic_wall.controller.live.ask import NotAppliedError, ask
 from haptic_wall.controller.live.change_desk import ChangeDesk
-from haptic_wall.controller.live.dial import Dial
+from haptic_wall.controller.live.dial import serve
 from haptic_wall.controller.live.run_socket import (
     MODULE,
     MOST_BYTES,
@@ -32,114 +32,99 @@ from haptic_wall.controller.live.run_socket import (
 
 
 class ScriptedDesk:
-    """Answers after some looks; records what it was asked for."""
+    """Answers at once; ``a=1`` waits until its client has gone, ``x`` is refused."""
 
-    def __init__(self, looks: int = 1) -> None:
-        self.looks = looks
+    def __init__(self) -> None:
         self.asked: list[list[str]] = []
-        self.withdrawn = 0
-        self.unseen = -1
-        """Looks that are left when the loop does not say why it waits"""
-        self._left = 0
+        self.withdrawn = False
+        self.obstacles: list[str] = []
+        """Of a change before it is made"""
 
-    def begin(self, sets: list[str], wait_s: float) -> dict[str, Any] | None:
+    def change(
+        self,
+        sets: list[str],
+        wait_s: float,
+        tell_wait: Callable[[str], None],
+        gone: Callable[[], bool],
+    ) -> dict[str, Any]:
         assert wait_s >= 0.0
         self.asked.append(sets)
-        self._left = self.looks
-        refused = {"error": "refused: x: y", "field": "x", "advice": "wanted y", "exit_status": 2}
-        return refused if sets == ["x"] else None
-
-    def look(self) -> dict[str, Any] | None:
-        self._left -= 1
-        return {"applied": True, "changed": {}, "waited_s": 0.0} if self._left <= 0 else None
-
-    def obstacle(self) -> str:
-        if self._left == self.unseen:
-            return ""
-        return f"the torque would jump by {self._left}e-3 N·m"
-
-    def withdraw(self) -> None:
-        self.withdrawn += 1
-        self._left = 0
-
-    def give_up(self) -> dict[str, Any]:
-        self.withdrawn += 1
-        return {"error": "the run is over", "exit_status": 3}
+        if sets == ["x"]:
+            return {"error": "refused: x: y", "field": "x", "advice": "wanted y", "exit_status": 2}
+        while sets == ["a=1"] and not self.withdrawn:
+            self.withdrawn = gone()
+            time.sleep(1e-3)
+        for each in self.obstacles:
+            tell_wait(each)
+        return {"applied": True, "changed": {}, "waited_s": 0.0}
 
 
 class Served:
-    def __init__(self, folder: Path, desk: ScriptedDesk) -> None:
-        self.run = AliveRun(socket_of(folder / "run.hwlog"), os.getpid())
-        self.desk = desk
-        self.dial = Dial(listening(self.run.socket), lambda: cast("ChangeDesk", desk))
+    """A dial in a thread."""
 
-    def until(self, done: Any, seconds: float = 20.0) -> None:
-        end = time.monotonic() + seconds
-        while not done():
-            assert time.monotonic() < end
-            self.dial.serve(0.01)
+    def __init__(self, folder: Path) -> None:
+        self.run = AliveRun(socket_of(folder / "run.hwlog"), os.getpid())
+        self.desk = ScriptedDesk()
+        self.told: list[str] = []
+        self.over = threading.Event()
+        self._thread = threading.Thread(target=self._serve)
+        self._listener = listening(self.run.socket)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        while not self.over.is_set():
+            serve(self._listener, lambda: cast("ChangeDesk", self.desk), self.over.is_set)
+
+    def asks(self, *sets: str) -> dict[str, Any]:
+        return ask(self.run, sets, 1.0, self.told.append)
+
+    def close(self) -> None:
+        self.over.set()
+        self._thread.join()
+        self._listener.close()
 
 
 @pytest.fixture
 def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
-    monkeypatch.setattr(module, "READ_S", 0.2)
-    made = Served(tmp_path, ScriptedDesk())
+    monkeypatch.setattr(module, "IDLE_S", 0.01)
+    made = Served(tmp_path)
     yield made
-    made.dial.close()
-
-
-class Client(threading.Thread):
-    """Asks in a thread of its own."""
-
-    def __init__(self, run: AliveRun, *sets: str) -> None:
-        super().__init__(daemon=True)
-        self.run_, self.sets = run, sets
-        self.answer: Any = None
-        self.told: list[str] = []
-        self.start()
-
-    def run(self) -> None:
-        try:
-            self.answer = ask(self.run_, self.sets, 1.0, self.told.append)
-        except Exception as error:  # noqa: BLE001 - for the test to look at
-            self.answer = error
+    made.close()
 
 
 def sent(served: Served, content: bytes) -> dict[str, Any]:
     """Send anything; return the answer."""
     with connected(served.run.socket) as connection:
-        connection.setblocking(False)
-        rest = memoryview(content)
-        found = b""
-        end = time.monotonic() + 20.0
-        while b"\n" not in found:
-            assert time.monotonic() < end
-            with contextlib.suppress(OSError):
-                rest = rest[connection.send(rest) :]
-            served.dial.serve(0.01)
-            with contextlib.suppress(BlockingIOError):
-                found += connection.recv(MOST_BYTES)
-        answer: dict[str, Any] = json.loads(found)
+        connection.settimeout(20.0)
+        connection.sendall(content)
+        answer: dict[str, Any] = json.loads(connection.recv(MOST_BYTES))
         return answer
 
 
+def test_a_request_is_answered(served: Served) -> None:
+    answer = served.asks("wall.stiffness=4", "delay.steps=1")
+    assert answer == {"applied": True, "changed": {}, "waited_s": 0.0}
+    assert served.desk.asked == [["wall.stiffness=4", "delay.steps=1"]]
+
+
 def test_what_is_refused_is_an_error_with_its_status(served: Served) -> None:
-    client = Client(served.run, "x")
-    served.until(lambda: client.answer)
-    assert isinstance(client.answer, NotAppliedError)
-    assert (str(client.answer), client.answer.exit_status) == ("refused: x: y", 2)
-    problem = client.answer.problem
+    with pytest.raises(NotAppliedError, match=r"^refused: x: y$") as caught:
+        served.asks("x")
+    assert caught.value.exit_status == 2
+    problem = caught.value.problem
     assert (problem.field, problem.remedy) == ("x", "wanted y"), "as --json names them"
 
 
 def test_a_client_is_told_why_it_waits_where_that_is_known(
     served: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "TOLD_S", 0.0)
-    served.desk.looks, served.desk.unseen = 10, 8
-    client = Client(served.run, "wall.stiffness=4")
-    served.until(lambda: client.answer)
-    assert client.told == ["waits: the torque would jump by 9e-3 N·m"]
+    jump = "the torque would jump by {}e-3 N·m"
+    served.desk.obstacles = ["", *map(jump.format, range(9, 4, -1))]
+    served.asks("wall.stiffness=4")
+    assert served.told == [], "it has not waited for long"
+    monkeypatch.setattr(module, "TOLD_S", -1.0)
+    served.asks("wall.stiffness=4")
+    assert served.told == [f"waits: {jump.format(9)}"]
 
 
 def test_only_the_owner_may_connect(served: Served) -> None:
@@ -164,15 +149,25 @@ def test_garbage_is_answered_in_a_sentence(served: Served, content: bytes) -> No
     assert served.desk.asked == []
 
 
+def test_a_request_is_whole_within_its_limits(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    too_long = sent(served, b"a" * MOST_BYTES)
+    assert too_long == {"error": "found a request of more than 65536 bytes", "exit_status": 2}
+    monkeypatch.setattr(module, "READ_S", 0.1)
+    too_slow = sent(served, b'{"set": ["wall.st')
+    assert too_slow == {"error": "no whole request came within 0.1 s", "exit_status": 2}
+    monkeypatch.setattr(module, "READ_S", 20.0)
+    threading.Timer(0.1, served.over.set).start()
+    over = sent(served, b'{"set": ["wall.st')
+    assert over == {"error": "not applied: the run is over", "exit_status": 3}
+
+
 def test_a_client_that_goes_takes_its_request_along(served: Served) -> None:
-    served.desk.looks = 1000
     with connected(served.run.socket) as gone:
         gone.send(b'{"set": ["a=1"]}\n')
-        served.until(lambda: served.desk.asked)
-    served.until(lambda: served.desk.withdrawn)
-    client = Client(served.run, "x")
-    served.until(lambda: client.answer)
-    assert served.desk.asked == [["a=1"], ["x"]]
+    assert served.asks("b=1")["applied"]
+    assert served.desk.withdrawn and served.desk.asked == [["a=1"], ["b=1"]]
 
 
 def test_a_socket_that_a_killed_run_left_is_replaced_but_no_other_file(tmp_path: Path) -> None:
