@@ -14,7 +14,6 @@ from haptic_wall.controller.system.signals import on_signals
 
 SECTIONS = {
     "lateness": "haptic_wall.controller.bench.lateness",
-    "starts": "haptic_wall.controller.bench.starts",
     "boundary": "haptic_wall.controller.bench.boundary",
     "array_simulation": "haptic_wall.controller.bench.array_simulation",
     "torque_frames": "haptic_wall.controller.bench.torque_frames",

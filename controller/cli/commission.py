@@ -136,15 +136,14 @@ def _text(report: dict[str, Any], folder: Path) -> str:
     from haptic_wall.controller.report import commission_text as words
 
     lines = [*_wrapped(words.headline(report), "")]
-    parts = (
-        ("Why", words.why(report)),
-        ("Do theory and measurement agree?", words.agrees(report)),
-        ("What is not known", words.unknown(report)),
-    )
-    for title, sentences in parts:
-        lines += ["", title]
-        for sentence in sentences:
-            lines += _wrapped(sentence, "  ")
+    parts = {
+        "Why": words.why(report),
+        "Theory and measurement": words.agrees(report),
+        "Not known": words.unknown(report),
+    }
+    for title, sentences in parts.items():
+        told = [line for sentence in sentences for line in _wrapped(sentence, "  ")]
+        lines += ["", title, *told] if told else []
     lines += ["", "Steps"]
     for step in report["steps"]:
         reason = f": {step['reason']}" if step["reason"] else ""

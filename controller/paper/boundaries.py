@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from haptic_wall.controller.paper.closed_forms import no_delay_limit, one_sample_limit
 from haptic_wall.controller.paper.curves import (
     Curve,
     FigureData,
@@ -32,18 +31,8 @@ _NEAR = 0.1
 
 
 def figure_3() -> FigureData:
-    """Return the full boundaries for d = 0 and d = 1, their peaks, and equations (1) and (13).
-
-    Source: Gil et al., ICRA 2007, eqs. (1) and (13), which lose digits in double precision: to
-    0.1 % at this delta.
-    """
-    checks = []
-    for delay, closed_form, ceiling in ((0.0, no_delay_limit, 2.0), (1.0, one_sample_limit, 0.8)):
-        beta = np.linspace(0.0, ceiling, 17)[1:-1]
-        alpha = np.asarray(closed_form(DELTA, beta))
-        settings = {"delta": DELTA, "delay_periods": delay}
-        checks.append(Curve("closed form", settings, beta, alpha))
-    return dimensionless([*_whole(WHOLE_DELAYS), *checks])
+    """Return the full boundaries for d = 0 and d = 1, and their peaks."""
+    return dimensionless(_whole(WHOLE_DELAYS))
 
 
 def figure_4() -> FigureData:
@@ -86,17 +75,6 @@ def draw_figure_3(data: FigureData, path: Path) -> None:
             ax.fill_between(curve.x, curve.y, color=fill, linewidth=0)
             ax.plot(curve.x, curve.y, color=color)
             (top,) = data.of_kind("peak", delay_periods=delay)
-            (check,) = data.of_kind("closed form", delay_periods=delay)
-            ax.plot(
-                check.x,
-                check.y,
-                "o",
-                color=color,
-                markerfacecolor="white",
-                markersize=3,
-                markeredgewidth=0.7,
-                label=f"closed form ({13 if delay else 1})",
-            )
             x, y = float(top.x[0]), float(top.y[0])
             ax.plot(x, y, "o", color=color, markersize=4)
             ax.annotate(
@@ -111,7 +89,6 @@ def draw_figure_3(data: FigureData, path: Path) -> None:
         ax.text(0.75, 0.095, r"$d$ = 1", color=style.ORANGE)
         ax.text(0.95, 0.36, "stable without delay", color=style.BLUE, ha="center")
         ax.text(0.42, 0.05, "stable for both", color=style.ORANGE, ha="center")
-        ax.legend(loc="upper right", handlelength=1.0)
         ax.set_xlim(0.0, 2.1)
         ax.set_ylim(0.0, 0.78)
         _axes(ax)

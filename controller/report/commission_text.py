@@ -1,9 +1,12 @@
-"""Formats a commissioning's report in words: stiffness and why, agreement, unknowns, next steps."""
+"""Formats a commissioning's report: stiffness and why, agreement, what is unknown, next steps.
+
+docs/how-to/commissioning.md explains what holds for every servo.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from haptic_wall.controller.experiments.commission.sequence import (
@@ -11,14 +14,13 @@ from haptic_wall.controller.experiments.commission.sequence import (
     NOT_MEASURED,
     check_text,
 )
+from haptic_wall.controller.guard.limits import BY_NAME
 
 Report = Mapping[str, Any]
 
-_ENDS = {"failed": "tried and failed", "skipped": "left out", "interrupted": "interrupted"}
-
 
 def headline(report: Report) -> str:
-    """Return the answer: the stiffness, and what friction adds to it."""
+    """Return the answer: the stiffness."""
     verdict = report["verdict"]
     best, plain = verdict["best"]["commanded"], verdict["plain"]["commanded"]
     can = "can hold"
@@ -38,148 +40,67 @@ def headline(report: Report) -> str:
         return f"{start}; virtual damping does not help it."
     return (
         f"{start} with a virtual damping of {_n(best['damping'])} N·m·s/rad, and of"
-        f" {_n(plain['stiffness'])} without.{_with_friction(report)}"
-    )
-
-
-def _with_friction(report: Report) -> str:
-    """Return what the sweep measured without virtual damping, where friction added to it."""
-    points = [p for p in report["agreement"]["boundary"] or () if p["virtual_damping"] == 0.0]
-    first = min(points, key=lambda p: float(p["delay_steps"]), default=None)
-    if first is None or (first["measured"] or 0.0) <= first["without_friction"]:
-        return ""
-    return (
-        f" Without it the sweep measured {_n(first['measured'])} with friction, which stopped a"
-        f" kick of {_n(first['kick_rad'])} rad; the guard does not count on friction, which does"
-        " not stop a larger one."
+        f" {_n(plain['stiffness'])} without."
     )
 
 
 def why(report: Report) -> Iterator[str]:
-    """Yield what limits the stiffness, and what would raise it."""
+    """Yield the limits that bind the stiffness, and what would raise it."""
     verdict = report["verdict"]
-    if verdict["basis"] == "believed":
+    best = verdict["best"]["commanded"]
+    yield from _bound("without virtual damping", verdict["plain"])
+    if best["damping"] != 0.0:
+        yield from _bound("with the best virtual damping", verdict["best"])
+    # The first one is of the binding limit and the request, which is above every limit.
+    yield from verdict["best"]["reasons"][1:]
+    if best["stiffness"] > 0.0:
+        depth = verdict["torque_limit"] / best["stiffness"]
         yield (
-            "These values follow from the belief in the configuration: the servo was not"
-            " identified, so none of them is measured."
+            f"at {_n(best['stiffness'])} N·m/rad the torque limit of"
+            f" {_n(verdict['torque_limit'])} N·m is reached {_n(depth)} rad"
+            f" ({_n(math.degrees(depth))}°) inside the wall"
         )
-    for which, case in (
-        ("Without virtual damping", "plain"),
-        ("With the best virtual damping", "best"),
-    ):
-        decided = verdict[case]
-        if case == "best" and decided["commanded"]["damping"] == 0.0:
-            continue
-        # the verdict asks for more than any limit allows: that figure tells nothing
-        asked = f" instead of {decided['requested']['stiffness']:.4g} N"
-        # and the best virtual damping stands below
-        reasons = [each for each in decided["reasons"] if not each.startswith("with virtual damp")]
-        yield f"{which} {'; '.join(reasons).replace(asked, ' N')}."
-    stiffness = verdict["best"]["commanded"]["stiffness"]
-    if stiffness > 0.0:
-        depth = verdict["torque_limit"] / stiffness
+
+
+def _bound(which: str, decided: Mapping[str, Any]) -> Iterator[str]:
+    binding = decided["binding"]
+    if binding is not None:
         yield (
-            f"At {_n(stiffness)} N·m/rad the torque limit of {_n(verdict['torque_limit'])} N·m is"
-            f" reached {_n(depth)} rad ({_n(math.degrees(depth))}°) inside the wall."
+            f"{which}: {decided['margin']:g} of the limit {binding},"
+            f" {_n(decided['limit'][binding])} N·m/rad ({BY_NAME[binding].meaning})"
         )
 
 
 def agrees(report: Report) -> Iterator[str]:
-    """Yield whether theory and measurements agree."""
-    found = report["agreement"]
-    if found["boundary"] is not None:
-        yield from _boundary(found["boundary"], report["verdict"]["margin"])
-    else:
-        yield "The boundary was not measured, so it could not be compared."
-
-
-def _boundary(points: Sequence[Mapping[str, Any]], margin: float) -> Iterator[str]:
+    """Yield how many measured points agree with the model, and the margin that the others need."""
+    points = report["agreement"]["boundary"] or ()
     measured = [point for point in points if point["measured"] is not None]
     if not measured:
-        yield "No point of the boundary could be measured; “What is not known” has the reasons."
+        yield "no point of the boundary was measured"
         return
-    agreeing = [point for point in measured if point["agree"]]
-    yield (
-        f"{len(agreeing)} of {len(measured)} measured points of the stability boundary agree with"
-        " the model, friction and kick included (within the model's bounds, at least 5 %, and two"
-        " standard errors)."
-    )
-    low = [p for p in measured if not p["agree"] and _below(p)]
-    high = [p for p in measured if not p["agree"] and not _below(p)]
+    off = [point for point in measured if not point["agree"]]
+    low = [point for point in off if point["measured"] < point["expected"]]
+    yield f"{len(measured) - len(off)} of {len(measured)} measured points agree with the model"
     if low:
-        early = min(p["measured"] / p["expected"] for p in low)
-        worst = min(p["measured"] / p["low"] for p in low)
+        early = min(point["measured"] / point["expected"] for point in low)
+        margin = report["verdict"]["margin"] * min(p["measured"] / p["low"] for p in low)
         yield (
-            f"At other points the servo oscillates from {early:.2f} of the expected stiffness on:"
-            " an effect that the model does not know reduces the stability (an elastic coupling, a"
-            " longer delay, more backlash). This stiffness is"
-            f" {worst:.2f} of the least one within the bounds; until the cause is found, set"
-            f" guard.margin to {margin * worst:.2g}."
+            f"{len(low)} below it, from {early:.2f} of the expected stiffness on: until the cause"
+            f" is found, set guard.margin to {margin:.2g}"
         )
-    if high:
-        yield (
-            "At points that lie above the expected stiffness the servo has more friction or less"
-            " delay than identified; there the guard is on the safe side."
-        )
-    if not low:
-        yield "No measured point requires a lower guard.margin than the configured one."
-
-
-def _below(point: Mapping[str, Any]) -> bool:
-    return bool(point["measured"] < point["expected"])
+    if len(off) > len(low):
+        yield f"{len(off) - len(low)} above it, on the safe side"
 
 
 def unknown(report: Report) -> Iterator[str]:
-    """Yield what remains unknown after the commissioning."""
-    identify = report["identify"]
-    if identify is not None:
-        unit = (
-            "the measured current times the torque constant"
-            if identify["torque_unit"] == "measured"
-            else "the commanded torque"
-        )
-        yield (
-            f"The unit of all torques is that of {unit}: N·m is only as accurate as the torque"
-            " constant (published ones of one model differ by a third). Stiffness, damping, inertia"
-            " and friction have the same relative error, so it does not change the stability; for"
-            " true N·m hang a known weight on a known lever."
-        )
-        yield from (f"{warning[:1].upper()}{warning[1:]}." for warning in identify["warnings"])
-        if identify["backlash"] is None:
-            said = "No backlash between motor and shaft was found; a little may exist"
-            if report["verdict"]["best"]["binding"] == "backlash":
-                said += (
-                    ", and the configuration keeps its model.backlash, which limits the stiffness:"
-                    " measure yours, as with a dial gauge on a lever of the shaft with the motor"
-                    " held, and set model.backlash if it is less"
-                )
-            yield f"{said}."
-    for step in report["steps"]:
-        if step["state"] in _ENDS and step["step"] != "doctor":
-            reason = f": {step['reason']}" if step["reason"] else ""
-            yield f"The step {step['step']} was {_ENDS[step['state']]}{reason}."
-        elif step["state"] == "not taken":
-            yield f"The step {step['step']} was not reached."
+    """Yield the warnings of identify, and the points without a figure."""
+    yield from (report["identify"] or {}).get("warnings", ())
     for point in report["agreement"]["boundary"] or ():
         if point["measured"] is None:
             yield (
-                f"There is no figure at virtual damping {point['virtual_damping']:g} and"
-                f" {point['delay_steps']} periods inserted: {point['reason']}."
+                f"no figure at virtual damping {point['virtual_damping']:g} and"
+                f" {point['delay_steps']} periods inserted: {point['reason']}"
             )
-    friction = report["verdict"]["model"]["coulomb"]["value"]
-    if friction > 0.0:
-        yield (
-            f"Coulomb friction ({_n(friction)} N·m) lets small motion die even above the limits,"
-            " which are those without friction. The guard does not count on it: it varies with the"
-            " position, and does not stop a larger motion."
-        )
-    if identify is None:
-        return
-    yield (
-        "The servo was measured free, at one temperature and on one day: a part that is mounted"
-        " later changes the inertia; wear and temperature change the friction. The bounds in the"
-        " configuration cover a small change; after a larger one, commission the servo again."
-    )
 
 
 def wrong(report: Report) -> Iterator[str]:

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from haptic_wall.controller.bench import boundary, starts
+from haptic_wall.controller.bench import boundary
 from haptic_wall.controller.bench.rows import Measurement, Section, over_rounds
 from haptic_wall.controller.cli.bench import SECTIONS
 from haptic_wall.controller.errors import PlatformError
@@ -26,17 +26,12 @@ FOUND = Section(
 )
 
 
-@pytest.mark.parametrize("name", ["boundary", "starts"])
-def test_a_section_that_needs_no_bus_measures(
-    monkeypatch: pytest.MonkeyPatch, cli: Cli, name: str
-) -> None:
+def test_a_section_that_needs_no_bus_measures(monkeypatch: pytest.MonkeyPatch, cli: Cli) -> None:
     monkeypatch.setattr(boundary, "_ROUNDS", 1)
     monkeypatch.setattr(boundary, "_MIXED", 500)
     monkeypatch.setattr(boundary, "_COMPARED", 3)
     monkeypatch.setattr(boundary, "_LOADED", 16)
-    monkeypatch.setattr(starts, "_ROUNDS", 1)
-    monkeypatch.setattr(starts, "CASES", dict([*starts.CASES.items()][:2]))
-    report = cli.json("bench", "--section", name)["sections"][name]
+    report = cli.json("bench", "--section", "boundary")["sections"]["boundary"]
     assert len(report["rows"]) >= 2
     assert all(row["value"] > 0.0 for row in report["rows"])
 
@@ -86,7 +81,7 @@ def test_a_section_that_fails_costs_no_other(
     made_up(measure)
     status, out, err = cli("bench", "--json")
     assert status == 0
-    assert "measuring lateness (1 of 7)" in err.splitlines()[0]
+    assert "measuring lateness (1 of 6)" in err.splitlines()[0]
     first, *others = json.loads(out)["sections"].values()
     assert first["rows"] == []
     assert first["notes"][0].startswith(f"not measured: {said}")

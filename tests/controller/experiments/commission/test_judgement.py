@@ -60,13 +60,18 @@ def swept(measured: float | None, **more: Any) -> dict[str, Any]:
     return {**point, "measured": measured, **more}
 
 
+def agreed(points: list[dict[str, Any]]) -> str:
+    report = {"agreement": {"boundary": points}, "verdict": {"margin": 0.8}}
+    return " ".join(words.agrees(report))
+
+
 def test_a_servo_that_oscillates_too_early_is_told_with_a_margin() -> None:
     config = load_config("simulated").config
     (expected,) = agreement.boundary(config, [swept(13.0)])
     assert expected["agree"] is True
     found = agreement.boundary(config, [swept(0.6 * expected["expected"]), swept(13.0)])
     assert [point["agree"] for point in found] == [False, True]
-    said = " ".join(words._boundary(found, 0.8))
+    said = agreed(found)
     assert "1 of 2" in said and "0.60 of the expected" in said
     margin = 0.8 * 0.6 * expected["expected"] / found[0]["low"]
     assert f"guard.margin to {margin:.2g}" in said and margin < 0.55
@@ -81,37 +86,4 @@ def test_backlash_that_is_believed_takes_no_margin() -> None:
     found = agreement.boundary(
         load_config("simulated", believed).config, [swept(expected["expected"], kick_rad=0.02)]
     )
-    assert "requires a lower guard.margin" in " ".join(words._boundary(found, 0.8))
-
-
-@pytest.mark.parametrize("binding", ["backlash", "one_sided"])
-def test_a_backlash_that_was_not_found_but_limits_has_a_remedy(binding: str) -> None:
-    report = {
-        "identify": {"torque_unit": "commanded", "warnings": [], "backlash": None},
-        "verdict": {"best": {"binding": binding}, "model": {"coulomb": {"value": 0.0}}},
-        "steps": [],
-        "agreement": {"boundary": None},
-    }
-    said = " ".join(words.unknown(report))
-    assert "No backlash between motor and shaft was found; a little may exist" in said
-    assert ("set model.backlash if it is less" in said) == (binding == "backlash")
-
-
-@pytest.mark.parametrize(("measured", "said"), [(33.0, True), (1.5, False), (None, False)])
-def test_what_the_sweep_bore_with_friction_stands_beside_what_is_allowed(
-    measured: float | None, said: bool
-) -> None:
-    points = [swept(9.0), swept(measured, delay_steps=0), swept(99.0, virtual_damping=0.1)]
-    points = [{**each, "without_friction": 2.1} for each in points]
-    decided = {"stiffness": 1.7, "damping": 0.0}, {"stiffness": 14.0, "damping": 0.1}
-    verdict = dict(zip(("plain", "best"), ({"commanded": each} for each in decided), strict=True))
-    headline = words.headline(
-        {
-            "name": "mine",
-            "status": "complete",
-            "agreement": {"boundary": points},
-            "verdict": verdict,
-        }
-    )
-    assert "and of 1.7 without." in headline
-    assert ("Without it the sweep measured 33 with friction" in headline) == said
+    assert agreed(found) == "1 of 1 measured points agree with the model"
