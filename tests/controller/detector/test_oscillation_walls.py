@@ -7,12 +7,8 @@ import pytest
 
 from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.experiments.maps.walls import Loop, wall_of
-from haptic_wall.controller.runtime.session import run_session
 from haptic_wall.controller.runtime.session_result import Result
-from haptic_wall.controller.runtime.telemetry import Telemetry
-from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness
-from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.truth import TrueServo
 from tests.cases import sampled
 from tests.support.kicked_walls import (
@@ -25,6 +21,7 @@ from tests.support.kicked_walls import (
     trace_of,
 )
 from tests.support.operators import HANDS
+from tests.support.simulated_run import session
 from tests.support.truth import COUNT
 from tests.typed import not_none
 
@@ -137,7 +134,7 @@ def test_oscillation_at_the_torque_limit_is_sustained_and_measured(size: float) 
 # Torques that are rounded to the servo's unit
 
 ROUNDED = (
-    *("loop.clock=simulated", "wall.side=both", "servo.hand=none", "servo.coulomb=0"),
+    *("wall.side=both", "servo.hand=none", "servo.coulomb=0"),
     "safety.on_oscillation=trip",
 )
 UNIT = 0.0048
@@ -187,5 +184,4 @@ def test_the_rounding_of_torques_hides_no_unstable_wall() -> None:
 
 
 def rounded_run(*sets: str) -> Result:
-    config = load_config("simulated", [*ROUNDED, *sets]).config
-    return run_session(config, SimulatedClock(), Telemetry.create(), 8.0)
+    return session("simulated", *ROUNDED, *sets, duration=8.0)[0]

@@ -19,7 +19,6 @@ from haptic_wall.controller.processes.inline import run_inline
 from haptic_wall.controller.processes.plan import LogState, Plan
 from haptic_wall.controller.processes.run import _finished_log
 from haptic_wall.controller.processes.run_report import run_report
-from haptic_wall.controller.runtime.cycle import Cycle
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.session import run_session
 from haptic_wall.controller.runtime.session_report import all_axes
@@ -33,7 +32,7 @@ from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo
-from haptic_wall.hw.errors import ServoHealthError, UnfitServoError
+from haptic_wall.hw.errors import UnfitServoError
 from haptic_wall.hw.servo import Bus
 from haptic_wall.hw.settings import ServoSettings
 from tests.support.memory_session import run_in_memory
@@ -155,24 +154,6 @@ def test_an_axis_is_decided_for_its_own_delay_too_if_that_of_another_is_longer(
     expected = logged(load_config("simulated", alone).config, tmp_path / "b.hwlog")
     assert report["axes"]["one"]["guard"]["commanded"] == expected["guard"]["commanded"]
     assert report["axes"]["one"]["torque"]["saturated_ticks"] == 0
-
-
-def test_an_error_of_the_driver_names_its_axis(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    error, run = ServoHealthError("too hot"), Cycle.run
-    error.id = 7
-
-    def hot(cycle: Cycle, *times: int) -> None:
-        if cycle.ticks == 50:
-            raise error
-        run(cycle, *times)
-
-    monkeypatch.setattr(Cycle, "run", hot)
-    sets = (*SETS, "axes.elbow.servo.id=7")
-    report = logged(load_config("simulated", sets).config, tmp_path / "a.hwlog")
-    assert (report["stop_reason"], report["stop_axis"]) == ("trip:servo_health", "elbow")
-    assert report["explanation"].startswith("elbow: ")
 
 
 @pytest.mark.parametrize(

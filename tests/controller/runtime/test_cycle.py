@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -37,8 +36,6 @@ from haptic_wall.controller.runtime.telemetry import (
 )
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.servo import BusCounts, Check, Facts, Outcome, Reading, Traffic
-from haptic_wall.hw.simulated import SimulatedBus
-from tests.support.buses import TRUE, emulated_bus
 
 PERIOD_NS = 1_000_000
 LOST = object()
@@ -475,38 +472,3 @@ def test_all_axes_count_the_oldest_sample_and_the_longest_interval(
     counted.clear()
     on(Rig([0.0, 0.0, LOST, 0.0, LOST, 0.0], [0.0, LOST, 0.0, LOST, 0.0, 0.0])).run(6)
     assert [interval for _, interval in counted[::2]] == [1, 0, 2, 2, 2, 2]
-
-
-@pytest.mark.parametrize("count", [1, 2, 6])
-@pytest.mark.parametrize("emulated", [False, True])
-def test_walls_on_a_bus_of_servos_hold_every_shaft_and_end_together(
-    count: int, emulated: bool
-) -> None:
-    """Each shaft starts at its own place in a two-sided wall at 0."""
-    clock = SimulatedClock(7 * PERIOD_NS)
-    trues = [replace(TRUE, coulomb=0.0, position=0.02 * n) for n in range(1, 1 + count)]
-    bus = emulated_bus(trues, clock) if emulated else SimulatedBus(trues, clock)
-    bus.start()
-    gains = [bin_of(5.0, 0.05, 0.0)] * 2
-    telemetry = Telemetry.create(count)
-    inbox, words = Inbox(telemetry), telemetry.words
-    axes = [made_axis(telemetry, inbox, allowed=gains, ages=(PERIOD_NS,)) for _ in range(count)]
-    words[Word.HELD_NS] = NO_DEAD_MAN
-    cycle = Cycle(clock, bus, axes, words, inbox, PERIOD_NS, pipelined=False)
-    cycle.wall_on()
-    deadline = clock.now_ns()
-    for _ in range(700):
-        deadline += PERIOD_NS
-        clock.wait_until(deadline)
-        cycle.run(deadline, clock.now_ns(), 0)
-        assert cycle.trip is None
-    for n, positions in enumerate(telemetry.read(0)[0]["position"].T, start=1):
-        assert positions[0] == pytest.approx(0.02 * n, abs=2e-3)
-        assert abs(positions[-1]) < 4e-3
-    axes[-1].safety.found, axes[-1].trip = "", None
-    axes[-1].law.stiffness = math.nan
-    clock.wait_until(deadline + PERIOD_NS)
-    cycle.run(deadline + PERIOD_NS, clock.now_ns(), 0)
-    assert cycle.trip is Trip.NOT_A_NUMBER
-    assert telemetry.read(0)[0]["torque"][-1].tolist() == [0.0] * count
-    assert bus.stop()
