@@ -55,6 +55,7 @@ def heights(rows: Rows) -> tuple[float, float]:
     return distance[:quarter].max(), distance[-quarter:].max()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_report_of_a_simulated_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli
 ) -> None:
@@ -93,17 +94,6 @@ def test_motion_decays_below_the_exact_limit_and_grows_above(steps: int, lag: fl
         )
         first, last = heights(rows)
         assert bool(last > first) is grows, f"{factor} of the limit"
-
-
-def test_the_guard_keeps_an_absurd_wall_stable() -> None:
-    result, rows = session(
-        "simulated", *LINEAR, "wall.stiffness=1e9", "wall.damping=0.03", "servo.kick=0.01"
-    )
-    guard = not_none(result.guard)
-    assert guard["requested"]["stiffness"] == 1e9
-    assert guard["commanded"]["stiffness"] == pytest.approx(0.8 * guard["limit"]["exact"], rel=1e-3)
-    first, last = heights(rows)
-    assert last < 0.75 * first, "0.8 of the limit leaves a fifth of the damping: 0.35 1/s"
 
 
 def test_the_driver_on_a_bus_in_memory_renders_the_same_wall() -> None:
@@ -256,10 +246,10 @@ def test_a_wall_that_waits_comes_on_without_a_blow_when_the_shaft_is_brought_to_
     ("preset", "more"),
     sampled(
         [
-            ("emulated-ideal", ("wall.passivity_control=true", "delay.steps=3")),
-            ("emulated-ideal", ()),
-            ("simulated", ()),
             ("simulated", ("wall.passivity_control=true", "delay.steps=3")),
+            ("simulated", ()),
+            ("emulated-ideal", ()),
+            ("emulated-ideal", ("wall.passivity_control=true", "delay.steps=3")),
         ],
         4,
     ),
