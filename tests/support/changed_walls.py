@@ -10,7 +10,6 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.runtime.changeover import Obstacle
@@ -35,18 +34,16 @@ Array = NDArray[np.float64]
 class Asked:
     """A change that was asked for."""
 
-    sets: tuple[str, ...]
     tick: int
     """Row before which it was asked for"""
     before: Config
-    new: Config | None = None
-    """None: it was refused"""
-    refused: str = ""
+    new: Config
+    number: int
     row: int = -1
     """First row with it; -1: it was not made"""
     obstacle: Obstacle = Obstacle.NONE
     """The last reason why it waited"""
-    number: int = 0
+    settled: bool = False
     withdrawn: bool = False
 
 
@@ -123,7 +120,7 @@ class ChangedRun:
         """Go on with the change at hand, or ask for one."""
         row = len(self.truth)
         self.truth.append(position)
-        at_hand = self.asked[-1] if self.asked and self.asked[-1].number else None
+        at_hand = self.asked[-1] if self.asked and not self.asked[-1].settled else None
         if at_hand is not None:
             settled = self._offers.settled(at_hand.number)
             if settled is None:
@@ -133,26 +130,19 @@ class ChangedRun:
                     at_hand.withdrawn = True
                     self._offers.withdraw(at_hand.number)
                 return
-            at_hand.row, at_hand.number = settled.row, 0
-            if settled.row >= 0 and at_hand.new is not None:
+            at_hand.row, at_hand.settled = settled.row, True
+            if settled.row >= 0:
                 self._changes.configs[0] = at_hand.new
         (config,) = self._changes.configs
         sets = tuple(self.ask(row, config, position))
-        if not sets:
-            return
-        asked = Asked(sets, row, config)
-        self.asked.append(asked)
-        try:
-            asked.new = changed(config, sets)
-            change = self._changes.computed(asked.new)
-        except UserError as error:
-            asked.refused = str(error)
-            return
-        asked.number = change.number
-        self._offers.send(change)
+        if sets:
+            new = changed(config, sets)
+            change = self._changes.computed(new)
+            self.asked.append(Asked(row, config, new, change.number))
+            self._offers.send(change)
 
 
-def injected(run: ChangedRun, rows: NDArray[np.void], asked: Asked, since: int) -> float:
+def injected(run: ChangedRun, rows: NDArray[np.void], asked: Asked) -> float:
     """Return the energy that a change gave to the true motion [J].
 
     That is the work of the torque behind it, less the work that the old law would have done on the
@@ -163,11 +153,9 @@ def injected(run: ChangedRun, rows: NDArray[np.void], asked: Asked, since: int) 
     Args:
         run: Run with the true motion.
         rows: Rows of the run.
-        asked: A change that was made.
-        since: First row of the law before it: one with memory is fed from there on.
+        asked: The first change that was made: a law with memory is fed from row 0 on.
     """
     new = asked.new
-    assert new is not None
     row, period = asked.row, new.period_s
     most = max(asked.before.delay.steps, new.delay.steps)
     last = row + most + 1 if most else row
@@ -188,7 +176,7 @@ def injected(run: ChangedRun, rows: NDArray[np.void], asked: Asked, since: int) 
     def gains(law: Law, tick: int) -> None:
         law.stiffness, law.damping = (float(rows[name][tick]) for name in ("stiffness", "damping"))
 
-    for tick in range(since, row):
+    for tick in range(row):
         gains(old_law, tick)
         rendered(old_law, tick)
     gains(new_law, row)
@@ -206,15 +194,9 @@ def injected(run: ChangedRun, rows: NDArray[np.void], asked: Asked, since: int) 
 
 
 def _ring(run: ChangedRun, rows: NDArray[np.void], row: int) -> DelayRing:
-    """Return the inserted delay before a row, with the torques under way."""
+    """Return the inserted delay before the first change, with the torques under way."""
     ring = DelayRing(run.config.delay.steps)
-    torques = rows["wall_torque"][:row].tolist()
-    made = {each.row: each.new for each in run.asked if 0 <= each.row < row}
-    for tick, torque in enumerate(torques):
-        new = made.get(tick)
-        if new is not None and new.delay.steps != ring.steps:
-            before = torques[tick - 1]
-            ring = ring.resized(new.delay.steps, before, before)
+    for torque in rows["wall_torque"][:row].tolist():
         ring.push(torque)
     return ring
 

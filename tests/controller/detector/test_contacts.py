@@ -20,7 +20,6 @@ def bounces(
     damping: float = 0.0,
     lag: int = 0,
     gravity: float = 2.0,
-    count: float = 0.0,
 ) -> Iterator[tuple[float, float]]:
     """A mass that falls onto a spring and comes back; yields depth and torque, at each sample.
 
@@ -31,7 +30,6 @@ def bounces(
         damping: B of the wall [N·m·s/rad].
         lag: Periods by which the torque comes late: it then gives energy.
         gravity: Constant torque toward the wall, over the inertia; brings it back [rad/s²].
-        count: Count of the encoder [rad].
     """
     depth, velocity, seen, inside = -0.5 * speed * PERIOD, speed, 0, False
     late = [0.0] * (lag + 1)
@@ -39,24 +37,21 @@ def bounces(
     for _ in range(20_000):
         if seen == times:
             return
-        shown = round(depth / count) * count if count else depth
-        yield shown, before
-        if inside and shown <= 0.0:
+        yield depth, before
+        if inside and depth <= 0.0:
             seen += 1
-        inside = shown > 0.0
-        before = min(-stiffness * shown - damping * velocity, 0.0) if inside else 0.0
+        inside = depth > 0.0
+        before = min(-stiffness * depth - damping * velocity, 0.0) if inside else 0.0
         late = [*late[1:], before]
         acceleration = late[0] / INERTIA + gravity
         depth += velocity * PERIOD + 0.5 * acceleration * PERIOD * PERIOD
         velocity += acceleration * PERIOD
 
 
-def watched(
-    samples: Iterable[tuple[float, float]], count: float = 0.0, span: float = PERIOD
-) -> Contacts:
+def watched(samples: Iterable[tuple[float, float]], count: float = 0.0) -> Contacts:
     seen = Contacts(count)
     for depth, torque in samples:
-        seen.update(depth, torque, span)
+        seen.update(depth, torque, PERIOD)
     return seen
 
 

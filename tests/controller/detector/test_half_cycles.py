@@ -21,14 +21,13 @@ def watched(
     positions: Iterable[float],
     torques: Sequence[float] | None = None,
     count: float = 0.0,
-    spans: Sequence[float] | None = None,
 ) -> tuple[HalfCycles, FloatArray]:
     """The watcher after all samples, and a row (duration, amplitude) for each half-cycle."""
     found = []
     seen = HalfCycles(PERIOD, count)
     for k, position in enumerate(positions):
         torque = 0.0 if torques is None else torques[k]
-        if seen.update(position, torque, PERIOD if spans is None else spans[k]):
+        if seen.update(position, torque, PERIOD):
             found.append((seen.last[-1].duration, seen.last[-1].amplitude))
     return seen, np.array(found).reshape(-1, 2)
 
@@ -67,21 +66,18 @@ def test_flicker_of_a_count_is_no_turning_point(size: float) -> None:
     assert len(seen.last) == 0
 
 
-def oscillator(
-    inertia: float, stiffness: float, gain: float = 1.0, every: int = 1
-) -> tuple[list[float], list[float]]:
+def oscillator(inertia: float, stiffness: float) -> tuple[list[float], list[float]]:
     """A mass on a spring whose torque is held over each sample; the exact motion.
 
     Position of each sample, and the torque that was commanded over the time before it.
     """
     positions, torques = [0.1], [0.0]
     position, velocity = 0.1, 0.0
-    span = every * PERIOD
-    for _ in range(3000 // every):
+    for _ in range(3000):
         torque = -stiffness * position
-        acceleration = gain * torque / inertia
-        position += velocity * span + 0.5 * acceleration * span * span
-        velocity += acceleration * span
+        acceleration = torque / inertia
+        position += velocity * PERIOD + 0.5 * acceleration * PERIOD * PERIOD
+        velocity += acceleration * PERIOD
         positions.append(position)
         torques.append(torque)
     return positions, torques

@@ -1,7 +1,6 @@
 """The detector on motion whose truth is known: sinusoids by formula, single simulated walls."""
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,10 +17,6 @@ from tests.typed import not_none
 PERIOD = 1e-3
 COUNT = 2.0 * math.pi / 4096
 MX64 = {"inertia": 0.011951, "damping": 0.011692, "coulomb": 0.0}
-
-
-def settings(**known: Any) -> Known:
-    return Known(PERIOD, **{"inertia": MX64["inertia"], "position_step": COUNT, **known})
 
 
 def free_oscillation(
@@ -121,7 +116,7 @@ class TestRecord:
         x[100:140:7] = math.nan
         keep = np.ones(t.size, dtype=bool)
         keep[1000:1030] = False
-        found = detect(t[keep], x[keep], torque[keep], settings())
+        found = detect(t[keep], x[keep], torque[keep], Known(PERIOD, MX64["inertia"], COUNT))
         assert found.worst == State.GROWING
         assert math.isfinite(found.first_alarm_s)
         assert np.isfinite(found.amplitude).all()

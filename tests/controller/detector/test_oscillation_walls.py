@@ -1,73 +1,51 @@
-"""The detector on simulated walls: kicked above and below their limits, bouncing, under hands."""
+"""The detector on simulated walls: kicked above and below their limits; and rounded torques."""
 
 import math
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
-from haptic_wall.controller.detector.state import State
+from haptic_wall.controller.detector.settings import WatchSettings
+from haptic_wall.controller.detector.watch import Watch
+from haptic_wall.controller.experiments.maps.loop import Wall
 from haptic_wall.controller.experiments.maps.walls import Loop, wall_of
-from haptic_wall.controller.runtime.session import run_session
+from haptic_wall.controller.laws.wall import Wall as Rendered
 from haptic_wall.controller.runtime.session_result import Result
-from haptic_wall.controller.runtime.telemetry import Telemetry
-from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness
-from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.truth import TrueServo
 from tests.cases import sampled
-from tests.support.kicked_walls import (
-    Stiff,
-    Trace,
-    handled,
-    kicked,
-    listen,
-    steady_oscillation,
-    trace_of,
-)
-from tests.support.operators import HANDS
+from tests.support.simulated_run import session
 from tests.support.truth import COUNT
 from tests.typed import not_none
 
 M, B_SERVO, T = 0.011951, 0.011692, 1e-3
-
-
-def one_wall(
-    stiffness: float, virtual_damping: float, one_sided: bool, whole: int = 2, b: float = B_SERVO
-) -> Stiff:
-    servo = TrueServo(M, b, torque_limit=math.inf)
-    wall = wall_of(
-        servo, period=T, delay=whole * T, virtual_damping=virtual_damping, one_sided=one_sided
-    )
-    return Stiff(wall, stiffness)
-
-
-def pushed(one: Stiff, push: float, speed: float, periods: int) -> Trace:
-    """A servo that comes with a speed, pushed steadily toward the wall; see ``Trace``."""
-    return trace_of(Loop(one.wall, one.stiffness, -20 * COUNT, speed).run(periods, push))
-
-
-def test_growth_is_noticed_while_somebody_leans_on_the_wall() -> None:
-    # A steady push moves the middle of the motion 30 counts off the surface; it pays for nothing.
-    limit = float(critical_stiffness(M, B_SERVO, 0.05, T, 2 * T))
-    walls = one_wall(1.3 * limit, 0.05, one_sided=False)
-    trace = pushed(walls, 30 * COUNT * walls.stiffness, 0.0, 1500)
-    first = listen(walls, trace, 1.0, once=True).alarms[0]
-    # It began 50 counts from that middle.
-    assert np.abs(trace.position[:first] / COUNT - 30.0).max() < 3.0 * 50.0
-
-
 DELAYS = (0, 1, 2, 5, 10)
+LOOK = 400
+"""Samples after which it is looked whether a growing motion is large enough"""
 
 
-def some_walls(share: float, *, one_sided: bool = False) -> list[Stiff]:
-    """Two-sided walls of several delays and dampings, at a share of their exact limit."""
-    every = [(n, damping) for n in DELAYS for damping in (0.0, 0.05, 0.2)]
-    return [
-        one_wall(
-            share * float(critical_stiffness(M, B_SERVO, damping, T, n * T)), damping, one_sided, n
-        )
-        for n, damping in every
-    ]
+class Stiff(NamedTuple):
+    """A two-sided wall with its stiffness."""
+
+    wall: Wall
+    stiffness: float
+    """[N·m/rad]"""
+
+
+def stiff(share: float, virtual_damping: float, whole: int) -> Stiff:
+    """A wall at a share of its exact limit, with a delay of whole periods."""
+    limit = float(critical_stiffness(M, B_SERVO, virtual_damping, T, whole * T))
+    servo = TrueServo(M, B_SERVO, torque_limit=math.inf)
+    wall = wall_of(servo, period=T, delay=whole * T, virtual_damping=virtual_damping)
+    return Stiff(wall, share * limit)
+
+
+def some_walls(share: float) -> list[Stiff]:
+    """Walls of several delays and dampings, at a share of their exact limit."""
+    return [stiff(share, damping, whole) for whole in DELAYS for damping in (0.0, 0.05, 0.2)]
 
 
 def wrong_beliefs(count: int) -> list[float]:
@@ -76,15 +54,66 @@ def wrong_beliefs(count: int) -> list[float]:
     return beliefs
 
 
+def kicked(
+    walls: list[Stiff], kick: float, cycles: float, until: float = math.inf
+) -> Iterator[FloatArray]:
+    """Release servos at rest, ``kick`` from the wall; the courses as ``Loop.run`` returns them.
+
+    Args:
+        walls: The walls.
+        kick: > 0 [rad].
+        cycles: Oscillations of the slowest undamped spring to record.
+        until: Amplitude in kicks (but at least 20 counts) at which the recording may end.
+    """
+    slowest = max(math.tau * math.sqrt(one.wall.moved / one.stiffness) for one in walls) / T
+    periods = int(cycles * slowest + 500)
+    for one in walls:
+        loop = Loop(one.wall, one.stiffness, kick)
+        parts: list[FloatArray] = []
+        enough = max(until * kick, 20.0 / one.wall.counts)
+        while loop.k < periods and not (parts and np.abs(parts[-1][:, 0]).max() > enough):
+            parts.append(loop.run(min(LOOK, periods - loop.k)))
+        yield np.concatenate(parts)
+
+
+def first_alarm(one: Stiff, course: FloatArray, belief: float) -> int | None:
+    """The sample of the first alarm of a watch that may only report; None: there is none.
+
+    Args:
+        one: The simulated wall.
+        course: Its record.
+        belief: Factor on the inertia: the believed one is wrong.
+    """
+    inertia = one.wall.body.inertia * belief
+    watch = Watch(WatchSettings(T, COUNT, side=0, light=inertia, heavy=inertia))
+    law = Rendered(one.stiffness, one.wall.virtual_damping, 0.0, "both")
+    _, _, measured, torques = course.T
+    positions = np.rint(measured / COUNT) * COUNT
+    for k, (position, torque) in enumerate(zip(positions.tolist(), torques.tolist(), strict=True)):
+        watch.sample(position, law, math.nan, 1)
+        watch.sent(torque)
+        if watch.alarm:
+            return k
+    return None
+
+
+def test_growth_is_noticed_while_somebody_leans_on_the_wall() -> None:
+    # A steady push moves the middle of the motion 30 counts off the surface; it pays for nothing.
+    one = stiff(1.3, 0.05, 2)
+    course = Loop(one.wall, one.stiffness, -20 * COUNT).run(1500, 30 * COUNT * one.stiffness)
+    first = not_none(first_alarm(one, course, 1.0))
+    # It began 50 counts from that middle.
+    assert np.abs(course[:first, 0] / COUNT - 30.0).max() < 3.0 * 50.0
+
+
 @pytest.mark.parametrize("share", sampled([1.2, 1.5, 2.5], 3))
 def test_walls_above_their_limit_are_noticed_while_they_grow(share: float) -> None:
-    walls = some_walls(share)
-    kick = np.full(len(walls), 30 * COUNT)
+    walls, kick = some_walls(share), 30 * COUNT
     reached = []
-    for i, trace in enumerate(kicked(walls, kick, 60.0, until=3.0)):
-        alarms = listen(walls[i], trace, wrong_beliefs(len(walls))[i], once=True).alarms
-        assert alarms
-        reached.append(np.abs(trace.position[: alarms[0] + 1]).max() / kick[i])
+    courses = kicked(walls, kick, 60.0, until=3.0)
+    for one, course, belief in zip(walls, courses, wrong_beliefs(len(walls)), strict=True):
+        first = not_none(first_alarm(one, course, belief))
+        reached.append(np.abs(course[: first + 1, 0]).max() / kick)
     # The fastest one grows by half in each half-cycle.
     assert float(np.median(reached)) < 2.1
     assert max(reached) < 12.0
@@ -92,52 +121,15 @@ def test_walls_above_their_limit_are_noticed_while_they_grow(share: float) -> No
 
 def test_motion_that_dies_is_no_alarm() -> None:
     walls = some_walls(0.7)
-    for i, trace in enumerate(kicked(walls, np.full(len(walls), 60 * COUNT), 6.0)):
-        assert not listen(walls[i], trace, wrong_beliefs(len(walls))[i], once=True).alarms
-
-
-@pytest.mark.whole
-@pytest.mark.parametrize("hand", sampled([each for each in HANDS if each != "rhythm"], 4))
-def test_hands_on_walls_below_their_limit_are_no_alarm(hand: str) -> None:
-    """A hand in rhythm may raise the early alarm: only a probe tells it from a wall."""
-    walls = some_walls(0.7)
-    for i, trace in enumerate(handled(walls, hand, 6000, np.random.default_rng(8))):
-        assert not listen(walls[i], trace, wrong_beliefs(len(walls))[i], once=False).alarms
-
-
-@pytest.mark.whole
-@pytest.mark.parametrize("hand", sampled(["rhythm", "tap"], 2))
-def test_hands_that_come_back_to_a_wall_that_never_pulls_are_no_bouncing(hand: str) -> None:
-    walls = some_walls(0.6, one_sided=True)
-    for i, trace in enumerate(handled(walls, hand, 6000, np.random.default_rng(3))):
-        assert not listen(walls[i], trace, wrong_beliefs(len(walls))[i], once=False).alarms
-
-
-@pytest.mark.whole
-@pytest.mark.parametrize("size", sampled([5.0, 40.0], 2))
-def test_oscillation_at_the_torque_limit_is_sustained_and_measured(size: float) -> None:
-    walls = some_walls(1.5)
-    walls = [
-        Stiff(one.wall._replace(limit=one.stiffness * size * COUNT), one.stiffness) for one in walls
-    ]
-    measured = 0
-    for i, trace in enumerate(kicked(walls, np.full(len(walls), size * COUNT), 50.0)):
-        cycle = int(2.0 * math.pi * math.sqrt(M / walls[i].stiffness) / T)
-        truth = steady_oscillation(trace.position[-12 * cycle :], T)
-        if truth is None:
-            continue
-        watch = listen(walls[i], trace, 1.0, once=False).watch
-        assert watch.state >= State.SUSTAINED
-        assert watch.frequency_hz == pytest.approx(truth[0], rel=0.05)
-        assert watch.amplitude == pytest.approx(truth[1], rel=0.2)
-        measured += 1
-    assert measured >= 5
+    courses = kicked(walls, 60 * COUNT, 6.0)
+    for one, course, belief in zip(walls, courses, wrong_beliefs(len(walls)), strict=True):
+        assert first_alarm(one, course, belief) is None
 
 
 # Torques that are rounded to the servo's unit
 
 ROUNDED = (
-    *("loop.clock=simulated", "wall.side=both", "servo.hand=none", "servo.coulomb=0"),
+    *("wall.side=both", "servo.hand=none", "servo.coulomb=0"),
     "safety.on_oscillation=trip",
 )
 UNIT = 0.0048
@@ -187,5 +179,4 @@ def test_the_rounding_of_torques_hides_no_unstable_wall() -> None:
 
 
 def rounded_run(*sets: str) -> Result:
-    config = load_config("simulated", [*ROUNDED, *sets]).config
-    return run_session(config, SimulatedClock(), Telemetry.create(), 8.0)
+    return session("simulated", *ROUNDED, *sets, duration=8.0)[0]

@@ -13,10 +13,10 @@ from haptic_wall.controller.laws.wall import held_torque
 STIFFNESS, LIMIT = 10.0, 4.0
 
 
-def swung(place: float, amplitude: float, cycles: float = 3.2, friction: float = 0.0) -> HalfCycles:
+def swung(place: float, amplitude: float, friction: float = 0.0) -> HalfCycles:
     """The half-cycles of a swing at 5 Hz about a place, that the spring alone moves."""
     seen = HalfCycles(1e-3, 0.0)
-    for k in range(round(200 * cycles)):
+    for k in range(640):
         phase = math.tau * 5.0 * k * 1e-3
         away = place + amplitude * math.cos(phase)
         torque = np.clip(-STIFFNESS * away, -LIMIT, LIMIT) + friction * np.sign(-math.sin(phase))
@@ -70,12 +70,9 @@ def test_whoever_passes_the_surface_has_taken_the_load_away(side: float) -> None
     assert loses_load(outside, 0.0, soft=True), "outside nothing is held"
 
 
-def followed(
-    wall: SoftWall, away: float, torque: float, seconds: float, *, returning: bool = False
-) -> float:
+def followed(wall: SoftWall, away: float, torque: float, seconds: float) -> float:
     """What is held after a time at rest, on a wall with a sixteenth of its stiffness [N·m]."""
-    wall.derating.scale = 1 / 16
-    wall.phase = Phase.RETURNING if returning else Phase.REDUCED
+    wall.derating.scale, wall.phase = 1 / 16, Phase.REDUCED
     for _ in range(round(1e3 * seconds)):
         wall.take(away, torque, STIFFNESS, 0.0)
         wall.follow(1e-3, ended=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from haptic_wall.controller.guard.belief import Belief, Bounded
+from haptic_wall.controller.guard.belief import Bounded
 from haptic_wall.controller.guard.evaluation import Evaluation
 from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation, decide
 from haptic_wall.controller.guard.limits import evaluate, least_of, smallest
@@ -18,6 +18,7 @@ from haptic_wall.controller.theory import (
 from haptic_wall.controller.theory.boundary import chain_boundary
 from haptic_wall.controller.theory.chain import one_mass
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
+from tests.support.beliefs import belief
 from tests.support.contacts import restitution
 
 T = 1e-3
@@ -32,14 +33,13 @@ def situation(
 ) -> Situation:
     """Damping as b T / m at the lowest inertia, delay in periods."""
     unit = inertia[0] / T
-    belief = Belief(
+    servo = belief(
         inertia=Bounded(inertia[0], *inertia),
         damping=Bounded(damping[0] * unit, damping[0] * unit, damping[1] * unit),
-        coulomb=Bounded.exactly(0.0),
         delay=Bounded(delay[0] * T, delay[0] * T, delay[1] * T),
         torque_gain=Bounded(gain[0], *gain),
     )
-    return Situation(belief, T, torque_limit=100.0, position_step=0.0)
+    return Situation(servo, T, torque_limit=100.0, position_step=0.0)
 
 
 @pytest.mark.parametrize(("believed", "true"), [(0.15, 0.56), (0.20, 0.69)])

@@ -21,6 +21,7 @@ from haptic_wall.controller.guard.guard import (
 from haptic_wall.controller.guard.types import OF_ENCODER
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory import max_virtual_damping
+from tests.support.beliefs import belief
 from tests.theory.oracles import Loop, bounce, radius
 
 MARGIN, CAP = 0.8, 0.7
@@ -74,10 +75,9 @@ def random_belief(random: np.random.Generator, period: float) -> Belief:
 
     inertia = 10 ** random.uniform(-3, -0.5)
     damping = 10 ** random.uniform(-3.5, -1.3) * inertia / period
-    return Belief(
+    return belief(
         inertia=around(inertia),
         damping=around(damping),
-        coulomb=Bounded.exactly(0.0),
         delay=around(random.choice([0.0, random.uniform(0, 2)]) * period),
         torque_gain=around(1.0),
     )

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation, decide
+from tests.support.beliefs import belief
 
 PERIOD = 1e-3
 WHOLE, LOAD, HZ, RATIO, OWN = 0.00534, 0.00215, 13.0, 0.0068, 0.00077
@@ -18,19 +18,16 @@ RIDGE = 0.1
 
 def commanded(*, linear: bool) -> tuple[float, float]:
     """Return stiffness and damping on a servo that is known exactly."""
-    exactly = Bounded.exactly
-    belief = Belief(
-        inertia=exactly(WHOLE),
-        damping=exactly(OWN),
-        coulomb=exactly(0.0),
-        delay=exactly(DELAY),
-        torque_gain=exactly(1.0),
-        load_inertia=exactly(LOAD),
-        flexible_hz=exactly(HZ),
-        flexible_damping_ratio=exactly(RATIO),
+    servo = belief(
+        inertia=WHOLE,
+        damping=OWN,
+        delay=DELAY,
+        load_inertia=LOAD,
+        flexible_hz=HZ,
+        flexible_damping_ratio=RATIO,
     )
     asked = Request(1e6, 1.0, "both", SAMPLES, law="texture", linear=linear)
-    found = decide(asked, GuardSettings(), Situation(belief, PERIOD, 1e9, 0.0), [0.0])[0]
+    found = decide(asked, GuardSettings(), Situation(servo, PERIOD, 1e9, 0.0), [0.0])[0]
     return found.stiffness, found.damping
 
 

@@ -12,7 +12,7 @@ import pytest
 from scipy.optimize import differential_evolution
 
 from haptic_wall.controller.guard.belief import LIGHTEST, Belief, Bounded, vibration
-from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation, decide
+from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
 from haptic_wall.controller.guard.types import WITHIN
 from haptic_wall.controller.theory import (
     critical_stiffness,
@@ -22,6 +22,7 @@ from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.chain import two_masses
 from haptic_wall.controller.theory.checks import FloatArray
 from tests.cases import sampled
+from tests.support.beliefs import belief
 from tests.theory import oracles
 
 NAMES = (
@@ -39,12 +40,6 @@ class Case(NamedTuple):
     period: float = 1e-3
     age: float = 0.0
     samples: int = 1
-
-
-def belief(**changes: Any) -> Belief:
-    one, none = Bounded.exactly(1.0), Bounded.exactly(0.0)
-    given = {"inertia": one, "damping": one, "coulomb": none, "delay": none, "torque_gain": one}
-    return Belief(**(given | changes))
 
 
 def drawn(random: np.random.Generator, rigid: bool) -> Case:
@@ -167,6 +162,13 @@ def between(case: Case) -> float:
     return 1.003 if case.samples == 1 else 1.0132  # as CORNER_ALONE says
 
 
+def decided(case: Case, damping: float = 0.0) -> Decision:
+    """Return what the guard commands where as much stiffness as it allows is asked for."""
+    request = Request(1e9, damping, "both", case.samples)
+    situation = Situation(case.belief, case.period, 4.1, 0.0)
+    return decide(request, GuardSettings(), situation, [case.age], explained=False)[0]
+
+
 class Found(NamedTuple):
     """What was counted over the least that was found in the box; above 1 is unsafe."""
 
@@ -176,16 +178,10 @@ class Found(NamedTuple):
 
 def searched(case: Case, seed: int, steps: int) -> Found:
     """Search for the servo on which the limits of stiffness and virtual damping are least."""
-    settings = GuardSettings()
-    situation = Situation(case.belief, case.period, 4.1, 0.0)
-
-    def decided(asked: float) -> Any:
-        request = Request(1e9, asked, "both", case.samples)
-        return decide(request, settings, situation, [case.age], explained=False)[0]
-
-    ceiling = decided(0.0).damping_ceiling
+    settings, ceiling = GuardSettings(), decided(case).damping_ceiling
     slack = case.belief.damping.low / case.belief.torque_gain.high
-    wall = decided(case.asked * (settings.damping_cap * ceiling if case.asked > 0.0 else slack))
+    most = settings.damping_cap * ceiling if case.asked > 0.0 else slack
+    wall = decided(case, case.asked * most)
     limit = wall.stiffness / settings.margin / between(case)
     top, member = least(case, lambda some: ceilings(case, some), seed, steps)
     bounds = radius(case, member, 0.0, 0.999 * ceiling)
@@ -203,40 +199,40 @@ def check(case: Case, seed: int, steps: int) -> None:
 
 
 MORE_FRICTION = belief(
-    inertia=Bounded.exactly(0.025),
+    inertia=0.025,
     damping=Bounded(0.8, 0.33, 2.0),
     delay=Bounded(2e-3, 0.3e-3, 5.6e-3),
-    load_inertia=Bounded.exactly(3e-4),
-    flexible_hz=Bounded.exactly(14.5),
-    flexible_damping_ratio=Bounded.exactly(0.017),
+    load_inertia=3e-4,
+    flexible_hz=14.5,
+    flexible_damping_ratio=0.017,
 )
 """With B = 0 the least critical stiffness is 16.05 N·m/rad, at the most friction"""
 INERTIA_INSIDE = belief(
     inertia=Bounded(0.02, 0.0105, 0.04),
-    damping=Bounded.exactly(0.02),
-    delay=Bounded.exactly(1e-3),
-    load_inertia=Bounded.exactly(0.01),
-    flexible_hz=Bounded.exactly(20.0),
-    flexible_damping_ratio=Bounded.exactly(0.004),
+    damping=0.02,
+    delay=1e-3,
+    load_inertia=0.01,
+    flexible_hz=20.0,
+    flexible_damping_ratio=0.004,
 )
 """The ceiling is least between the ends of the inertia"""
 LIMIT_INSIDE = belief(
     inertia=Bounded(1.35e-3, 6.744e-4, 2.6977e-3),
-    damping=Bounded.exactly(5.785e-3),
-    torque_gain=Bounded.exactly(1.3044),
-    load_inertia=Bounded.exactly(4.763e-5),
-    flexible_hz=Bounded.exactly(2.3673),
-    flexible_damping_ratio=Bounded.exactly(1.0948e-3),
+    damping=5.785e-3,
+    torque_gain=1.3044,
+    load_inertia=4.763e-5,
+    flexible_hz=2.3673,
+    flexible_damping_ratio=1.0948e-3,
 )
 """The ceiling is least at the most inertia, but the limit at 0.7 of it between the ends"""
 
 
 HALF_A_CYCLE = belief(
-    inertia=Bounded.exactly(0.08),
-    damping=Bounded.exactly(0.1),
-    load_inertia=Bounded.exactly(0.03),
-    flexible_hz=Bounded.exactly(243.0),
-    flexible_damping_ratio=Bounded.exactly(1e-3),
+    inertia=0.08,
+    damping=0.1,
+    load_inertia=0.03,
+    flexible_hz=243.0,
+    flexible_damping_ratio=1e-3,
 )
 """At half a cycle per period, and only there, the ceiling is half of what it is beside it"""
 
@@ -256,23 +252,18 @@ def test_the_least_safe_servo_is_not_where_friction_and_inertia_are_least(case: 
 
 def test_an_interval_of_half_a_cycle_is_counted() -> None:
     case = Case(HALF_A_CYCLE, period=2e-3, age=2e-3)
-    request, situation = Request(1e9, 0.0, "both", 1), Situation(case.belief, 2e-3, 4.1, 0.0)
-    found = decide(request, GuardSettings(), situation, [case.age], explained=False)[0]
     member = members(case, np.zeros((1, len(NAMES) + 1)))
     member[0, -2:] = 0.95 * 2e-3, 0.5 / 243.0
-    assert found.damping_ceiling < ceilings(case, member)[0]
+    assert decided(case).damping_ceiling < ceilings(case, member)[0]
 
 
 @pytest.mark.parametrize("ratio", [1e-5, 1e-3])
 def test_a_hardly_damped_vibration_beside_half_a_cycle_is_counted(ratio: float) -> None:
-    known = {"inertia": 0.0102, "damping": 0.007, "load_inertia": 0.0016}
-    known |= {"flexible_hz": 490.0, "flexible_damping_ratio": ratio}
-    case = Case(belief(**{name: Bounded.exactly(x) for name, x in known.items()}), age=2.5e-4)
-    request, situation = Request(1e9, 0.0, "both", 1), Situation(case.belief, 1e-3, 4.1, 0.0)
-    found = decide(request, GuardSettings(), situation, [case.age], explained=False)[0]
+    known = {"inertia": 0.0102, "damping": 0.007, "load_inertia": 0.0016, "flexible_hz": 490.0}
+    case = Case(belief(**known, flexible_damping_ratio=ratio), age=2.5e-4)
     some = np.tile(members(case, np.zeros((1, len(NAMES) + 1))), (2000, 1))
     some[:, -2], some[:, -1] = case.age, np.linspace(1e-3, 1.05e-3, 2000)
-    assert 0.0 < found.damping_ceiling < ceilings(case, some).min()
+    assert 0.0 < decided(case).damping_ceiling < ceilings(case, some).min()
 
 
 @pytest.mark.parametrize("rigid", [False, True])
@@ -285,14 +276,13 @@ def test_no_servo_of_a_random_belief_is_unstable(rigid: bool, thorough: bool) ->
 def test_a_vibration_without_damping_has_a_limit(damping: float) -> None:
     def stiffness(ratio: float) -> float:
         found = belief(
-            inertia=Bounded.exactly(0.012),
-            damping=Bounded.exactly(damping),
-            load_inertia=Bounded.exactly(1e-4),
-            flexible_hz=Bounded.exactly(50.0),
-            flexible_damping_ratio=Bounded.exactly(ratio),
+            inertia=0.012,
+            damping=damping,
+            load_inertia=1e-4,
+            flexible_hz=50.0,
+            flexible_damping_ratio=ratio,
         )
-        request, situation = Request(1e9, 0.0, "both", 1), Situation(found, 1e-3, 4.1, 0.0)
-        return decide(request, GuardSettings(), situation, [0.0], explained=False)[0].stiffness
+        return decided(Case(found)).stiffness
 
     assert stiffness(0.0) == pytest.approx(stiffness(1e-7), rel=1e-2, abs=1e-3)
 
@@ -301,19 +291,15 @@ def test_a_vibration_without_damping_has_a_limit(damping: float) -> None:
 def test_a_servo_without_any_friction_is_not_called_stable(hz: float, lag: float) -> None:
     case = Case(
         belief(
-            inertia=Bounded.exactly(0.012),
-            damping=Bounded.exactly(0.0),
-            delay=Bounded.exactly(lag),
-            load_inertia=Bounded.exactly(3e-3),
-            flexible_hz=Bounded.exactly(hz),
-            flexible_damping_ratio=Bounded.exactly(0.0),
-        ),
-        asked=0.5,
+            inertia=0.012,
+            damping=0.0,
+            delay=lag,
+            load_inertia=3e-3,
+            flexible_hz=hz,
+            flexible_damping_ratio=0.0,
+        )
     )
-    request, situation = Request(1e9, 0.0, "both", 1), Situation(case.belief, 1e-3, 4.1, 0.0)
-    found = decide(request, GuardSettings(), situation, [0.0], explained=False)[0]
-    request = Request(1e9, 0.5 * found.damping_ceiling, "both", 1)
-    wall = decide(request, GuardSettings(), situation, [0.0], explained=False)[0]
+    wall = decided(case, 0.5 * decided(case).damping_ceiling)
     (member,) = members(case, np.zeros((1, len(NAMES) + 1)))
     assert radius(case, member, wall.stiffness, wall.damping) < 1.0 + 1e-7
 
@@ -355,17 +341,15 @@ def test_rigid_links_on_a_motor_with_a_long_velocity_difference_are_stable(
 ) -> None:
     """Friction is b T / m of the motor alone; links may be far heavier."""
     motor = belief(
-        inertia=Bounded.exactly(0.01),
-        damping=Bounded.exactly(friction * 10.0),
-        delay=Bounded.exactly(0.0),
+        inertia=0.01,
+        damping=friction * 10.0,
+        delay=0.0,
         bare=True,
     )
     inertias = 0.01 * np.geomspace(1.0, 300.0, 200)
     for age in (0.0, 1e-3, 2.5e-3):
         for share in (-0.5 * friction, 0.1, 0.6, 10.0):
-            situation = Situation(motor, 1e-3, 4.1, 0.0)
-            request = Request(1e9, share * 10.0, "both", samples)
-            wall = decide(request, GuardSettings(), situation, [age], explained=False)[0]
+            wall = decided(Case(motor, age=age, samples=samples), share * 10.0)
             loop = (1e-3, age, samples)
             assert wall.damping < max_virtual_damping(inertias, friction * 10.0, *loop).min()
             limits = critical_stiffness(inertias, friction * 10.0, wall.damping, *loop)

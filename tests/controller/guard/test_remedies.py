@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from haptic_wall.controller.guard.belief import Belief, Bounded
+from haptic_wall.controller.guard.belief import Bounded
 from haptic_wall.controller.guard.delay_parts import DelayParts
 from haptic_wall.controller.guard.limits import OneSided
 from haptic_wall.controller.guard.remedies import Wall, remedies
@@ -18,6 +17,7 @@ from haptic_wall.controller.theory import (
     linear_limit,
     one_sided_limit,
 )
+from tests.support.beliefs import belief
 
 M, B_VISCOUS, T = 0.012, 0.0117, 1e-3
 CORNER = OneSided.CORNER_ALONE
@@ -25,14 +25,7 @@ EVERY = GuardSettings(mode="off")
 
 
 def situation(**changes: Any) -> Situation:
-    belief = Belief(
-        inertia=Bounded.exactly(M),
-        damping=Bounded.exactly(B_VISCOUS),
-        coulomb=Bounded.exactly(0.0),
-        delay=Bounded.exactly(0.0),
-        torque_gain=Bounded.exactly(1.0),
-    )
-    return Situation(replace(belief, **changes), T, 4.1, 0.0)
+    return Situation(belief(**{"inertia": M, "damping": B_VISCOUS} | changes), T, 4.1, 0.0)
 
 
 def limit(m: float, b: float, t_d: float = 2e-3, one_sided: float = 1.0) -> float:

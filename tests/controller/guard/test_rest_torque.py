@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory.checks import FloatArray
 from tests.cases import sampled
+from tests.support.beliefs import belief
 
 T = 1e-3
 NOISE = 0.34
@@ -23,9 +23,8 @@ STEPS, KEPT = 4, 32
 def servo(
     inertia: float, damping: float, torque_limit: float, step: float, device: float = 0.0
 ) -> Situation:
-    m, b, c, delay, gain = map(Bounded.exactly, (inertia, damping, 0.0, device, 1.0))
-    belief = Belief(m, b, c, delay, gain)
-    return Situation(belief, T, torque_limit, step)
+    known = belief(inertia=inertia, damping=damping, delay=device)
+    return Situation(known, T, torque_limit, step)
 
 
 def one(request: Request, where: Situation, settings: GuardSettings = SETTINGS) -> Decision:

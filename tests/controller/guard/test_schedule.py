@@ -28,75 +28,62 @@ PERIOD = 1_000_000
 NO_WALL = Allowed(0.0, 0.0)
 
 
-class Ages:
-    """A schedule that is shown ages, at one tick a period."""
-
-    def __init__(self, percentile: float = 90.0) -> None:
-        gains = [Allowed(100.0 / (1 + age / 1e5), 0.0, age * 1e-9) for age in AGES]
-        table = GainTable([*gains, NO_WALL])
-        self.made = GainSchedule(table, AGES, [PERIOD], percentile, WINDOW)
-
-    def observe(self, age: int, may_raise: bool) -> bool:
-        return self.made.observe(age, PERIOD, may_raise)
-
-    def settle(self) -> None:
-        self.made.settle()
-
-    @property
-    def age_ns(self) -> int:
-        return self.made.age_ns
+def of_ages() -> GainSchedule:
+    gains = [Allowed(100.0 / (1 + age / 1e5), 0.0, age * 1e-9) for age in AGES]
+    return GainSchedule(GainTable([*gains, NO_WALL]), AGES, [PERIOD], 90.0, WINDOW)
 
 
-def test_the_percentile_is_covered_and_not_the_worst() -> None:
-    subject = Ages(percentile=90.0)
-    for k in range(WINDOW):
-        subject.observe(700_000 if k % 20 == 0 else 50_000, may_raise=True)
-    assert subject.age_ns == 100_000
-    subject = Ages(percentile=90.0)
-    for k in range(WINDOW):
-        subject.observe(700_000 if k % 5 == 0 else 50_000, may_raise=True)
-    assert subject.age_ns == 800_000
+def aged(
+    subject: GainSchedule,
+    ticks: int,
+    age: int,
+    may_raise: bool = False,
+    every: int = 1,
+    usual: int = 50_000,
+) -> list[bool]:
+    """Show an age in one tick of ``every``, else the usual one; in which ticks a bin changed."""
+    ages = [age if k % every == 0 else usual for k in range(ticks)]
+    return [subject.observe(each, PERIOD, may_raise) for each in ages]
+
+
+@pytest.mark.parametrize(("every", "covered"), [(20, 100_000), (5, 800_000)])
+def test_the_percentile_is_covered_and_not_the_worst(every: int, covered: int) -> None:
+    subject = of_ages()
+    aged(subject, WINDOW, 700_000, may_raise=True, every=every)
+    assert subject.age_ns == covered
 
 
 def test_a_run_of_high_ages_lowers_at_once() -> None:
-    subject = Ages()
-    changed = [subject.observe(350_000, may_raise=False) for _ in range(RUN)]
-    assert changed == [False] * (RUN - 1) + [True]
+    subject = of_ages()
+    assert aged(subject, RUN, 350_000) == [False] * (RUN - 1) + [True]
     assert subject.age_ns == 400_000
 
 
 def test_a_hiccup_does_not_lower() -> None:
-    subject = Ages()
-    for k in range(WINDOW * 3):
-        assert not subject.observe(800_000 if k % 60 == 0 else 0, may_raise=True)
+    changed = aged(of_ages(), WINDOW * 3, 800_000, may_raise=True, every=60, usual=0)
+    assert not any(changed)
 
 
 def test_raised_only_after_whole_windows_and_out_of_contact() -> None:
-    subject = Ages()
-    for _ in range(RUN):
-        subject.observe(800_000, may_raise=True)
+    subject = of_ages()
+    aged(subject, RUN, 800_000, may_raise=True)
     assert subject.age_ns == 800_000
-    for _ in range((RAISE_WINDOWS + 2) * WINDOW):
-        assert not subject.observe(50_000, may_raise=False), "never while touched"
-    assert subject.observe(50_000, may_raise=True)
+    assert not any(aged(subject, (RAISE_WINDOWS + 2) * WINDOW, 50_000)), "never while touched"
+    assert aged(subject, 1, 50_000, may_raise=True) == [True]
     assert subject.age_ns == 100_000
-    subject = Ages()
-    for _ in range(RUN):
-        subject.observe(800_000, may_raise=True)
-    early = [subject.observe(0, may_raise=True) for _ in range((RAISE_WINDOWS + 1) * WINDOW)]
+    subject = of_ages()
+    aged(subject, RUN, 800_000, may_raise=True)
+    early = aged(subject, (RAISE_WINDOWS + 1) * WINDOW, 0, may_raise=True)
     assert early.index(True) >= (RAISE_WINDOWS - 1) * WINDOW
 
 
 def test_a_pending_raise_does_not_survive_a_run_that_lowers() -> None:
-    subject = Ages()
-    for _ in range(RUN):
-        subject.observe(350_000, may_raise=False)
-    for _ in range((RAISE_WINDOWS + 2) * WINDOW):
-        subject.observe(50_000, may_raise=False)
-    for _ in range(RUN):
-        subject.observe(800_000, may_raise=False)
+    subject = of_ages()
+    aged(subject, RUN, 350_000)
+    aged(subject, (RAISE_WINDOWS + 2) * WINDOW, 50_000)
+    aged(subject, RUN, 800_000)
     assert subject.age_ns == 800_000
-    quick = [subject.observe(50_000, may_raise=True) for _ in range((RAISE_WINDOWS - 1) * WINDOW)]
+    quick = aged(subject, (RAISE_WINDOWS - 1) * WINDOW, 50_000, may_raise=True)
     assert not any(quick), "five whole windows after the lowering, untouched or not"
 
 
@@ -109,10 +96,9 @@ def test_the_real_bins_reach_beyond_a_pipelined_sample_and_a_loss(period_ns: int
 
 
 def test_beyond_the_last_age_and_the_last_interval_there_is_no_wall() -> None:
-    subject = Ages()
-    for _ in range(RUN):
-        subject.observe(AGES[-1] + 1, may_raise=False)
-    assert subject.made.allowed == NO_WALL
+    subject = of_ages()
+    aged(subject, RUN, AGES[-1] + 1)
+    assert subject.allowed == NO_WALL
     of_intervals = intervals()
     for pattern in ([1.0] * 34 + [16.0], [1000.0]):
         shown(of_intervals, pattern, 7000)
@@ -122,12 +108,9 @@ def test_beyond_the_last_age_and_the_last_interval_there_is_no_wall() -> None:
 
 
 def test_a_handful_of_ages_is_no_reason_for_a_stiffer_bin() -> None:
-    subject = Ages()
-    for _ in range(RUN):
-        subject.observe(350_000, may_raise=False)
-    for _ in range(WINDOW - RUN):
-        subject.observe(350_000, may_raise=False)
-    subject.observe(0, may_raise=False)
+    subject = of_ages()
+    aged(subject, WINDOW, 350_000)
+    aged(subject, 1, 0)
     subject.settle()
     assert subject.age_ns == 400_000
 
@@ -135,10 +118,9 @@ def test_a_handful_of_ages_is_no_reason_for_a_stiffer_bin() -> None:
 # The served interval
 
 
-def intervals(window: int = 1000, run: int = 50, percentile: float = 90.0) -> GainSchedule:
-    bins = interval_bins_ns(PERIOD)
+def intervals() -> GainSchedule:
     table = GainTable([*(Allowed(100.0 / k, 0.0) for k in INTERVAL_BINS), NO_WALL])
-    return GainSchedule(table, [0], bins, percentile, window, run)
+    return GainSchedule(table, [0], interval_bins_ns(PERIOD), 90.0, 1000, 50)
 
 
 def shown(

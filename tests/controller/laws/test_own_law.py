@@ -4,7 +4,6 @@ import json
 import math
 import os
 import random
-import subprocess
 import sys
 import tomllib
 from collections.abc import Mapping
@@ -18,10 +17,10 @@ from haptic_wall.controller.laws.own import OwnLaw, allow, own_law, own_table, t
 from haptic_wall.controller.laws.profile import Profile
 from haptic_wall.controller.laws.shape import Grid, LawError
 from haptic_wall.controller.settings.load import load_config
+from tests.support.program import python
 
 EXAMPLE = Path(__file__).parents[3] / "docs" / "examples" / "ridge_law"
 GRID = Grid(1e-3, math.tau / 4096)
-PROGRAM = (sys.executable, "-P", "-m", "haptic_wall.controller.cli.main")
 
 
 def install(folder: Path, project: Mapping[str, Any], *modules: Path) -> None:
@@ -44,16 +43,13 @@ def test_a_law_of_another_distribution_is_rendered(tmp_path: Path) -> None:
     folder = tmp_path / "site"
     project = tomllib.loads((EXAMPLE / "pyproject.toml").read_text())["project"]
     install(folder, project, EXAMPLE / "ridge_law.py")
-    here = os.environ.get("PYTHONPATH", "")
-    path = os.pathsep.join(filter(None, (str(folder), here)))
-    words = ["run", str(EXAMPLE / "ridge.yaml"), "--set=loop.clock=simulated", "--duration=2"]
-    done = subprocess.run(
-        [*PROGRAM, *words, "--set=wall.options.height=20", "--no-plot", "--json"],
+    path = os.pathsep.join(filter(None, (str(folder), os.environ.get("PYTHONPATH", ""))))
+    sets = "--set=loop.clock=simulated", "--set=wall.options.height=20"
+    done = python(
+        *("-P", "-m", "haptic_wall.controller.cli.main", "run", EXAMPLE / "ridge.yaml"),
+        *(*sets, "--duration=2", "--no-plot", "--json"),
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        check=True,
     )
     guard = json.loads(done.stdout)["guard"]
     assert guard["requested"]["stiffness"] == pytest.approx(20 * math.pi / 0.2, rel=1e-4)

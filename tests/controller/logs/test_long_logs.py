@@ -1,6 +1,5 @@
 """A log of hours takes no more memory than one of minutes, and says what the whole would say."""
 
-import math
 import tracemalloc
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -15,43 +14,15 @@ from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.writer import LogWriter
 from haptic_wall.controller.report import sketch
 from haptic_wall.controller.report.sketch import sketched
-from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_WARM_UP, ROW
-from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory.checks import IntArray
-from tests.typed import not_none
-
-CONFIG = load_config("simulated").config
-SERVO = CONFIG.servo
-METADATA = {"name": "a", "config": CONFIG.model_dump(mode="json")}
-STEP = math.tau / 4096
-
-
-def rows(start: int, count: int) -> NDArray[np.void]:
-    """A drift into the wall at zero; from 10 to 14 s it feeds a shaking at 12 Hz."""
-    block = np.zeros(count, ROW)
-    number = np.arange(start, start + count)
-    time = number * 1e-3
-    block["seq"], block["deadline_ns"] = number, 1_000_000 * number + 7
-    shakes = (time >= 10.0) & (time < 14.0)
-    speed = -0.05 * math.tau * 12.0 * np.sin(math.tau * 12.0 * time)
-    position = 0.002 * time + np.where(shakes, 0.05 * np.cos(math.tau * 12.0 * time), 0.0)
-    block["position"] = np.round(position / STEP) * STEP
-    # A spring that holds this inertia at 12 Hz, and what its friction takes put back.
-    spring = not_none(SERVO.inertia) * (math.tau * 12.0) ** 2
-    block["stiffness"] = spring
-    given = SERVO.damping * speed + SERVO.coulomb * np.sign(speed)
-    block["torque"] = -spring * position + np.where(shakes, given, 0.0)
-    block["flags"] = np.where(block["position"] > 0, FLAG_CONTACT, 0)
-    block["flags"][number < 200] = FLAG_WARM_UP
-    block["lateness_ns"] = 1000 + number % 700
-    block["measured_torque"] = np.nan
-    return block
+from tests.support.rows import ORIGIN_NS
+from tests.support.told_logs import metadata, rows
 
 
 def written(path: Path, count: int) -> Path:
-    with LogWriter(path, METADATA) as log:
+    with LogWriter(path, metadata()) as log:
         for start in range(0, count, 250):
-            log.append(rows(start, min(250, count - start))[:, None])
+            log.append(rows(250, start)[:, None])
     return path
 
 
@@ -84,14 +55,14 @@ def test_a_sketch_keeps_every_peak_in_little_memory(monkeypatch: pytest.MonkeyPa
 
     def blocks() -> Iterator[NDArray[np.void]]:
         for start in range(0, count, block):
-            some = rows(start, block)
+            some = rows(block, start)
             number = np.arange(start, start + block)
             some["torque"][number == 23_457] = 3.0
             some["missed"][number == 62_222] = 5
             yield some
 
     made = []
-    assert peak(lambda: made.append(sketched(blocks(), count, 7))) < 3.5  # of 16 MB
+    assert peak(lambda: made.append(sketched(blocks(), count, ORIGIN_NS))) < 3.5  # of 16 MB
     (drawn,) = made
     assert drawn.rows["torque"].max() == 3.0
     assert 62_222 in drawn.rows["seq"]

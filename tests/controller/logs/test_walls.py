@@ -20,6 +20,7 @@ from tests.support.changed_walls import ChangedRun
 from tests.support.program import Cli
 from tests.support.rows import rows_of
 
+pytestmark = pytest.mark.usefixtures("undrawn")
 METADATA: dict[str, Any] = {"config": load_config("simulated", []).config.model_dump(mode="json")}
 
 
@@ -70,7 +71,7 @@ def written(path: Path, run: ChangedRun, rows: NDArray[np.void]) -> None:
         for start in range(0, len(rows), 250):
             log.append(rows[start : start + 250, None])
             for asked in run.asked:
-                if start <= asked.row < start + 250 and asked.new is not None:
+                if start <= asked.row < start + 250:
                     log.event(event(asked.row, dict(difference(asked.before, asked.new))))
 
 

@@ -33,7 +33,6 @@ def test_what_cannot_be_held_is_refused(
     text: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    Path("file").touch()
     os.mkfifo("fifo")
     with pytest.raises(UserError) as refused:
         opened(text)

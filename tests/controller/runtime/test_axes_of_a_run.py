@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.table import read_log
@@ -19,11 +18,8 @@ from haptic_wall.controller.processes.inline import run_inline
 from haptic_wall.controller.processes.plan import LogState, Plan
 from haptic_wall.controller.processes.run import _finished_log
 from haptic_wall.controller.processes.run_report import run_report
-from haptic_wall.controller.runtime.cycle import Cycle
 from haptic_wall.controller.runtime.safety import Trip
-from haptic_wall.controller.runtime.session import run_session
 from haptic_wall.controller.runtime.session_report import all_axes
-from haptic_wall.controller.runtime.session_start import Surroundings
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
@@ -33,10 +29,11 @@ from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo
-from haptic_wall.hw.errors import ServoHealthError, UnfitServoError
-from haptic_wall.hw.servo import Bus
+from haptic_wall.hw.errors import UnfitServoError
 from haptic_wall.hw.settings import ServoSettings
 from tests.support.memory_session import run_in_memory
+from tests.support.program import Cli
+from tests.support.simulated_run import session
 
 SETS = (
     *("loop.clock=simulated", "loop.rate_hz=500", "servo.hand=none", "wall.side=both"),
@@ -49,12 +46,12 @@ NAMES = ("shoulder", "elbow", "trigger")
 TWO = ("axes={one: {servo: {id: 1}}, two: {servo: {id: 2}}}", "servo.hand=none")
 
 
-def logged(config: Config, log: Path) -> dict[str, Any]:
-    """Run half a second into a log; return the report."""
+def logged(config: Config, log: Path, **otherwise: Any) -> dict[str, Any]:
+    """Run half a second into a log, and end it so or otherwise; return the report."""
     telemetry = Telemetry.create(len(config.each))
     plan = Plan(config, 0.5, log, {"name": "a", "config": config.model_dump(mode="json")}, None)
-    ended = run_inline(plan, telemetry)
-    _finished_log(plan, ended, telemetry.words)
+    ended = replace(run_inline(plan, telemetry), **otherwise)
+    assert _finished_log(plan, ended, telemetry.words) is LogState.WHOLE
     telemetry.close()
     return run_report(config, ended, None, None)
 
@@ -86,39 +83,32 @@ def test_each_axis_runs_and_is_logged_as_if_it_were_alone(tmp_path: Path) -> Non
 
 
 def test_the_log_of_a_loop_that_died_has_the_torque_of_each_axis(tmp_path: Path) -> None:
-    config, log = load_config("simulated", SETS).config, tmp_path / "a.hwlog"
-    telemetry = Telemetry.create(len(config.each))
-    plan = Plan(config, 0.5, log, {"name": "a", "config": config.model_dump(mode="json")}, None)
-    ended = replace(run_inline(plan, telemetry), stop_reason=Trip.LOOP_DIED, result=None)
-    assert _finished_log(plan, ended, telemetry.words) is LogState.WHOLE
-    telemetry.close()
+    log = tmp_path / "a.hwlog"
+    logged(load_config("simulated", SETS).config, log, stop_reason=Trip.LOOP_DIED, result=None)
     read = LogReader.open(log)
     assert read.end is not None and read.end["torque"]["max"] > 0.0
     trigger = read.axis("trigger").end
     assert trigger is not None and trigger["torque"]["max"] == 0.0, "its law is none"
 
 
-def test_a_log_of_several_axes_is_one_table_with_their_names(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_log_of_several_axes_is_one_table_with_their_names(tmp_path: Path, cli: Cli) -> None:
     log, all_of, one_of = (tmp_path / name for name in ("a.hwlog", "a.csv", "one.csv"))
     logged(load_config("simulated", SETS).config, log)
     rows = read_log(log).rows
     assert {"time_s", "seq", "elbow.position_rad", "trigger.torque_nm"} <= set(
         rows.dtype.names or ()
     )
-    assert main(["log", str(log), "--csv", str(all_of)]) == 0
-    assert main(["log", str(log), "--axis", "elbow", "--csv", str(one_of)]) == 0
+    assert cli("log", log, "--csv", all_of).status == 0
+    assert cli("log", log, "--axis", "elbow", "--csv", one_of).status == 0
     with all_of.open() as whole, one_of.open() as part:
         pairs = list(zip(csv.DictReader(whole), csv.DictReader(part), strict=True))
     assert len(pairs) == len(rows)
     for both, own in pairs:
         assert both["elbow.position_rad"] == own["position_rad"]
         assert both["time_s"] == own["time_s"]
-    capsys.readouterr()
-    assert main(["detect", str(log)]) == 2
-    assert "--axis: found none, wanted one of shoulder, elbow, trigger" in capsys.readouterr().err
-    assert main(["detect", str(log), "--axis", "shoulder", "--stiffness", "3"]) == 0
+    refused = cli.refused("detect", log)
+    assert "--axis: found none, wanted one of shoulder, elbow, trigger" in refused
+    assert cli("detect", log, "--axis", "shoulder", "--stiffness", "3").status == 0
 
 
 def test_all_axes_count_the_longest_device_delay(tmp_path: Path) -> None:
@@ -155,24 +145,6 @@ def test_an_axis_is_decided_for_its_own_delay_too_if_that_of_another_is_longer(
     expected = logged(load_config("simulated", alone).config, tmp_path / "b.hwlog")
     assert report["axes"]["one"]["guard"]["commanded"] == expected["guard"]["commanded"]
     assert report["axes"]["one"]["torque"]["saturated_ticks"] == 0
-
-
-def test_an_error_of_the_driver_names_its_axis(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    error, run = ServoHealthError("too hot"), Cycle.run
-    error.id = 7
-
-    def hot(cycle: Cycle, *times: int) -> None:
-        if cycle.ticks == 50:
-            raise error
-        run(cycle, *times)
-
-    monkeypatch.setattr(Cycle, "run", hot)
-    sets = (*SETS, "axes.elbow.servo.id=7")
-    report = logged(load_config("simulated", sets).config, tmp_path / "a.hwlog")
-    assert (report["stop_reason"], report["stop_axis"]) == ("trip:servo_health", "elbow")
-    assert report["explanation"].startswith("elbow: ")
 
 
 @pytest.mark.parametrize(
@@ -215,23 +187,19 @@ def opened(
 
 
 def test_a_servo_that_is_refused_is_named_with_its_axis() -> None:
-    config = load_config("emulated-ideal", (*TWO, "loop.clock=simulated")).config
-
-    def opener(servos: Sequence[ServoSettings], clock: Clock, _port: int | None) -> Bus:
+    def opener(servos: Sequence[ServoSettings], clock: Clock, _port: int | None) -> DynamixelGroup:
         return opened(servos, clock, "XM430-W350", "XM540-W270")[0]
 
-    around = Surroundings(open_bus=opener)
     with pytest.raises(UnfitServoError) as refused:
-        run_session(config, SimulatedClock(), Telemetry.create(2), 0.1, surroundings=around)
+        session("emulated-ideal", *TWO, telemetry=Telemetry.create(2), opener=opener)
     assert str(refused.value).startswith("two: The servo with id 2")
     assert "set servo.model=XM540-W270" in str(refused.value)
 
 
 def test_no_further_servo_is_started_once_the_run_is_to_stop() -> None:
-    config = load_config("emulated-ideal", (*TWO, "loop.clock=simulated")).config
     telemetry, made = Telemetry.create(2), list[EmulatedServo]()
 
-    def opener(servos: Sequence[ServoSettings], clock: Clock, _port: int | None) -> Bus:
+    def opener(servos: Sequence[ServoSettings], clock: Clock, _port: int | None) -> DynamixelGroup:
         group, truths = opened(servos, clock, "XM430-W350", "XM430-W350")
         made.extend(truths)
         meet = group.servos[0].meet
@@ -243,8 +211,7 @@ def test_no_further_servo_is_started_once_the_run_is_to_stop() -> None:
         group.servos[0].meet = interrupted  # type: ignore[method-assign]
         return group
 
-    around = Surroundings(open_bus=opener)
-    result = run_session(config, SimulatedClock(), telemetry, 0.1, surroundings=around)
+    result, _ = session("emulated-ideal", *TWO, telemetry=telemetry, opener=opener)
     assert (result.stop_reason, result.torque_off) == ("interrupted", True)
     assert [one.memory["torque_enable"] for one in made] == [0, 0]
     assert made[0].memory["bus_watchdog"] > 0 == made[1].memory["bus_watchdog"], "never set up"

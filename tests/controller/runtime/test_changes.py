@@ -157,7 +157,7 @@ def test_another_law_begins_with_its_own_numbers() -> None:
         ("wall.law=detents", "wall.count=12"), ("wall.law=spring",), seconds=12.0
     )
     assert [each.row > 0 for each in run.asked] == [True, True]
-    assert run.asked[1].new is not None and run.asked[1].new.wall.count is None
+    assert run.asked[1].new.wall.count is None
     assert result.stop_reason == "duration" and result.guard is not None
     last = rows[-1]
     torque = -8.0 * last["position"] - 0.02 * last["velocity"]

@@ -53,8 +53,8 @@ def fed(
     return None
 
 
-def two_sided(stiffness: float = 0.0, clip: float = math.inf) -> Wall:
-    return Wall(stiffness, 0.0, 0.0, "both", clip)
+def two_sided(stiffness: float = 0.0) -> Wall:
+    return Wall(stiffness, 0.0, 0.0, "both")
 
 
 @pytest.mark.parametrize("sign", [1, -1])

@@ -43,11 +43,11 @@ def test_not_a_number_and_alert_trip() -> None:
     assert Safety(LIMITS).good(*reading(0.0, 1, alert=True)) is Trip.HARDWARE_ERROR
 
 
-def silent(safety: Safety, period_ms: float, share: float = 0.8) -> tuple[object, int]:
+def silent(safety: Safety, period_ms: float) -> tuple[object, int]:
     """From a good reading on all fail: when that trips, after so many [ms], and how many did."""
     safety.good(*reading(0.0, 1000))
     for count in range(1, 1000):
-        after_ms = (count + share) * period_ms
+        after_ms = (count + 0.8) * period_ms
         if safety.failed(1000 * MS + round(after_ms * MS)) is Trip.LOSSES_IN_ROW:
             return after_ms, count
     raise AssertionError("it never trips")

@@ -8,12 +8,8 @@ import pytest
 
 from haptic_wall.controller.runtime import session_result, session_start
 from haptic_wall.controller.runtime.safety import Trip
-from haptic_wall.controller.runtime.session import run_session
 from haptic_wall.controller.runtime.session_result import Result
-from haptic_wall.controller.runtime.session_start import Surroundings
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
-from haptic_wall.controller.settings.load import load_config
-from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.group import DynamixelGroup
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.errors import (
@@ -22,8 +18,7 @@ from haptic_wall.hw.errors import (
     StrangeServoError,
 )
 from haptic_wall.hw.open import open_bus
-
-CONFIG = load_config("emulated-ideal", ["loop.clock=simulated", "servo.schedule=pipelined"]).config
+from tests.support.simulated_run import session
 
 
 class Scene:
@@ -55,13 +50,13 @@ class Scene:
         self.line.read = lambda: self._read()[:0]  # type: ignore[method-assign]
 
     def run(self) -> Result:
-        return run_session(
-            CONFIG,
-            SimulatedClock(),
-            self.telemetry,
-            0.1,
-            surroundings=Surroundings(open_bus=self.opener),
-        )
+        return session(
+            "emulated-ideal",
+            "servo.schedule=pipelined",
+            duration=0.1,
+            telemetry=self.telemetry,
+            opener=self.opener,
+        )[0]
 
 
 @pytest.fixture

@@ -3,30 +3,25 @@
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from haptic_wall.controller.runtime.session import run_session
 from haptic_wall.controller.runtime.session_result import Result
-from haptic_wall.controller.runtime.session_start import Surroundings
-from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP, Telemetry, Word
-from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.checks import IntArray
-from haptic_wall.hw.clock import Clock, SimulatedClock
+from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.open import open_bus
 from haptic_wall.hw.servo import Bus
-from haptic_wall.hw.settings import ServoSettings
 from tests.cases import sampled
+from tests.support.simulated_run import Rows, session
 from tests.typed import not_none
 
 PERIOD = 1e-3
 INERTIA, DAMPING, VIRTUAL = 0.011951, 0.011692, 0.03
 TWO_SIDED = (
-    "loop.clock=simulated",
     "servo.coulomb=0",
     "servo.hand=none",
     "servo.counts_per_rev=0",
@@ -59,20 +54,14 @@ class SlowBus:
 
 def run(
     costs: Iterator[float], *sets: str, duration: float = 4.0, preset: str = "simulated"
-) -> tuple[Result, NDArray[np.void]]:
+) -> tuple[Result, Rows]:
     """A run whose ticks cost what is drawn [periods]; its result and its rows with the wall on."""
-    config = load_config(preset, [*TWO_SIDED, *sets]).config
-    telemetry = Telemetry.create()
     clock = SimulatedClock()
 
-    def opener(servos: Sequence[ServoSettings], _: Clock, port: int | None) -> Bus:
-        return cast(Bus, SlowBus(open_bus(servos, clock, port), clock, costs))
+    def opener(*arguments: Any) -> SlowBus:
+        return SlowBus(open_bus(*arguments), clock, costs)
 
-    result = run_session(
-        config, clock, telemetry, duration, surroundings=Surroundings(open_bus=opener)
-    )
-    rows = telemetry.read(0)[0][:, 0]
-    return result, rows[(rows["flags"] & FLAG_WARM_UP) == 0]
+    return session(preset, *TWO_SIDED, *sets, duration=duration, clock=clock, opener=opener)
 
 
 def always(cost: float) -> Iterator[float]:
@@ -86,7 +75,7 @@ def drawn(choices: Sequence[float], weights: Sequence[float], seed: int) -> Iter
         yield float(random.choice(choices, p=weights))
 
 
-def heights(rows: NDArray[np.void]) -> tuple[float, float]:
+def heights(rows: Rows) -> tuple[float, float]:
     """Largest distance from the wall: half a second after the start, and at the end [rad]."""
     distance = np.abs(rows["position"])
     part = len(distance) // 8
@@ -157,13 +146,17 @@ def test_what_an_elastic_clock_takes_out_is_in_the_row_all_the_same(waited: bool
                 words[Word.WAITED_NS] += 7_000_000 * waited
             return self._bus.write(torques)
 
-    def opener(servos: Sequence[ServoSettings], _: Clock, port: int | None) -> Bus:
-        return cast(Bus, Stalling(open_bus(servos, clock, port), clock, always(0.0)))
+    def opener(*arguments: Any) -> SlowBus:
+        return Stalling(open_bus(*arguments), clock, always(0.0))
 
-    config = load_config("emulated-ideal", ["loop.clock=simulated"]).config
-    around = Surroundings(open_bus=opener)
-    result = run_session(config, clock, telemetry, 0.5, surroundings=around)
-    rows = telemetry.read(0)[0][:, 0]
+    result, rows = session(
+        "emulated-ideal",
+        duration=0.5,
+        telemetry=telemetry,
+        clock=clock,
+        opener=opener,
+        warm_up=True,
+    )
     usual_ns = int(rows[690]["bus_ns"])
     assert int(rows[700]["work_ns"]) == 7_000_000 * (not waited)
     assert int(rows[700]["bus_ns"]) == usual_ns + 7_000_000 * waited
@@ -178,14 +171,16 @@ def test_a_wall_made_softer_by_slow_ticks_is_restored_after_five_windows_at_the_
     assert not_none(result.guard)["interval_s"] == pytest.approx(PERIOD)
 
 
-def test_the_report_says_what_interval_was_counted_and_why() -> None:
-    result, _ = run(always(1.5), duration=1.0)
+@pytest.mark.parametrize("profile", ["off", "best-effort"])
+def test_the_report_says_what_interval_was_counted_and_why(profile: str) -> None:
+    result, _ = run(always(1.5), f"realtime.profile={profile}", duration=2.0)
+    assert result.stop_reason == "duration"
     assert not_none(result.guard)["interval_s"] == pytest.approx(1.5 * PERIOD)
     assert any(
         "counts a period of 1.5 ms instead of 1 ms" in why
         for why in not_none(result.guard)["reasons"]
     )
-    assert any("safety.max_missed" in text for text in result.warnings)
+    assert "safety.max_missed (20%)" in result.warnings[0]
     assert math.isclose(not_none(result.delay)["total"], not_none(result.delay)["inserted"])
 
 
@@ -203,10 +198,3 @@ def test_strict_ends_the_run_where_too_many_periods_are_missed() -> None:
     assert result.message == "20.2% of the periods of 0.5 s; at most 20% is allowed"
     assert rows["torque"][-1] == 0.0
     assert len(rows) < 350, "within half a second"
-
-
-@pytest.mark.parametrize("profile", ["off", "best-effort"])
-def test_the_other_profiles_derate_and_warn(profile: str) -> None:
-    result, _ = run(always(1.5), f"realtime.profile={profile}", duration=2.0)
-    assert result.stop_reason == "duration"
-    assert "safety.max_missed (20%)" in result.warnings[0]
