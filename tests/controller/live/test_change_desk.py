@@ -35,9 +35,9 @@ class Side:
         config = load_config("simulated", ("servo.hand=none", *sets)).config
         telemetry = Telemetry.create(len(config.each))
         told: list[dict[str, Any]] = []
-        desk = ChangeDesk(config, telemetry, Offers(telemetry), told.append, lambda: side.over)
-        side = cls(desk, telemetry, Inbox(telemetry), told)
-        yield side
+        desk = ChangeDesk(config, telemetry, Offers(telemetry), told.append, lambda: made.over)
+        made = cls(desk, telemetry, Inbox(telemetry), told)
+        yield made
         telemetry.close()
 
     def change(
