@@ -13,12 +13,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from haptic_wall.controller.guard.delay_parts import SAMPLE_AGE, DelayParts
 from haptic_wall.controller.guard.evaluation import Evaluation, unstable_nominally
 from haptic_wall.controller.guard.limits import BY_NAME, evaluate, smallest
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.reasons import reasons
-from haptic_wall.controller.guard.remedies import Wall
+from haptic_wall.controller.guard.remedies import SAMPLE_AGE, Wall
 from haptic_wall.controller.guard.types import (
     Decision,
     GuardSettings,
@@ -106,18 +105,13 @@ def decide(
             inserted=inserted,
         )
         if explained:
-            parts = _parts(situation, float(before_device[i]), inserted)
+            before = float(before_device[i])
+            parts = {
+                SAMPLE_AGE: max(before - inserted, 0.0),
+                "inserted": min(inserted, before),
+                "device": situation.belief.delay.high,
+            }
             wall = Wall(request, settings, situation, parts)
             decision = replace(decision, reasons=reasons(decision, wall, work))
         decisions.append(decision)
     return decisions
-
-
-def _parts(situation: Situation, before_device: float, inserted: float) -> DelayParts:
-    """Return the parts of a delay, the device's own longest lag included."""
-    named = {
-        SAMPLE_AGE: max(before_device - inserted, 0.0),
-        "inserted": min(inserted, before_device),
-        "device": situation.belief.delay.high,
-    }
-    return DelayParts(situation.period, named)

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.guard.evaluation import count_torque
 from haptic_wall.controller.guard.limits import BY_NAME, smallest
+from haptic_wall.controller.guard.milliseconds import ms
 from haptic_wall.controller.guard.remedies import Remedy, Wall, remedies
 from haptic_wall.controller.guard.types import Decision
 from haptic_wall.controller.guard.work import Work

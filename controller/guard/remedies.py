@@ -6,25 +6,22 @@ of them another limit may bind.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from haptic_wall.controller.guard.belief import Bounded
-from haptic_wall.controller.guard.delay_parts import (
-    HOLD,
-    SAMPLE_AGE,
-    DelayParts,
-    ms,
-)
 from haptic_wall.controller.guard.evaluation import Evaluation
 from haptic_wall.controller.guard.limits import evaluate, least_of
+from haptic_wall.controller.guard.milliseconds import ms
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.guard.work import Work
 
+HOLD, SAMPLE_AGE = "hold", "sample_age"
+"""Names of the delay's parts"""
 _SHARES = np.array([0.0, *np.geomspace(1e-2, 1.0, 10)])
 """Virtual dampings that are tried, as fractions of the largest that may be commanded"""
 _WITHIN = 1e-4  # fraction of the range left out at its end, where no stiffness is allowed
@@ -41,18 +38,24 @@ class Remedy:
 
 
 class Wall(NamedTuple):
-    """A wall, its servo, and the parts of the delay, the device's own longest lag included."""
+    """A wall, its servo, and the delay it is decided for."""
 
     request: Request
     settings: GuardSettings
     situation: Situation
-    parts: DelayParts
+    parts: Mapping[str, float]
+    """The parts of t_d by name, the device's own longest lag included, each >= 0 [s]"""
+
+    @property
+    def delay(self) -> float:
+        """Return t_d, the delay without the hold [s]."""
+        return sum(self.parts.values())
 
     @property
     def corner(self) -> Plants:
         """Return the least safe corner of the belief."""
         one = Plants.at_corner(self.situation, np.zeros(1))
-        return replace(one, delay=np.array([self.parts.delay]))
+        return replace(one, delay=np.array([self.delay]))
 
 
 def remedies(wall: Wall, work: Work) -> list[Remedy]:
@@ -72,7 +75,7 @@ def remedies(wall: Wall, work: Work) -> list[Remedy]:
 
 def _changes(wall: Wall, work: Work) -> Iterator[tuple[Wall, str]]:
     """Yield the wall after each change, and the change in words."""
-    request, _, situation, parts = wall
+    request, situation = wall.request, wall.situation
     belief = situation.belief
     best = _good_damping(wall, work)
     text = f"virtual damping {best:.2g} instead of {request.damping:.3g} N·m·s/rad"
@@ -82,36 +85,34 @@ def _changes(wall: Wall, work: Work) -> Iterator[tuple[Wall, str]]:
         both = replace(request, side="both")
         yield wall._replace(request=both), "a two-sided wall, which also pulls"
     if not belief.is_known:
-        rest = max(parts.delay - belief.delay.high, 0.0)
+        rest = max(wall.delay - belief.delay.high, 0.0)
         names = ("inertia", "damping", "delay", "torque_gain")
         exact: dict[str, Any] = {
             name: Bounded.exactly(getattr(belief, name).value) for name in names
         }
         known = wall._replace(
             situation=replace(situation, belief=replace(belief, **exact)),
-            parts=replace(parts, named={"delay": rest + belief.delay.value}),
+            parts={"delay": rest + belief.delay.value},
         )
         yield known, "the servo known exactly, at its believed values"
 
 
 def _largest_part(wall: Wall) -> tuple[Wall, str]:
-    parts = wall.parts
-    name, size = parts.largest()
-    least = size / 2
-    share = f"{100 * size / parts.total:.0f} % of the total delay (period/2 + delay ="
-    share += f" {ms(parts.total)})"
+    hold = wall.situation.period / 2  # counts as delay, by the zero-order hold
+    name, size = max([*wall.parts.items(), (HOLD, hold)], key=lambda part: part[1])
+    total = hold + wall.delay
+    share = f"{100 * size / total:.0f} % of the total delay (period/2 + delay = {ms(total)})"
     if name == HOLD:
         text = f"a period of {ms(size)} instead of {ms(2.0 * size)}, half of which is"
-        faster = replace(wall.situation, period=size)
-        shorter_hold = replace(parts, period=size)
-        return wall._replace(situation=faster, parts=shorter_hold), f"{text} {share}"
+        return wall._replace(situation=replace(wall.situation, period=size)), f"{text} {share}"
     what = {
         SAMPLE_AGE: "a sample's age",
         "inserted": "an inserted delay",
         "device": "a lag of the device",
     }.get(name, f"a delay ({name})")
+    least = size / 2
     text = f"{what} of {ms(least)} instead of {ms(size)}, {share}"
-    return wall._replace(parts=replace(parts, named={**parts.named, name: least})), text
+    return wall._replace(parts={**wall.parts, name: least}), text
 
 
 def _good_damping(wall: Wall, work: Work) -> float:

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import math
 
-from haptic_wall.controller.laws.shape import Grid, LawError, Numbers, Shape
+from haptic_wall.controller.laws.shape import Grid, LawError, Shape
 
 WIDTH_COUNTS = 16.0
 """Least distance between detents [encoder counts]"""
-SNAPS = 0.05, 0.45
-"""Range of ``wall.snap``: at 0.5 the torque would jump from one side to the other"""
 
 
 class Detents(Shape):
@@ -21,7 +19,8 @@ class Detents(Shape):
 
     Args:
         width: Distance between detents [rad].
-        snap: Distance from a detent to the peak, as a fraction of the width: above 0, below 0.5.
+        snap: Distance from a detent to the peak, as a fraction of the width: above 0, below 0.5,
+            where the torque would jump from one side to the other.
     """
 
     def __init__(self, width: float, snap: float) -> None:
@@ -52,14 +51,13 @@ class Detents(Shape):
         return self._crest - 0.5 * self._fall * left * left
 
 
-def make(numbers: Numbers, grid: Grid) -> Shape:
+def make(grid: Grid, count: int | None, width: float | None, snap: float) -> Shape:
     """Make detents from ``wall.count`` or ``wall.width``, and ``wall.snap``.
 
     Raises:
-        LawError: Not exactly one of count and width is given, the snap is out of range, or the
-            encoder does not resolve the width.
+        LawError: Not exactly one of count and width is given, or the encoder does not resolve the
+            width.
     """
-    count, width = numbers.count, numbers.width
     if (count is None) == (width is None):
         found = "found nothing" if count is None else "found wall.width too"
         raise LawError("count", found, "the number of detents in a turn, or wall.width [rad]")
@@ -72,11 +70,4 @@ def make(numbers: Numbers, grid: Grid) -> Shape:
             f"found detents {width:.4g} rad apart",
             f"at least {WIDTH_COUNTS:g} encoder counts, {WIDTH_COUNTS * grid.step:.4g} rad",
         )
-    if not SNAPS[0] <= numbers.snap <= SNAPS[1]:
-        raise LawError(
-            "snap",
-            f"found {numbers.snap:g}",
-            f"a fraction of the width from {SNAPS[0]:g} to {SNAPS[1]:g}: at 0.5 the torque would "
-            "jump",
-        )
-    return Detents(width, numbers.snap)
+    return Detents(width, snap)

@@ -39,8 +39,11 @@ class EngageLimits:
 
     def room(self, stiffness: float) -> float:
         """Return the largest penetration [rad] at which a spring [N·m/rad] counts as unloaded."""
-        least = LEAST_STEPS * self.position_step
-        return max(self.torque / stiffness, least) if stiffness > 0.0 else math.inf
+        return self.most_torque(stiffness) / stiffness if stiffness > 0.0 else math.inf
+
+    def most_torque(self, stiffness: float) -> float:
+        """Return the elastic torque [N·m] up to which a spring [N·m/rad] counts as unloaded."""
+        return max(self.torque, stiffness * LEAST_STEPS * self.position_step)
 
 
 def engage_torque(asked: float | None, stall_torque: float) -> float:
@@ -121,39 +124,17 @@ def start_text(law: Law, side: str, position: float) -> str:
     """
     if law.name == NONE:
         return f"no torque is sent, the shaft is at {place_text(position)}"
-    if not law.linear:
-        return (
-            f"the law {law.name} counts from {place_text(law.position)}, "
-            f"the shaft is at {place_text(position)}"
-        )
-    away = position - law.position
-    where = "inside" if law.in_contact(position) else "outside"
-    away_text = place_text(abs(away)) + (f" {where}" if law.one_sided else " away")
-    return (
-        f"the wall ({side}) is at {place_text(law.position)}, "
-        f"the shaft at {place_text(position)}: {away_text}"
-    )
-
-
-def felt_text(stiffness: float, friction: float) -> str:
-    """Return a sentence for ``start_text``: how far inside a wall can be felt at all.
-
-    Empty where there is no wall, or no friction.
-
-    Args:
-        stiffness: Commanded [N·m/rad].
-        friction: Coulomb friction of the servo [N·m].
-    """
-    if not (stiffness > 0.0 and friction > 0.0):
-        return ""
-    return (
-        f". It can be felt from {math.degrees(friction / stiffness):.2g}° inside: nearer to its"
-        f" surface its torque is less than the servo's own friction of {friction:.2g} N·m"
-    )
+    where = f"is at {place_text(law.position)}, the shaft at {place_text(position)}"
+    return f"{_law_text(law, side)} {where}"
 
 
 def waiting_text(
-    law: Law, side: str, position: float, stiffness: float, room: float, torque_limit: float
+    law: Law,
+    side: str,
+    position: float,
+    stiffness: float,
+    limits: EngageLimits,
+    torque_limit: float,
 ) -> str:
     """Say why the wall does not come on, where the shaft is, and where it must go.
 
@@ -162,35 +143,27 @@ def waiting_text(
         side: Its side, as in the configuration.
         position: Position of the shaft [rad].
         stiffness: Stiffness that would come on [N·m/rad].
-        room: Largest penetration at which it comes on [rad].
+        limits: The criterion for its spring.
         torque_limit: Largest torque of the servo [N·m].
     """
-    away = position - law.position
-    torque = min(stiffness * abs(away), torque_limit)
-    if not law.in_contact(position) or abs(law.elongation(position)) <= room:
-        soft = f", where the wall pushes with {torque:.2g} N·m only,"
-        here = soft if law.linear and law.in_contact(position) else ""
-        return f"the wall waits until the shaft has stayed here{here} for {1e3 * REST_S:g} ms"
-    if law.name == NONE:
-        return f"no torque is sent, the shaft is at {place_text(position)}"
-    if not law.linear:
-        return (
-            f"the law {law.name} holds {1e3 * 0.5 * stiffness * law.elongation(position) ** 2:.3g}"
-            f" mJ at the shaft's position, {place_text(position)}: it comes on when the shaft has "
-            f"been turned to a position where it holds less than "
-            f"{1e3 * 0.5 * stiffness * room**2:.2g} mJ, and stays there for {1e3 * REST_S:g} ms"
-        )
+    away, room = abs(law.elongation(position)), limits.room(stiffness)
+    text = (
+        f"at {place_text(position)} {_law_text(law, side)} would push with up to "
+        f"{min(stiffness * away, torque_limit):.3g} N·m; it comes on when that has stayed below "
+        f"{limits.most_torque(stiffness):.2g} N·m for {1e3 * REST_S:g} ms"
+    )
+    if away <= room or not law.linear:
+        return text
     surface = place_text(law.position)
     goal = {
         "above": f"below {surface}",
         "below": f"above {surface}",
     }.get(side, f"to within {math.degrees(room):.2g}° of {surface}")
-    inside = "the shaft is inside the wall" if law.one_sided else "the shaft is away from the wall"
-    return (
-        f"{inside}, which would push it with {torque:.3g} N·m: it is at "
-        f"{place_text(position)}, {place_text(abs(away))} from the surface; the wall comes on when "
-        f"the shaft has been turned {goal} and stays there for {1e3 * REST_S:g} ms"
-    )
+    return f"{text}: turn the shaft {goal}"
+
+
+def _law_text(law: Law, side: str) -> str:
+    return f"the wall ({side})" if law.name == "wall" else f"the law {law.name}"
 
 
 def sign_text(law: Law, position: float, sign: int, offset: float, room: float) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from haptic_wall.controller.laws.shape import Grid, LawError, Numbers, Shape
+from haptic_wall.controller.laws.shape import Grid, Shape
 
 TRAVEL_COUNTS = 4.0
 """Least travel of the bristle before it slips [encoder counts]"""
@@ -58,12 +58,6 @@ class Friction(Shape):
         return self._torque / (TRAVEL_COUNTS * step) if step > 0.0 else math.inf
 
 
-def make(numbers: Numbers, grid: Grid) -> Shape:  # noqa: ARG001 - as every law
-    """Make friction from ``wall.friction``.
-
-    Raises:
-        LawError: It is missing.
-    """
-    if numbers.friction is None:
-        raise LawError("friction", "found nothing", "the torque at which it slips [N·m] above 0")
-    return Friction(numbers.friction)
+def make(grid: Grid, friction: float) -> Shape:  # noqa: ARG001 - as every law
+    """Make friction that slips at ``wall.friction`` [N·m]."""
+    return Friction(friction)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from haptic_wall.controller.laws.shape import Grid, Numbers, Shape
+from haptic_wall.controller.laws.shape import Grid, Shape
 
 
 class Linear(Shape):
@@ -24,11 +24,11 @@ class Linear(Shape):
         return 0.5 * self.highest_slope * away * away
 
 
-def spring(numbers: Numbers, grid: Grid) -> Shape:  # noqa: ARG001 - as every law
+def spring(grid: Grid) -> Shape:  # noqa: ARG001 - as every law
     """Make a spring; it has no numbers besides stiffness, damping and position."""
     return Linear(1.0)
 
 
-def damper(numbers: Numbers, grid: Grid) -> Shape:  # noqa: ARG001 - as every law
+def damper(grid: Grid) -> Shape:  # noqa: ARG001 - as every law
     """Make a damper; its only number is ``wall.damping``."""
     return Linear(0.0)

@@ -12,17 +12,13 @@ that a distribution registers is code that somebody has installed, and always al
 
 from __future__ import annotations
 
-import inspect
 import math
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import redirect_stdout
-from dataclasses import dataclass, field
-from functools import lru_cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from types import FunctionType
 from typing import Any, Final, Protocol
 
 from haptic_wall.controller.laws.profile import Profile
@@ -34,9 +30,12 @@ USUAL_STEP = math.tau / 4096.0
 """Distance of the table's rows where the position is not quantised [rad]"""
 MOST_COUNTS = 2**17
 """Most rows of a table"""
-_MEMBERS: Final = ("low", "high", "torque")
 _WANTED: Final = "module:Class, importable from here, with low, high and torque(position)"
 _allowed: Final[set[str]] = set()
+_tables: Final[dict[tuple[str, str, Grid], Profile]] = {}
+"""By the law's name, its options as text, and the grid; the oldest first"""
+_MOST_TABLES: Final = 8
+"""Most tables that are kept: each change of the options makes another"""
 
 
 class OwnLaw(Protocol):
@@ -71,7 +70,7 @@ def is_closed(name: str) -> bool:
 
 
 def own_law(name: str, options: Mapping[str, Any]) -> OwnLaw:
-    """Make the user's law, if it is a class with the members of one.
+    """Make the user's law, if it is a class with a ``torque``.
 
     Args:
         name: ``module:Class``, or the name of an entry point.
@@ -82,7 +81,6 @@ def own_law(name: str, options: Mapping[str, Any]) -> OwnLaw:
     """
     try:
         law: OwnLaw = _class_of(name)(**options)
-        _refuse_incomplete(name, lambda member: hasattr(law, member))
         float(law.low), float(law.high)
     except LawError:
         raise
@@ -104,28 +102,9 @@ def _class_of(name: str) -> Callable[..., OwnLaw]:
     found = _loaded(name)
     if not isinstance(found, type):
         raise LawError("law", f"found {name}, which is a {type(found).__name__}", _WANTED)
-    _refuse_incomplete(name, lambda member: _has(found, member))
+    if not hasattr(found, "torque"):
+        raise LawError("law", f"found {name} without torque", _WANTED)
     return found
-
-
-def _refuse_incomplete(name: str, has: Callable[[str], bool]) -> None:
-    missing = [each for each in _MEMBERS if not has(each)]
-    if missing:
-        raise LawError("law", f"found {name} without {' and '.join(missing)}", _WANTED)
-
-
-def _has(made: type, name: str) -> bool:
-    """Whether a class declares an attribute, or a method of it uses or sets one of this name."""
-    return any(
-        name in vars(each)
-        or name in inspect.get_annotations(each)
-        or any(
-            name in method.__code__.co_names
-            for method in vars(each).values()
-            if isinstance(method, FunctionType)
-        )
-        for each in made.__mro__
-    )
 
 
 def _loaded(name: str) -> Any:  # noqa: ANN401 - a class of the user's
@@ -151,17 +130,6 @@ def _loaded(name: str) -> Any:  # noqa: ANN401 - a class of the user's
             sys.path.remove(here)
 
 
-@dataclass(frozen=True, slots=True)
-class _Asked:
-    """The question whose answer is a table."""
-
-    name: str
-    shown: str
-    """The options as text: they cannot be hashed"""
-    grid: Grid
-    options: Mapping[str, Any] = field(compare=False)
-
-
 def own_table(name: str, options: Mapping[str, Any], grid: Grid) -> Profile:
     """Return the table of the user's law; a law is tabulated only once.
 
@@ -176,13 +144,13 @@ def own_table(name: str, options: Mapping[str, Any], grid: Grid) -> Profile:
     Raises:
         LawError: As for ``own_law`` and ``tabulated``.
     """
-    return _table(_Asked(name, repr(dict(options)), grid, options))
-
-
-@lru_cache(maxsize=8)
-def _table(asked: _Asked) -> Profile:
-    with redirect_stdout(sys.stderr):
-        return tabulated(asked.name, own_law(asked.name, asked.options), asked.grid)
+    asked = name, repr(dict(options)), grid
+    if asked not in _tables:
+        if len(_tables) == _MOST_TABLES:
+            del _tables[next(iter(_tables))]
+        with redirect_stdout(sys.stderr):
+            _tables[asked] = tabulated(name, own_law(name, options), grid)
+    return _tables[asked]
 
 
 def tabulated(name: str, law: OwnLaw, grid: Grid) -> Profile:
@@ -223,18 +191,12 @@ def _positions(name: str, law: OwnLaw, grid: Grid) -> list[float]:
 
 
 def _torque(name: str, law: OwnLaw, position: float) -> float:
+    where, wanted = f"at {position:.4g} rad", "a torque [N·m] at every position of its range"
     try:
         torque = float(law.torque(position))
     except (Exception, SystemExit) as error:
-        raise LawError(
-            "law",
-            f"found {name}, which fails at {position:.4g} rad ({type(error).__name__}: {error})",
-            "a torque [N·m] at every position of its range",
-        ) from error
+        found = f"found {name}, which fails {where} ({type(error).__name__}: {error})"
+        raise LawError("law", found, wanted) from error
     if not math.isfinite(torque):
-        raise LawError(
-            "law",
-            f"found {name}, which gives {torque} at {position:.4g} rad",
-            "a torque [N·m] at every position of its range",
-        )
+        raise LawError("law", f"found {name}, which gives {torque} {where}", wanted)
     return torque

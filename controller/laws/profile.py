@@ -6,7 +6,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from itertools import pairwise
 
-from haptic_wall.controller.laws.shape import Grid, LawError, Numbers, Shape
+from haptic_wall.controller.laws.shape import Grid, LawError, Shape
 
 ROUNDING = 1e-12
 """Torques below this fraction of the largest count as zero"""
@@ -99,12 +99,10 @@ class Profile(Shape):
         return max(0.0, self._potentials[i] + between * (away - positions[i]))
 
 
-def make(numbers: Numbers, grid: Grid) -> Shape:  # noqa: ARG001 - as every law
+def make(grid: Grid, profile: Sequence[tuple[float, float]]) -> Shape:  # noqa: ARG001 - as every law
     """Make a profile from the rows of ``wall.profile``.
 
     Raises:
-        LawError: There is no table, or it makes no law.
+        LawError: They make no law.
     """
-    if numbers.profile is None:
-        raise LawError("profile", "found nothing", "a list of [position, torque] [rad, N·m]")
-    return Profile(*zip(*numbers.profile, strict=True)) if numbers.profile else Profile([], [])
+    return Profile(*zip(*profile, strict=True)) if profile else Profile([], [])

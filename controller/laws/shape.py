@@ -75,37 +75,13 @@ class Grid:
 
 
 class Numbers(Protocol):
-    """The configured numbers of a law, or of one part of a law that is a sum."""
+    """A configured law, or one part of a law that is a sum; it has the numbers of ``LAWS`` too."""
 
     @property
     def law(self) -> str: ...  # noqa: D102
 
     @property
     def side(self) -> Side: ...  # noqa: D102
-
-    @property
-    def low(self) -> float | None: ...  # noqa: D102
-
-    @property
-    def high(self) -> float | None: ...  # noqa: D102
-
-    @property
-    def count(self) -> int | None: ...  # noqa: D102
-
-    @property
-    def width(self) -> float | None: ...  # noqa: D102
-
-    @property
-    def snap(self) -> float: ...  # noqa: D102
-
-    @property
-    def friction(self) -> float | None: ...  # noqa: D102
-
-    @property
-    def period(self) -> float | None: ...  # noqa: D102
-
-    @property
-    def profile(self) -> Sequence[tuple[float, float]] | None: ...  # noqa: D102
 
     @property
     def parts(self) -> Sequence[Part]: ...  # noqa: D102

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from haptic_wall.controller.laws import linear
-from haptic_wall.controller.laws.shape import Grid, LawError, Numbers, Shape
+from haptic_wall.controller.laws.shape import Grid, LawError, Shape
+from haptic_wall.controller.laws.wall import Side
 
 
 class Stops(Shape):
@@ -41,25 +42,19 @@ class Stops(Shape):
         return away > self._high or away < self._low
 
 
-def wall(numbers: Numbers, grid: Grid) -> Shape:
+def wall(grid: Grid, side: Side) -> Shape:
     """Make the shape of a wall on ``wall.side``, for sums; a law of its own is a ``Wall``."""
-    if numbers.side == "both":
-        return linear.spring(numbers, grid)
-    return Stops(-math.inf, 0.0) if numbers.side == "above" else Stops(0.0, math.inf)
+    if side == "both":
+        return linear.spring(grid)
+    return Stops(-math.inf, 0.0) if side == "above" else Stops(0.0, math.inf)
 
 
-def make(numbers: Numbers, grid: Grid) -> Shape:
+def make(grid: Grid, low: float, high: float) -> Shape:
     """Make the stops from ``wall.low`` and ``wall.high``.
 
     Raises:
-        LawError: An end is missing, or the free range is shorter than four encoder counts.
+        LawError: The free range is shorter than four encoder counts.
     """
-    low, high = numbers.low, numbers.high
-    for name, value in (("low", low), ("high", high)):
-        if value is None:
-            raise LawError(name, "found nothing", "the position of this end [rad]")
-    assert low is not None
-    assert high is not None
     if high <= low or high - low < RANGE_COUNTS * grid.step:
         raise LawError(
             "high",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 from haptic_wall.controller.laws import detents, friction, linear, own, profile, stops, texture
@@ -23,9 +23,12 @@ class Kind:
     """Description of how it feels, for messages"""
     numbers: tuple[str, ...]
     """Names of its numbers in the configuration"""
-    make: Callable[[Numbers, Grid], Shape]
+    make: Callable[..., Shape]
+    """Called with the grid, and the numbers by name"""
     example: Mapping[str, Any]
     """Numbers with which it acts between -0.8 and 0.8 rad, for pictures and tests"""
+    needed: Mapping[str, str] = field(default_factory=dict)
+    """Meaning of each number without which there is no such law, for messages"""
 
 
 SUM: Final = "sum"
@@ -36,6 +39,7 @@ LAWS: Final[dict[str, Kind]] = {
         ("low", "high"),
         stops.make,
         {"low": -0.5, "high": 0.3},
+        dict.fromkeys(("low", "high"), "the position of this end [rad]"),
     ),
     "spring": Kind("a spring to a centre", (), linear.spring, {}),
     "damper": Kind("viscous friction", (), linear.damper, {}),
@@ -46,14 +50,25 @@ LAWS: Final[dict[str, Kind]] = {
         {"count": 24, "snap": 0.4},
     ),
     "friction": Kind(
-        "friction that sticks and slips", ("friction",), friction.make, {"friction": 0.1}
+        "friction that sticks and slips",
+        ("friction",),
+        friction.make,
+        {"friction": 0.1},
+        {"friction": "the torque at which it slips [N·m] above 0"},
     ),
-    "texture": Kind("a grating", ("period",), texture.make, {"period": 0.1}),
+    "texture": Kind(
+        "a grating",
+        ("period",),
+        texture.make,
+        {"period": 0.1},
+        {"period": "the grating's period [rad]"},
+    ),
     "profile": Kind(
         "torque over position from a table",
         ("profile",),
         profile.make,
         {"profile": ((-0.8, 1.5), (-0.4, 2.0), (-0.1, 0.0), (0.1, 0.0), (0.6, -2.5))},
+        {"profile": "a list of [position, torque] [rad, N·m]"},
     ),
 }
 """Every law by its name in ``wall.law``, besides ``sum`` and those of users"""
@@ -89,10 +104,18 @@ def shape_of(numbers: Numbers, grid: Grid) -> Shape:
     if name == SUM:
         return _sum(numbers, grid)
     if name in LAWS:
-        return LAWS[name].make(numbers, grid)
+        return _of_kind(LAWS[name], numbers, grid)
     if ":" not in name and name not in own.registered():
         raise LawError("law", f"found {name}", f"one of {', '.join(names())}, or module:Class")
     return own.own_table(name, numbers.options, grid)
+
+
+def _of_kind(kind: Kind, numbers: Numbers, grid: Grid) -> Shape:
+    given = {number: getattr(numbers, number) for number in kind.numbers}
+    for number, wanted in kind.needed.items():
+        if given[number] is None:
+            raise LawError(number, "found nothing", wanted)
+    return kind.make(grid, **given)
 
 
 def _sum(numbers: Numbers, grid: Grid) -> Sum:

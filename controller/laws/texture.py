@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from haptic_wall.controller.laws.shape import Grid, LawError, Numbers, Shape
+from haptic_wall.controller.laws.shape import Grid, LawError, Shape
 
 PERIOD_COUNTS = 8.0
 """Least period of a grating [encoder counts]"""
@@ -41,15 +41,12 @@ class Texture(Shape):
         return self._amplitude * self._amplitude * (1.0 - math.cos(self._wave * away))
 
 
-def make(numbers: Numbers, grid: Grid) -> Shape:
+def make(grid: Grid, period: float) -> Shape:
     """Make a grating of the length ``wall.period`` [rad].
 
     Raises:
-        LawError: It is missing, or the encoder does not resolve it.
+        LawError: The encoder does not resolve it.
     """
-    period = numbers.period
-    if period is None:
-        raise LawError("period", "found nothing", "the grating's period [rad]")
     if period < PERIOD_COUNTS * grid.step:
         raise LawError(
             "period",

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 
 from haptic_wall.controller.laws.engagement import (
     REST_S,
-    felt_text,
     sign_text,
     start_text,
     waiting_text,
@@ -92,9 +91,7 @@ class WallWait:
         if math.isnan(position):
             return False
         if law.guarded:
-            stiffness = axis.gains.schedule.allowed.stiffness
-            felt = felt_text(stiffness, config.belief().coulomb.value) if law.linear else ""
-            self._tell(name + start_text(law, config.wall.acting_side, position) + felt)
+            self._tell(name + start_text(law, config.wall.acting_side, position))
         return True
 
     def _reason(self) -> tuple[str, str]:
@@ -106,16 +103,16 @@ class WallWait:
         if not self._loop.cycle.held():
             return "dead man", "the dead man is not held; the wall comes on when it is"
         stiffness = axis.gains.schedule.allowed.stiffness
-        room = axis.engagement.limits.room(stiffness)
+        limits = axis.engagement.limits
         text = waiting_text(
             axis.law,
             config.wall.acting_side,
             axis.position,
             stiffness,
-            room,
+            limits,
             axis.torque_limit,
         )
         if len(self._axes) > 1 and not axis.wall_from_start:
-            servo = config.servo
+            servo, room = config.servo, limits.room(stiffness)
             text += sign_text(axis.law, axis.position, servo.sign, servo.offset, room)
         return f"{name}place", name + text

@@ -169,10 +169,6 @@ class Lossy:
     """c >= 0 [N·m]"""
     backlash: float = 0.0
     """Between shaft and encoder, full width [rad]"""
-    excess: float = 0.0
-    """Friction that fades with the speed, at its largest [N·m]"""
-    fading: float = 1.0
-    """Speed at which it has fallen to a third, > 0 [rad/s]"""
     gear: float = 0.0
     """Fraction of the torque that adds to the friction"""
     drag: float = 0.0
@@ -253,8 +249,6 @@ def _balance(
     spring_of_damper = virtual_damping / period * difference(velocity_samples, rates)
     sine, cosine = np.sin(_TURN), np.cos(_TURN)
     speed = shaft * w[:, None] * cosine
-    faded = np.exp(-np.abs(speed) / servo.fading)
-    friction = servo.coulomb + servo.excess * faded
     coupled = servo.gear > 0.0 or servo.dead_band > 0.0
     turned = gain * shaft * np.exp(-1j * rates * (delay / period + 0.5))
     stiffness = servo.inertia * w**2
@@ -270,7 +264,7 @@ def _balance(
             passed = 1.0 - 2.0 / np.pi * (np.arcsin(share) + share * np.sqrt(1.0 - share**2))
             passed = np.maximum(passed, _LEAST)
             torque = torque - np.clip(torque, -servo.dead_band, servo.dead_band)
-        against = (friction + servo.gear * np.abs(torque)) * np.sign(cosine)
+        against = (servo.coulomb + servo.gear * np.abs(torque)) * np.sign(cosine)
         against = against + servo.drag * speed * np.abs(speed)
         lossy = servo.damping + 2.0 * np.mean(against * cosine, axis=1) / (shaft * w)
         heavy = servo.inertia - 2.0 * np.mean(against * sine, axis=1) / (shaft * w**2)

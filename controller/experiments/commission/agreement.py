@@ -13,8 +13,6 @@ from haptic_wall.controller.theory.harmonic import Lossy, kick_limit
 
 _ERRORS = 2.0
 """Standard errors within which two answers agree"""
-_TORQUES = frozenset(("excess", "drag", "dead_band"))
-"""Effects in the unit of the identified torque"""
 _KEYS = {
     **{key: key for key in ("virtual_damping", "delay_steps", "delay_s", "kick_rad", "measured")},
     **{"stderr": "uncertainty", "without_friction": "exact"},
@@ -34,7 +32,8 @@ def boundary(
     Args:
         config: Configuration with the model.
         points: Points of a sweep's report.
-        effects: Effects that were identified beside the model, by the names of ``Lossy``.
+        effects: Effects that were identified beside the model, by the names of ``Lossy``; what
+            fades with the speed is part of the belief's Coulomb friction, that of slow motion.
     """
     answers = []
     for point in points:
@@ -75,10 +74,8 @@ def expected(
     # Backlash and delay help the softest corner in their largest size.
     slack, lag = ((value, high, low) for value, low, high in (slack, lag))
     gain = belief.torque_gain.value
-    # In commanded torque. The belief's Coulomb friction is that of slow motion, which contains what
-    # fades.
-    beside = {name: size / gain if name in _TORQUES else size for name, size in effects.items()}
-    beside["excess"] = 0.0
+    units = {"gear": 1.0, "drag": gain, "dead_band": gain}
+    beside = {name: effects.get(name, 0.0) / unit for name, unit in units.items()}
     found = []
     for inertia, damping, coulomb, backlash, late in zip(m, b, c, slack, lag, strict=True):
         servo = Lossy(inertia / gain, damping / gain, coulomb / gain, backlash, **beside)

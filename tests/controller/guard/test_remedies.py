@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 
 from haptic_wall.controller.guard.belief import Bounded
-from haptic_wall.controller.guard.delay_parts import DelayParts
 from haptic_wall.controller.guard.limits import OneSided
 from haptic_wall.controller.guard.remedies import Wall, remedies
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
@@ -37,7 +36,7 @@ def limit(m: float, b: float, t_d: float = 2e-3, one_sided: float = 1.0) -> floa
 
 def test_each_remedy_is_the_limit_with_that_one_thing_changed() -> None:
     where = situation(inertia=Bounded(M, 0.01, 0.014), damping=Bounded(B_VISCOUS, 0.006, 0.02))
-    parts = DelayParts(T, {"one": 1.2e-3, "other": 0.8e-3})
+    parts = {"one": 1.2e-3, "other": 0.8e-3}
     found = remedies(Wall(Request(0.0, 0.1, "above"), EVERY, where, parts), Work())
     expected = {
         "a delay (one) of 0.6 ms": limit(0.01, 0.006, 1.4e-3, CORNER),
@@ -60,7 +59,7 @@ def test_damping_that_helps_is_found_where_little_is_asked_for() -> None:
         flexible_hz=Bounded(290.0, 168.0, 500.0),
         flexible_damping_ratio=Bounded(0.02, 0.005, 0.1),
     )
-    parts = DelayParts(T, {"one": 6e-5})
+    parts = {"one": 6e-5}
     one, other = (
         remedies(Wall(Request(0.0, damping, "above"), GuardSettings(), link, parts), Work())[0]
         for damping in (0.0, 0.06)

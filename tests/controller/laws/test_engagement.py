@@ -9,7 +9,6 @@ from haptic_wall.controller.laws.engagement import (
     EngageLimits,
     Engagement,
     engage_torque,
-    felt_text,
     sign_text,
     waiting_text,
 )
@@ -79,16 +78,19 @@ def test_the_torque_is_small_beside_the_servos(stall: float, torque: float) -> N
 
 
 def test_the_text_says_where_the_shaft_is_and_where_it_must_go() -> None:
-    two_sided = waiting_text(Wall(8.0, 0.0, 0.0, "both"), "both", 18.8, 8.0, 0.0125, 4.1)
-    assert "would push it with 4.1 N·m" in two_sided
-    assert "it is at 1077.2° (2.99 turns)" in two_sided
-    assert "turned to within 0.72° of 0.0° (0.00 turns)" in two_sided
-    below = waiting_text(Wall(8.0, 0.0, -6.3, "below"), "below", -12.6, 8.0, 0.0125, 99.0)
-    assert "would push it with 50.4 N·m" in below
-    assert "turned above -361.0° (-1.00 turns)" in below
-    for position, where in ((0.05, ", where the wall pushes with 0.06 N·m only,"), (-0.1, "")):
-        stays = waiting_text(Wall(1.2, 0.0, 0.0, "above"), "above", position, 1.2, 0.08, 0.5)
-        assert stays == f"the wall waits until the shaft has stayed here{where} for 50 ms"
+    two_sided = waiting_text(Wall(8.0, 0.0, 0.0, "both"), "both", 18.8, 8.0, LIMITS, 4.1)
+    assert two_sided == (
+        "at 1077.2° (2.99 turns) the wall (both) would push with up to 4.1 N·m; it comes on when "
+        "that has stayed below 0.1 N·m for 50 ms: turn the shaft to within 0.72° of 0.0° (0.00 "
+        "turns)"
+    )
+    below = waiting_text(Wall(8.0, 0.0, -6.3, "below"), "below", -12.6, 8.0, LIMITS, 99.0)
+    assert "would push with up to 50.4 N·m" in below
+    assert "turn the shaft above -361.0° (-1.00 turns)" in below
+    for position, torque in ((0.05, "0.06"), (-0.1, "0")):
+        stays = waiting_text(Wall(1.2, 0.0, 0.0, "above"), "above", position, 1.2, LIMITS, 0.5)
+        assert f"up to {torque} N·m" in stays
+        assert stays.endswith("below 0.1 N·m for 50 ms"), "it needs no turn"
 
 
 def test_a_sign_that_alone_puts_the_shaft_outside_is_doubted() -> None:
@@ -100,8 +102,3 @@ def test_a_sign_that_alone_puts_the_shaft_outside_is_doubted() -> None:
     assert "servo.sign=1 the shaft would be at 194.8°" in sign_text(wall, -3.1, -1, 0.15, 0.01)
     assert sign_text(wall, 2.6, 1, 4.0, 0.01) == "", "not far inside"
     assert sign_text(wall, -2.9, 1, 0.0, 0.01) == "", "inside with either sign"
-
-
-def test_the_text_says_from_where_on_a_wall_is_felt() -> None:
-    assert felt_text(1.2, 0.0128).startswith(". It can be felt from 0.61° inside")
-    assert felt_text(0.0, 0.0128) == felt_text(1.2, 0.0) == ""

@@ -180,12 +180,12 @@ def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it() -> None:
 
     def tell(text: str) -> None:
         told.append(text)
-        if "inside the wall" in text:
+        if "turn the shaft" in text:
             telemetry.words[Word.STOP] = 1
 
     sets = ["loop.warm_up_s=3", "servo.hand=lean", "servo.kick=-0.001"]
     result, rows = session("emulated-ideal", *sets, telemetry=telemetry, tell=tell, warm_up=True)
-    assert "comes on when the shaft has been turned below 0.0° (0.00 turns)" in told[-1]
+    assert "turn the shaft below 0.0° (0.00 turns)" in told[-1]
     assert (result.stop_reason, result.ticks) == ("interrupted", 0)
     assert rows["position"][-1] > 0.0
     assert not np.any(rows["torque"])
