@@ -201,7 +201,7 @@ def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset: str, turns: 
     assert len(rows) >= 1000
     assert not rows["torque"].any()
     assert (result.stop_reason, result.ticks, result.wall_came_on) == ("duration", 0, False)
-    assert "turned to within 0.72° of 0.0° (0.00 turns)" in result.waited_for
+    assert "turn the shaft to within 0.72° of 0.0° (0.00 turns)" in result.waited_for
     assert f"({turns:.2f} turns)" in told[-2] and f"({turns:.2f} turns)" in told[-1]
 
 
