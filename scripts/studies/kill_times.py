@@ -59,7 +59,7 @@ AFTER_S = 1.5
 on"""
 GONE_S = 6.0
 """How long processes of a run may outlive it [s]"""
-ATTEMPTS = 5
+ATTEMPTS = 12
 """A run that a stall of the machine has ended before the fault came is begun again"""
 
 
