@@ -60,7 +60,7 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
         "explanation": explanation(ended, config.servo),
         "wall_came_on": bool(result.get("wall_came_on")),
         "waited_for": result.get("waited_for") or None,
-        "no_stiffness": no_stiffness(result),
+        "no_stiffness": no_stiffness(result, ended.stop_reason == End.INTERRUPTED),
         "torque_off": ended.torque_off,
         "servo_checks": result.get("checks", []),
         "realtime": ended.realtime,
@@ -79,11 +79,13 @@ def _of_another_servo(config: Config) -> Iterator[str]:
             yield f"{f'{name}: ' if name else ''}{unlike}: {UNLIKE_ADVICE}"
 
 
-def no_stiffness(result: dict[str, Any]) -> str | None:
+def no_stiffness(result: dict[str, Any], interrupted: bool) -> str | None:
     """Describe the walls that were requested and were commanded no stiffness; None: there are none.
 
     Args:
         result: The loop's result.
+        interrupted: A person has ended the run. A wall that late ticks have just faded out, without
+            a limit that binds it, is then none of these.
     """
     texts = []
     for name, part in (result.get("axes") or {"": result}).items():
@@ -91,7 +93,8 @@ def no_stiffness(result: dict[str, Any]) -> str | None:
         if guard is None:
             continue
         asked, given = guard["requested"]["stiffness"], guard["commanded"]["stiffness"]
-        if given < min(asked, NO_STIFFNESS):
+        fades = interrupted and not guard["binding"]
+        if given < min(asked, NO_STIFFNESS) and not fades:
             limit = f", limited by {guard['binding']}" if guard["binding"] else ""
             of = f"{name}: " if name else ""
             texts.append(f"{of}the guard commands {given:.2g} of {asked:.4g} N·m/rad{limit}")

@@ -7,7 +7,12 @@ from typing import cast
 import pytest
 
 from haptic_wall.controller.processes.plan import Ended
-from haptic_wall.controller.processes.run_report import explanation, run_report, warnings_of
+from haptic_wall.controller.processes.run_report import (
+    explanation,
+    no_stiffness,
+    run_report,
+    warnings_of,
+)
 from haptic_wall.controller.runtime.safety import End, Trip
 from haptic_wall.controller.runtime.statistics import RunStatistics
 from haptic_wall.controller.settings.load import load_config
@@ -123,3 +128,12 @@ def test_a_belief_of_another_servo_is_warned_of() -> None:
         ended = Ended(End.DURATION, RunStatistics(), 10, 0, result={"torque_off": True})
         told = run_report(config, ended, None, None)["warnings"]
         assert [f"a bare {model} has at least" in text for text in told] == [True] * warned
+
+
+def test_a_wall_that_a_stall_fades_out_as_the_run_is_interrupted_had_stiffness() -> None:
+    asked, none = {"stiffness": 8.0}, {"stiffness": 0.0}
+    faded = {"guard": {"requested": asked, "commanded": none, "binding": None}}
+    limited = {"guard": {"requested": asked, "commanded": none, "binding": "exact"}}
+    assert no_stiffness(faded, interrupted=True) is None
+    assert no_stiffness(faded, interrupted=False) is not None
+    assert no_stiffness(limited, interrupted=True) is not None
