@@ -22,14 +22,14 @@ from haptic_wall.controller.system.json_text import plain
 from haptic_wall.controller.system.printable import printable
 
 Command = TypeVar("Command", bound=Callable[..., Any])
-_JSON, _ANSWERED = "json", "answered"
-_state = {_JSON: False, _ANSWERED: False}
-"""Whether the command has ``--json``, and whether it has answered: once only"""
+_JSON = "json"
+_state = {_JSON: False}
+"""Whether the command has ``--json``; ``interrupt.due`` is whether it still owes its only answer"""
 
 
 def begin(json: bool) -> None:
     """Note whether ``--json`` is given, and that nothing is printed yet."""
-    _state.update({_JSON: json, _ANSWERED: False})
+    _state[_JSON] = interrupt.due = json
 
 
 def config_argument(
@@ -138,7 +138,6 @@ def say(text: str) -> None:
 
 def put(text: str) -> None:
     """Print a text on standard output; a reader that leaves early is no error."""
-    _state[_ANSWERED] = True
     interrupt.due = False
     try:
         with aside():
@@ -158,7 +157,7 @@ def answer(report: Mapping[str, Any], text: Callable[[], str]) -> None:
 
 def answer_error(error: Mapping[str, Any]) -> None:
     """Print an error's object where ``--json`` is given and no answer has been printed."""
-    if wants_json() and not _state[_ANSWERED]:
+    if interrupt.due:
         put(as_json(error))
 
 

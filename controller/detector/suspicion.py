@@ -29,8 +29,7 @@ def suspected(seen: Regularity, settings: WatchSettings) -> bool:
     regular = seen.steady
     if seen.size >= settings.threshold:
         last = seen.motion.last
-        regular = seen.repeats or saturates(last, settings.torque_limit)
-        regular = regular or seen.races
+        regular = seen.repeats or saturates(last, settings.torque_limit) or seen.races
     return regular and seen.motion.gain > TUNING.least_gain
 
 

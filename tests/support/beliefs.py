@@ -1,4 +1,4 @@
-"""What the guard believes of a servo: a number is known exactly."""
+"""Builds beliefs of the guard; a plain number stands for a value that is known exactly."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ from haptic_wall.controller.guard.belief import Belief, Bounded
 
 
 def belief(**given: Any) -> Belief:
-    """A belief of these values; without Coulomb friction and lag, and of gain 1, if not given."""
+    """Return a belief of these values; friction and lag are 0 and the gain is 1 by default."""
     fields: dict[str, Any] = {"coulomb": 0.0, "delay": 0.0, "torque_gain": 1.0} | given
     for name, value in fields.items():
         if isinstance(value, float):

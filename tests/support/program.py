@@ -116,7 +116,7 @@ def children(pid: int) -> dict[str, int]:
 
 
 def wait_for(condition: Callable[[], T | None], what: str, timeout_s: float = 60.0) -> T:
-    """What a condition gives when it holds; it must do so in time."""
+    """Wait until a condition holds, and return its result; fail if it takes too long."""
     end = time.monotonic() + timeout_s
     while time.monotonic() < end:
         if result := condition():
