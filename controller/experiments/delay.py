@@ -24,7 +24,7 @@ from haptic_wall.controller.experiments.identify.identification import (
     bounds_of,
 )
 from haptic_wall.controller.experiments.testbed import Played
-from haptic_wall.controller.guard.milliseconds import ms
+from haptic_wall.controller.milliseconds import ms
 from haptic_wall.controller.runtime.assembly import AGE_PERCENTILE
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory.checks import IntArray

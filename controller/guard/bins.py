@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
-from haptic_wall.controller.guard.milliseconds import ms
 from haptic_wall.controller.guard.plants import is_heavy
 from haptic_wall.controller.guard.schedule import IRREGULAR_CAP, inserted_delays, served_range
 from haptic_wall.controller.guard.work import Work
+from haptic_wall.controller.milliseconds import ms
 
 _OLDER = 1.1
 """Ratio of the mean delays of two ages that are decided, where not every age is [1]"""

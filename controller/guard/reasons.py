@@ -11,10 +11,10 @@ import numpy as np
 
 from haptic_wall.controller.guard.evaluation import count_torque
 from haptic_wall.controller.guard.limits import BY_NAME, smallest
-from haptic_wall.controller.guard.milliseconds import ms
 from haptic_wall.controller.guard.remedies import Remedy, Wall, remedies
 from haptic_wall.controller.guard.types import Decision
 from haptic_wall.controller.guard.work import Work
+from haptic_wall.controller.milliseconds import ms
 
 _MOST = 4
 """Largest number of reasons; the best remedies are kept, at least two."""

@@ -15,10 +15,10 @@ import numpy as np
 from haptic_wall.controller.guard.belief import Bounded
 from haptic_wall.controller.guard.evaluation import Evaluation
 from haptic_wall.controller.guard.limits import evaluate, least_of
-from haptic_wall.controller.guard.milliseconds import ms
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.guard.work import Work
+from haptic_wall.controller.milliseconds import ms
 
 HOLD, SAMPLE_AGE = "hold", "sample_age"
 """Names of the delay's parts"""

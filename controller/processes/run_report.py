@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any
 
 from haptic_wall.controller.processes.plan import Ended, LogState
 from haptic_wall.controller.runtime.safety import (
@@ -17,13 +17,11 @@ from haptic_wall.controller.runtime.safety import (
     emulator_late,
     stall_advice,
 )
+from haptic_wall.controller.runtime.statistics import RunStatistics
 from haptic_wall.controller.settings.axes_rules import UNLIKE_ADVICE, unlike_model
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.servo import Servo
 from haptic_wall.hw.errors import Problem
-
-NO_STIFFNESS: Final = 1e-6
-"""Below this, a commanded stiffness [N·m/rad] is none: a turn of the shaft gives no torque"""
 
 
 def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) -> dict[str, Any]:
@@ -60,7 +58,7 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
         "explanation": explanation(ended, config.servo),
         "wall_came_on": bool(result.get("wall_came_on")),
         "waited_for": result.get("waited_for") or None,
-        "no_stiffness": no_stiffness(result, ended.stop_reason == End.INTERRUPTED),
+        "no_stiffness": no_stiffness(result, statistics),
         "torque_off": ended.torque_off,
         "servo_checks": result.get("checks", []),
         "realtime": ended.realtime,
@@ -79,25 +77,27 @@ def _of_another_servo(config: Config) -> Iterator[str]:
             yield f"{f'{name}: ' if name else ''}{unlike}: {UNLIKE_ADVICE}"
 
 
-def no_stiffness(result: dict[str, Any], interrupted: bool) -> str | None:
-    """Describe the walls that were requested and were commanded no stiffness; None: there are none.
+def no_stiffness(result: dict[str, Any], statistics: RunStatistics) -> str | None:
+    """Describe the walls that were to have stiffness and had none for most of their time.
 
     Args:
         result: The loop's result.
-        interrupted: A person has ended the run. A wall that late ticks have just faded out, without
-            a limit that binds it, is then none of these.
+        statistics: Of the run's rows.
+
+    Returns:
+        None: there are none.
     """
     texts = []
-    for name, part in (result.get("axes") or {"": result}).items():
+    for index, (name, part) in enumerate((result.get("axes") or {"": result}).items()):
+        acted, limp = statistics.acted[index], statistics.limp[index]
         guard = part.get("guard")
-        if guard is None:
+        if guard is None or not guard["requested"]["stiffness"] or 2 * limp <= acted:
             continue
-        asked, given = guard["requested"]["stiffness"], guard["commanded"]["stiffness"]
-        fades = interrupted and not guard["binding"]
-        if given < min(asked, NO_STIFFNESS) and not fades:
-            limit = f", limited by {guard['binding']}" if guard["binding"] else ""
-            of = f"{name}: " if name else ""
-            texts.append(f"{of}the guard commands {given:.2g} of {asked:.4g} N·m/rad{limit}")
+        of = f"{name}: " if name else ""
+        time = "" if limp == acted else f" for {100 * limp / acted:.3g} % of the time"
+        limit = f", limited by {guard['binding']}" if guard["binding"] else ""
+        asked = guard["requested"]["stiffness"]
+        texts.append(f"{of}the guard commanded 0 of {asked:.4g} N·m/rad{time}{limit}")
     return "; ".join(texts) or None
 
 

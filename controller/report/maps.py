@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from haptic_wall.controller.experiments.maps.maps import CriticalMap
-from haptic_wall.controller.guard.milliseconds import ms
+from haptic_wall.controller.milliseconds import ms
 from haptic_wall.controller.report import style
 from haptic_wall.controller.theory.checks import FloatArray
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.result import PointResult
-from haptic_wall.controller.guard.milliseconds import ms
+from haptic_wall.controller.milliseconds import ms
 from haptic_wall.controller.report import style
 from haptic_wall.controller.theory.checks import FloatArray
 

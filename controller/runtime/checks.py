@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from math import isfinite, isnan
 from typing import Final, Literal
 
-from haptic_wall.controller.guard.milliseconds import ms
 from haptic_wall.controller.laws.wall import Law
+from haptic_wall.controller.milliseconds import ms
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.settings.shares import DRIVEN_SHARE
 from haptic_wall.hw.servo import JUMP_SPEED, Facts, Outcome

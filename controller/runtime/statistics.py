@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.runtime.telemetry import FLAG_SATURATED, FLAG_WARM_UP
+from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_SATURATED, FLAG_WARM_UP
 from haptic_wall.hw.servo import Outcome
 
 _PER_OCTAVE = 64
 _BINS = _PER_OCTAVE * 48
+_NO_STIFFNESS = 1e-6
+"""Below this, a commanded stiffness [N·m/rad] is none: a turn of the shaft gives no torque"""
 _LEAST_NS = 16.0
 """Times below this [ns] share one bin: no clock here resolves them."""
 
@@ -65,6 +67,8 @@ class RunStatistics:
     Attributes:
         max_torque: Of each axis [N·m], shape (axes,).
         saturated: Ticks in which the torque of each axis was limited, shape (axes,).
+        acted: Ticks in which the wall of each axis was on, shape (axes,).
+        limp: Those of them in which it had no stiffness, shape (axes,).
     """
 
     def __init__(self, axes: int = 1) -> None:
@@ -73,7 +77,7 @@ class RunStatistics:
         self.bus = TimeStatistics()
         self.age = TimeStatistics()
         self.max_torque = np.zeros(axes)
-        self.saturated = np.zeros(axes, np.int64)
+        self.saturated, self.acted, self.limp = np.zeros((3, axes), np.int64)
         self.rows = 0
         self.unread = 0
         """Rows that were overwritten before they were read."""
@@ -97,8 +101,11 @@ class RunStatistics:
         self.bus.add(ticks["bus_ns"][after_first])
         self.age.add(rows["age_ns"][on[:, None] & (rows["outcome"] == Outcome.OK)])
         self.max_torque = np.maximum(self.max_torque, np.abs(rows["torque"][on]).max(axis=0))
-        saturated = (rows["flags"][on] & FLAG_SATURATED) != 0
-        self.saturated += np.count_nonzero(saturated, axis=0)
+        flags = rows["flags"][on]
+        acted = flags & FLAG_OFF == 0
+        self.saturated += np.count_nonzero(flags & FLAG_SATURATED, axis=0)
+        self.acted += np.count_nonzero(acted, axis=0)
+        self.limp += np.count_nonzero(acted & (rows["stiffness"][on] < _NO_STIFFNESS), axis=0)
 
     def torque(self, axis: int | None = None) -> dict[str, Any]:
         """Return the report's part on the torque of an axis; None: the largest of all."""

@@ -196,5 +196,5 @@ def test_a_requested_wall_without_stiffness_is_no_success(
     assert (found, report["stop_reason"], report["wall_came_on"]) == (status, "duration", True)
     assert (report["no_stiffness"] is not None) == (status == 3)
     first = report_text(report, brief=True).replace("\n", " ")
-    assert ("THE WALL HAS NO STIFFNESS: the guard commands 0 of 8" in first) == (status == 3)
+    assert ("THE WALL HAS NO STIFFNESS: the guard commanded 0 of 8" in first) == (status == 3)
     assert ("ended as planned" in first) == (status == 0)

@@ -66,7 +66,7 @@ REPORT_KEYS: Final[Mapping[str, str]] = {
     "explanation": "meaning and remedy of a trip",
     "wall_came_on": "whether the wall came on",
     "waited_for": "the condition that a wall waited for which never came on",
-    "no_stiffness": "why the guard commanded no stiffness at the end; null: it commanded some",
+    "no_stiffness": "why a wall had no stiffness for most of its time; null: it had some",
     "torque_off": "loop or supervisor read torque off back",
     "servo_checks": "start-up checks: `name`, `ok`, `found`, `wanted`, `fix`",
     "realtime": "real-time settings: the same keys",

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from haptic_wall.controller.experiments.maps.maps import MapQuestion, critical_map
 from haptic_wall.controller.experiments.maps.servo import MapSettings
-from haptic_wall.controller.guard.milliseconds import ms
+from haptic_wall.controller.milliseconds import ms
 from haptic_wall.controller.report import maps as map_plot
 from haptic_wall.controller.report import style
 from haptic_wall.controller.settings.load import load_config

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.runtime.statistics import RunStatistics, TimeStatistics
-from haptic_wall.controller.runtime.telemetry import FLAG_SATURATED, FLAG_WARM_UP, ROW
+from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_SATURATED, FLAG_WARM_UP, ROW
 
 
 def test_percentiles_agree_with_numpy() -> None:
@@ -41,3 +41,13 @@ def test_a_run() -> None:
     assert statistics.rows == 5
     assert statistics.torque() == {"max": 2.0, "saturated_ticks": 0}
     assert statistics.lateness.as_report(50)["max"] == 1.0
+
+
+def test_which_walls_had_no_stiffness_while_they_were_on() -> None:
+    rows = np.zeros((10, 2), dtype=ROW)
+    rows["flags"][:3] = FLAG_WARM_UP
+    rows["flags"][3:5, 0] = FLAG_OFF
+    rows["stiffness"][6:, 0] = 4.0
+    statistics = RunStatistics(2)
+    statistics.add(rows)
+    assert (statistics.acted.tolist(), statistics.limp.tolist()) == ([5, 7], [1, 7])
