@@ -12,6 +12,7 @@ import contextlib
 import json
 import math
 import random
+import signal
 import statistics
 import subprocess
 import sys
@@ -60,7 +61,9 @@ on"""
 GONE_S = 6.0
 """How long processes of a run may outlive it [s]"""
 ATTEMPTS = 12
-"""A run that a stall of the machine has ended before the fault came is begun again"""
+"""A run that a stall of the machine has ended before the fault came is begun again ..."""
+AT_ONCE_S = 0.015
+"""... and so is one whose fault took longer: of several signals, with a stall between them [s]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +85,7 @@ class Hit:
 
 
 def one_fault(fault: Fault, folder: Path) -> Hit | None:
-    """One run with a fault; None: it ended by itself before."""
+    """One run with a fault; None: it ended by itself before, or the fault took too long."""
     record = folder / "witness.csv"
     with emulated_bus("--record", record, *with_sets(TRUTH)) as bus:
         arguments = ["xm430-w350", "--plot", str(folder / "run.png")]
@@ -96,6 +99,8 @@ def one_fault(fault: Fault, folder: Path) -> Hit | None:
                 return None
             struck_s = time.monotonic()
             fault.inject(struck)
+            if time.monotonic() - struck_s > AT_ONCE_S:
+                return None
             stall_ms = sleep(fault.later_s)
             fault.then(struck)
             time.sleep(AFTER_S)
@@ -189,6 +194,7 @@ def cases(given: Given) -> list[tuple[str, int]]:
 def hit(case: tuple[str, int]) -> Hit:
     """Inject a fault into a run; one that ends before it is begun again."""
     name, _ = case
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # not ignored by the run, if it is by a nohup
     for _ in range(ATTEMPTS):  # each in a folder of its own: a run overwrites nothing
         with tempfile.TemporaryDirectory() as folder:
             found = one_fault(NAMED[name], Path(folder))
