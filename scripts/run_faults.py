@@ -46,6 +46,8 @@ class Target:
     pids: dict[str, int] = field(default_factory=dict)
     words: memoryview | None = None
     """The control words, which outlive the run here"""
+    loop_struck_s: float = 0.0
+    """When the loop got its first signal [s]: of several, a stall may come between two; 0: none"""
 
     def find(self) -> bool:
         """Look for its processes; whether all are there."""
@@ -66,6 +68,8 @@ class Target:
     def send(self, number: signal.Signals, *names: str) -> None:
         """Send a signal to some of its processes."""
         for name in names:
+            if name == "loop":
+                self.loop_struck_s = self.loop_struck_s or time.monotonic()
             with contextlib.suppress(ProcessLookupError):
                 os.kill(self.pids[name], number)
 
