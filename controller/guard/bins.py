@@ -10,9 +10,10 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
+from haptic_wall.controller.guard.guard import decide
 from haptic_wall.controller.guard.plants import is_heavy
 from haptic_wall.controller.guard.schedule import IRREGULAR_CAP, inserted_delays, served_range
+from haptic_wall.controller.guard.types import Decision, GuardSettings, Request, Situation
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.milliseconds import ms
 

@@ -18,24 +18,9 @@ from haptic_wall.controller.guard.limits import BY_NAME, evaluate, smallest
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.reasons import reasons
 from haptic_wall.controller.guard.remedies import SAMPLE_AGE, Wall
-from haptic_wall.controller.guard.types import (
-    Decision,
-    GuardSettings,
-    Mode,
-    Request,
-    Situation,
-)
+from haptic_wall.controller.guard.types import Decision, GuardSettings, Request, Situation
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.theory.checks import not_negative
-
-__all__ = [
-    "Decision",
-    "GuardSettings",
-    "Mode",
-    "Request",
-    "Situation",
-    "decide",
-]
 
 
 def decide(

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from haptic_wall.controller.guard.belief import Belief
 from haptic_wall.controller.laws.wall import Side
-from haptic_wall.controller.theory.velocity_filter import VelocityFilter
+
+if TYPE_CHECKING:
+    from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 Mode = Literal["stable", "passive", "off"]
 

@@ -20,7 +20,8 @@ from scipy.linalg import expm
 from scipy.optimize import differential_evolution
 
 from haptic_wall.controller.guard.belief import Belief, Bounded, vibration
-from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation, decide
+from haptic_wall.controller.guard.guard import decide
+from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.servos import SERVOS

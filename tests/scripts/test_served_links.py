@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.guard.bins import Bins
-from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation
 from haptic_wall.controller.guard.schedule import interval_bins_ns, served_range
+from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from scripts.guard_links import NAMES, PERIOD, Members, chain_of, drawn, growth, inside
 
 TRUTHS = 300

@@ -12,11 +12,11 @@ import numpy as np
 from haptic_wall.controller.experiments.holding import sample_age, torque_limit_of
 from haptic_wall.controller.guard.decision_report import decision_report
 from haptic_wall.controller.guard.evaluation import Evaluation
-from haptic_wall.controller.guard.guard import Situation, decide
+from haptic_wall.controller.guard.guard import decide
 from haptic_wall.controller.guard.limits import evaluate, least_of
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.schedule import age_bins_ns
-from haptic_wall.controller.guard.types import Decision, GuardSettings, Request
+from haptic_wall.controller.guard.types import Decision, GuardSettings, Request, Situation
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory.checks import FloatArray
 

@@ -15,7 +15,8 @@ from haptic_wall.controller.detector.backstop import Shared
 from haptic_wall.controller.detector.settings import WatchSettings
 from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.guard.belief import Belief, Bounded
-from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation, decide
+from haptic_wall.controller.guard.guard import decide
+from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.laws.wall import SIGNS, Side, Wall
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.servos import SERVOS

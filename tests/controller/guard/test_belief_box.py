@@ -7,9 +7,10 @@ import pytest
 
 from haptic_wall.controller.guard.belief import Bounded
 from haptic_wall.controller.guard.evaluation import Evaluation
-from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation, decide
+from haptic_wall.controller.guard.guard import decide
 from haptic_wall.controller.guard.limits import evaluate, least_of, smallest
 from haptic_wall.controller.guard.plants import Box, Plants
+from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.theory import (
     max_virtual_damping,
     one_sided_limit,

@@ -15,16 +15,16 @@ import pytest
 from haptic_wall.controller.guard.belief import Bounded, vibration
 from haptic_wall.controller.guard.bins import Bins
 from haptic_wall.controller.guard.decision_report import assumed, decision_report
-from haptic_wall.controller.guard.guard import (
+from haptic_wall.controller.guard.guard import decide
+from haptic_wall.controller.guard.schedule import interval_bins_ns
+from haptic_wall.controller.guard.types import (
+    WITHIN,
     Decision,
     GuardSettings,
     Mode,
     Request,
     Situation,
-    decide,
 )
-from haptic_wall.controller.guard.schedule import interval_bins_ns
-from haptic_wall.controller.guard.types import WITHIN
 from haptic_wall.controller.theory import (
     critical_stiffness,
     max_virtual_damping,

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.guard.belief import Belief, Bounded
-from haptic_wall.controller.guard.guard import (
+from haptic_wall.controller.guard.guard import decide
+from haptic_wall.controller.guard.types import (
+    OF_ENCODER,
     Decision,
     GuardSettings,
     Request,
     Situation,
-    decide,
 )
-from haptic_wall.controller.guard.types import OF_ENCODER
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory import max_virtual_damping
 from tests.support.beliefs import belief

@@ -12,8 +12,8 @@ import pytest
 from scipy.optimize import differential_evolution
 
 from haptic_wall.controller.guard.belief import LIGHTEST, Belief, Bounded, vibration
-from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
-from haptic_wall.controller.guard.types import WITHIN
+from haptic_wall.controller.guard.guard import decide
+from haptic_wall.controller.guard.types import WITHIN, Decision, GuardSettings, Request, Situation
 from haptic_wall.controller.theory import (
     critical_stiffness,
     max_virtual_damping,
