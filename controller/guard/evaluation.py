@@ -8,14 +8,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.guard.fast_vibration import fast_ceiling, fast_limit, formulas_from
+from haptic_wall.controller.guard.fast_vibration import (
+    UNBOUND,
+    fast_ceiling,
+    fast_limit,
+    formulas_from,
+)
 from haptic_wall.controller.guard.flexible import LinkLimits
 from haptic_wall.controller.guard.link_servos import slices
 from haptic_wall.controller.guard.plants import LIGHT, Box, Plants
@@ -27,8 +32,6 @@ from haptic_wall.controller.theory.chain import one_mass
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.one_sided_table import one_sided_limit_tabulated
 
-UNBOUND = 1e12
-"""Stands for no limit at all [N·m/rad]"""
 _REGULAR = 1.01
 """Served interval up to which it is the period itself [periods]"""
 WIDE, SLOWLY_SAMPLED = 2.0, 0.25
@@ -71,7 +74,7 @@ class Evaluation:
         self._asked = asked
         self._key = (
             (request.side, request.velocity_samples, request.velocity_filter),
-            (situation.belief, situation.period, situation.inserted, situation.served),
+            (situation.belief, situation.period, situation.inserted[0], situation.served),
             *(getattr(corners, field.name).tobytes() for field in fields(corners)),
         )
 
@@ -112,7 +115,7 @@ class Evaluation:
                 belief,
                 request.velocity_samples,
                 request.velocity_filter,
-                situation.inserted,
+                situation.inserted[0],
                 situation.served,
                 self.fast_from,
                 self.work,
@@ -171,9 +174,29 @@ class Evaluation:
 
     @cached_property
     def encoder_damping(self) -> FloatArray:
-        """Return ``encoder_damping`` of the corners [N·m·s/rad]."""
-        period, rigid = self.corners.period, self.rigid_ceiling
-        return encoder_damping(self.request, self.settings, self.situation, period, rigid)
+        """Return the damping at which one encoder count commands the most that it may.
+
+        A loop with a fraction a of its damping ceiling amplifies the noise of its encoder, and a
+        count is weighed by 1/(1 - a²). The rms of the torque at rest then stays below the share,
+        with up to 0.34 counts rms of noise before the rounding (0.03° at 4096 counts: data sheet of
+        the AS5045).
+
+        Returns:
+            Of positive and negative damping [N·m·s/rad]; inf without an encoder step.
+        """
+        situation = self.situation
+        if situation.position_step == 0 or math.isinf(situation.torque_limit):
+            return np.full_like(self.corners.gain, math.inf)
+        ceiling = self.rigid_ceiling
+        alone = self.most_of_count / count_torque(self.request, situation)
+        # the root B of B / (1 - (B / ceiling)²) = alone
+        found: FloatArray = 2.0 * alone * ceiling / (ceiling + np.hypot(ceiling, 2.0 * alone))
+        return found
+
+    @property
+    def most_of_count(self) -> float:
+        """Return the torque that one encoder count may command [N·m]."""
+        return self.settings.quantisation_share * self.situation.torque_limit
 
     @property
     def _wanted(self) -> FloatArray:
@@ -258,82 +281,16 @@ class Evaluation:
         return of_members[:: self.box.size]
 
 
-def count_torque(request: Request, situation: Situation, period: FloatArray) -> FloatArray:
+def count_torque(request: Request, situation: Situation) -> float:
     """Return the torque of one encoder count through a damping of 1 N·m·s/rad [N·m].
 
     Args:
         request: The wall: its velocity samples, and its filter.
         situation: The encoder step, and the shortest interval between samples.
-        period: Period of each plant [s].
     """
     n, filtered = request.velocity_samples, request.velocity_filter
     peak = 1.0 if filtered is None else filtered.peak(n)
-    found: FloatArray = peak * situation.position_step / (n * np.minimum(period, situation.sampled))
-    return found
-
-
-def encoder_damping(
-    request: Request,
-    settings: GuardSettings,
-    situation: Situation,
-    period: FloatArray,
-    ceiling: FloatArray,
-) -> FloatArray:
-    """Return the damping at which one count commands ``quantisation_share`` of the torque limit.
-
-    A loop with a fraction a of its damping ceiling amplifies the noise of its encoder, and a count
-    is weighed by 1/(1 - a²). The rms of the torque at rest then stays below the share, with up to
-    0.34 counts rms of noise before the rounding (0.03° at 4096 counts: data sheet of the AS5045).
-
-    Args:
-        request: The wall: its velocity samples, and its filter.
-        settings: The fraction of the torque limit.
-        situation: The torque limit and the encoder step.
-        period: Period of each plant [s].
-        ceiling: Of a rigid servo [N·m·s/rad].
-
-    Returns:
-        Of positive and negative damping [N·m·s/rad]; inf without an encoder step.
-    """
-    if situation.position_step == 0 or math.isinf(situation.torque_limit):
-        return np.full_like(period, math.inf)
-    allowed = settings.quantisation_share * situation.torque_limit
-    alone = allowed / count_torque(request, situation, period)
-    # the root B of B / (1 - (B / ceiling)²) = alone
-    found: FloatArray = 2.0 * alone * ceiling / (ceiling + np.hypot(ceiling, 2.0 * alone))
-    return found
-
-
-def quantisation_limit(
-    request: Request,
-    settings: GuardSettings,
-    situation: Situation,
-    damping: FloatArray,
-    period: FloatArray,
-    ceiling: FloatArray,
-) -> FloatArray:
-    """Return the stiffness at which one count commands ``quantisation_share`` of the torque limit.
-
-    The damper's part is weighed by 1/(1 - a²)², a the fraction of the ceiling: a spring near its
-    own limit amplifies the noise again. Arguments are those of ``encoder_damping``, and the
-    commanded ``damping`` [N·m·s/rad].
-
-    Returns:
-        [N·m/rad]
-    """
-    magnitude = np.abs(damping)
-    by_damper = magnitude * count_torque(request, situation, period)
-    left = np.ones_like(by_damper)
-    np.divide(magnitude, ceiling, out=left, where=ceiling > magnitude)
-    left = np.where(magnitude > 0.0, 1.0 - left**2, 1.0) ** 2
-    allowed = settings.quantisation_share * situation.torque_limit * left - by_damper
-    found: FloatArray = np.divide(
-        np.maximum(allowed, 0.0),
-        left * situation.position_step,
-        out=np.zeros_like(left),
-        where=left > 0.0,
-    )
-    return found
+    return peak * situation.position_step / (n * min(situation.period, situation.sampled))
 
 
 def unstable_nominally(
@@ -346,7 +303,8 @@ def unstable_nominally(
         situation: The belief.
         before_device: Delay without the device's own lag [s].
     """
-    p = Plants.nominal(situation, before_device)
+    nominal = replace(situation, belief=situation.belief.nominal)
+    p = Plants.at_corner(nominal, before_device)
     acting = p.gain * request.damping
     if request.stiffness > 0:
         unstable: NDArray[np.bool_] = p.gain * request.stiffness >= _critical(p, request, acting)

@@ -11,13 +11,13 @@ passivity at a shorter delay. These limits are therefore the least over members 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from haptic_wall.controller.guard.belief import Belief
 from haptic_wall.controller.guard.types import Request, Situation
-from haptic_wall.controller.theory.checks import FloatArray, IntArray
+from haptic_wall.controller.theory.checks import FloatArray
 
 LIGHT = 0.1
 """Largest b T / m at which the least damping is the least safe; the table also ends there."""
@@ -61,28 +61,6 @@ class Plants:
             period=situation.period * one,
             delay=before_device + belief.delay.high,
         )
-
-    @classmethod
-    def nominal(cls, situation: Situation, before_device: FloatArray) -> Plants:
-        """Return the plants of the nominal values, without bounds.
-
-        Args:
-            situation: The belief and the period.
-            before_device: Delay without the device's own lag [s].
-        """
-        one = np.ones_like(before_device)
-        belief = situation.belief
-        return cls(
-            inertia=belief.inertia.value * one,
-            damping=belief.damping.value * one,
-            gain=belief.torque_gain.value * one,
-            period=situation.period * one,
-            delay=before_device + belief.delay.value,
-        )
-
-    def take(self, index: IntArray) -> Plants:
-        """Return the plants at ``index``."""
-        return Plants(*(getattr(self, f.name)[index] for f in fields(self)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -413,11 +413,6 @@ class GainSchedule:
         """Return the sample age of the present bin [ns]."""
         return self._ages[min(self._age.bin, len(self._ages) - 1)]
 
-    @property
-    def interval_ns(self) -> int:
-        """Return the interval that the present bin uses as the period [ns]."""
-        return self._intervals[min(self._interval.bin, len(self._intervals) - 1)]
-
     def observe(self, age_ns: int, interval_ns: int, may_raise: bool) -> bool:
         """Count one tick; return whether the gains changed.
 

@@ -281,9 +281,8 @@ class Config(Sections):
 
     def _of_law(self, ask: Callable[[Numbers, Grid], Made], step: float | None) -> Made:
         """Return the result of ``ask`` with the configured numbers of the law."""
-        counts = self.servo.counts_per_rev
         if step is None:
-            step = math.tau / counts if counts else 0.0
+            step = self.servo.position_step
         try:
             return ask(self.wall, Grid(self.period_s, step))
         except LawError as error:

@@ -54,7 +54,7 @@ def gains(side: Side) -> tuple[float, float]:
     friction, lag = exactly(SERVO.damping), exactly(DELAY)
     belief = Belief(exactly(SERVO.inertia), friction, exactly(0.0), lag, exactly(1.0))
     at = Situation(belief, PERIOD, LIMIT, COUNT)
-    found = decide(Request(1e9, 0.06, side), GuardSettings(), at, [0.0], explained=False)[0]
+    found = decide(Request(1e9, 0.06, side), GuardSettings(), at, [0.0])[0]
     return found.stiffness, found.damping
 
 
