@@ -37,7 +37,7 @@ RUN_S = 0.05
 """Duration of such a run at high rates [s]. Shorter runs may be ignored: within them even a wall at
 twice its limit oscillates only a few per cent more."""
 SETTLE = 50
-"""Number of ages that is enough to settle the schedule at the start."""
+"""Number of ages that is enough to settle the schedule in a lower bin at the start."""
 RAISE_WINDOWS = 5
 """Consecutive windows that must allow a lower bin before it is taken."""
 AT_ONCE = 0.9
@@ -125,15 +125,13 @@ class BinFilter:
         percentile: Percentile of a window that the bin must cover [%].
         window: Observations in a window.
         run: Consecutive observations above the bin that lower the gains at once.
-        settle: Observations that ``settle`` needs before it takes a lower bin.
     """
 
-    def __init__(self, bins: int, percentile: float, window: int, run: int, settle: int) -> None:
+    def __init__(self, bins: int, percentile: float, window: int, run: int) -> None:
         self._counts = [0] * bins
         self._percent_above = 100.0 - percentile
         self._window = window
         self._run_length = run
-        self._settle = settle
         self._seen = 0
         self._run = 0
         self._run_bin = 0
@@ -165,7 +163,7 @@ class BinFilter:
         """Take the bin of the observations so far, higher or lower, and restart."""
         if self._seen:
             found = self._percentile_bin()
-            self.bin = found if self._seen >= self._settle else max(found, self.bin)
+            self.bin = found if self._seen >= SETTLE else max(found, self.bin)
         self._restart_window()
         self._run = self._raise_windows = 0
 
@@ -395,7 +393,7 @@ class GainSchedule:
     ) -> None:
         self._ages = ages_ns
         self._intervals = intervals_ns
-        self._age = BinFilter(len(ages_ns) + 1, percentile, window, run, SETTLE)
+        self._age = BinFilter(len(ages_ns) + 1, percentile, window, run)
         period_ns = intervals_ns[0]
         self._interval = ServedInterval(intervals_ns, run * period_ns, window * period_ns)
         self._beyond = len(ages_ns) * len(intervals_ns)

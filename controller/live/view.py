@@ -80,7 +80,7 @@ class View:
         self._hello = {
             "kind": "hello",
             "name": name,
-            "channels": [*CHANNELS, *(f"{other}.position_rad" for other in source.others)],
+            "channels": CHANNELS,
             "rate_hz": config.loop.rate_hz,
             "capacity": source.capacity,
             "recorded": recorded,
@@ -236,10 +236,9 @@ class View:
     def look(self, most: int) -> None:
         """Process the new rows, at most ``most`` of them."""
         origin_ns = self.source.origin_ns()
-        all_rows, tail = self.source.read(self._tail, most)
-        if not origin_ns or not len(all_rows):
+        rows, tail = self.source.read(self._tail, most)
+        if not origin_ns or not len(rows):
             return
-        rows = all_rows[:, 0]
         self._tail = tail
         self.add(self._finder.look(rows, origin_ns))
         position = rows["position"][np.isfinite(rows["position"])]
@@ -331,7 +330,7 @@ class View:
     def _wall(self) -> dict[str, Any]:
         data = self.config.model_dump(mode="json")
         # Several axes share a delay, which cannot be changed: no knob.
-        steps = None if self.source.others else data["delay"]["steps"]
+        steps = data["delay"]["steps"] if self.source.alone else None
         return {"wall": data["wall"], "delay_steps": steps, "travel": data["safety"]["travel"]}
 
 
