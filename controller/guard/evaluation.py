@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable
-from dataclasses import fields, replace
+from dataclasses import fields
 from functools import cached_property
 from typing import TypeVar
 
@@ -90,8 +90,10 @@ class Evaluation:
     @cached_property
     def _ceilings(self) -> FloatArray:
         """Return the ceiling of each member, in acting units [N·m·s/rad]."""
-        members = self._members
-        return self.work.once(("rigid", self._key), lambda: _ceiling(members, self.request))
+        p, request = self._members, self.request
+        servo, filtered = one_mass(p.inertia, p.damping), request.velocity_filter
+        loop = (p.period, p.delay, request.velocity_samples)
+        return self.work.once(("rigid", self._key), lambda: chain_ceiling(*servo, *loop, filtered))
 
     @cached_property
     def vibration(self) -> FloatArray:
@@ -293,26 +295,6 @@ def count_torque(request: Request, situation: Situation) -> float:
     return peak * situation.position_step / (n * min(situation.period, situation.sampled))
 
 
-def unstable_nominally(
-    request: Request, situation: Situation, before_device: FloatArray
-) -> NDArray[np.bool_]:
-    """Whether the requested wall is unstable for the nominal belief without friction.
-
-    Args:
-        request: The requested wall.
-        situation: The belief.
-        before_device: Delay without the device's own lag [s].
-    """
-    nominal = replace(situation, belief=situation.belief.nominal)
-    p = Plants.at_corner(nominal, before_device)
-    acting = p.gain * request.damping
-    if request.stiffness > 0:
-        unstable: NDArray[np.bool_] = p.gain * request.stiffness >= _critical(p, request, acting)
-        return unstable
-    runs_away: NDArray[np.bool_] = (acting < -p.damping) | (acting >= _ceiling(p, request))
-    return runs_away
-
-
 def _critical(plants: Plants, request: Request, acting: FloatArray) -> FloatArray:
     """Return the critical stiffness of rigid servos at an acting damping, in acting units."""
     loop = (acting, plants.period, plants.delay, request.velocity_samples)
@@ -320,9 +302,3 @@ def _critical(plants: Plants, request: Request, acting: FloatArray) -> FloatArra
     found = chain_boundary(*servo, *loop, request.velocity_filter).stiffness
     bounded: FloatArray = np.minimum(found, UNBOUND)
     return bounded
-
-
-def _ceiling(plants: Plants, request: Request) -> FloatArray:
-    """Return the damping above which no rigid servo is stable, in acting units."""
-    loop = (plants.period, plants.delay, request.velocity_samples)
-    return chain_ceiling(*one_mass(plants.inertia, plants.damping), *loop, request.velocity_filter)

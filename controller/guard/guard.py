@@ -9,15 +9,17 @@ damping, longest delay, highest torque gain.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from haptic_wall.controller.guard.evaluation import Evaluation, unstable_nominally
+from haptic_wall.controller.guard.evaluation import Evaluation
 from haptic_wall.controller.guard.limits import BY_NAME, evaluate, smallest
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.types import Decision, GuardSettings, Request, Situation
 from haptic_wall.controller.guard.work import Work
-from haptic_wall.controller.theory.checks import not_negative
+from haptic_wall.controller.theory.checks import FloatArray, not_negative
 
 
 def decide(
@@ -47,11 +49,9 @@ def decide(
     corner = Plants.at_corner(situation, before_device)
     at = Evaluation(request, settings, situation, corner, work=work)
     every = evaluate(at)
-    alone = (
-        unstable_nominally(request, situation, before_device)
-        if settings.mode == "off"
-        else np.zeros(before_device.size, dtype=np.bool_)
-    )
+    alone = np.zeros(before_device.size, dtype=np.bool_)
+    if settings.mode == "off":
+        alone = _unstable_nominally(request, settings, situation, before_device)
     decisions = []
     for i, delay in enumerate(corner.delay.tolist()):
         limits: dict[str, float | None] = dict.fromkeys(BY_NAME)
@@ -80,3 +80,17 @@ def decide(
             )
         )
     return decisions
+
+
+def _unstable_nominally(
+    request: Request, settings: GuardSettings, situation: Situation, before_device: FloatArray
+) -> NDArray[np.bool_]:
+    """Whether the requested wall is unstable for the nominal belief without friction."""
+    nominal = replace(situation, belief=situation.belief.nominal)
+    p = Plants.at_corner(nominal, before_device)
+    at = Evaluation(request, settings, nominal, p)
+    if request.stiffness > 0:
+        unstable: NDArray[np.bool_] = request.stiffness >= at.at_corner(at.exact)
+        return unstable
+    runs_away: NDArray[np.bool_] = at.damping < -p.damping / p.gain
+    return runs_away | (at.damping >= at.rigid_ceiling)
