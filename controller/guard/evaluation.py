@@ -103,7 +103,7 @@ class Evaluation:
             return rigid
         found = rigid
         for link in self.links:
-            found = np.minimum(found, link.ceiling(p.period, p.delay))
+            found = np.minimum(found, link.ceiling(p.delay))
         if belief.flexible_hz.high >= self.fast_from:
             found = np.minimum(found, fast_ceiling(belief, self.fast_hz, rigid, self._periods[0]))
         return found
@@ -113,15 +113,7 @@ class Evaluation:
         """Return the limits of the believed load on its transmission, where no formula counts."""
         situation, request = self.situation, self.request
         return [
-            LinkLimits(
-                belief,
-                request.velocity_samples,
-                request.velocity_filter,
-                situation.inserted[0],
-                situation.served,
-                self.fast_from,
-                self.work,
-            )
+            LinkLimits(belief, request, situation, self.fast_from, self.work)
             for belief in slices(situation.belief)
             if belief.flexible_hz.low < self.fast_from
         ]

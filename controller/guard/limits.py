@@ -223,7 +223,7 @@ class Flexible:
         belief = situation.belief
         found = np.full_like(at.damping, UNBOUND)
         for link in at.links:
-            found = np.minimum(found, link.stiffness(p.period, p.delay, at.damping))
+            found = np.minimum(found, link.stiffness(p.delay, at.damping))
         if belief.flexible_hz.high >= at.fast_from:
             found = np.minimum(found, at.fast_stiffness)
             if belief.is_light and belief.flexible_hz.low >= at.fast_from:
