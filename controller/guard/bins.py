@@ -13,8 +13,8 @@ from dataclasses import dataclass, field, replace
 from haptic_wall.controller.guard.guard import decide
 from haptic_wall.controller.guard.plants import is_heavy
 from haptic_wall.controller.guard.reasons import explain
-from haptic_wall.controller.guard.schedule import IRREGULAR_CAP, inserted_delays, served_range
-from haptic_wall.controller.guard.types import Decision, GuardSettings, Request, Situation
+from haptic_wall.controller.guard.schedule import IRREGULAR_CAP
+from haptic_wall.controller.guard.types import WITHIN, Decision, GuardSettings, Request, Situation
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.milliseconds import ms
 
@@ -53,7 +53,7 @@ class Bins:
 
     def decide_interval(self, index: int) -> list[Decision]:
         """Decide for all ages at a bin of the interval."""
-        settings, situation = self._at(index)
+        settings, situation = self.at(index)
         ages = self._decided_ages(index)
         delays = [situation.inserted[1] + age * 1e-9 for age in ages]
         found = decide(self.request, settings, situation, delays, self.work)
@@ -64,7 +64,7 @@ class Bins:
         at, age = divmod(index, len(self.ages_ns))
         if at == len(self.intervals_ns):
             return self._beyond(self.explained(index - 1))
-        return explain(self.decide_interval(at)[age], *self._at(at), self.work)
+        return explain(self.decide_interval(at)[age], *self.at(at), self.work)
 
     def _beyond(self, last: Decision) -> Decision:
         """Return the decision for what is older or longer than every bin."""
@@ -77,16 +77,24 @@ class Bins:
         )
         return replace(last, stiffness=0.0, damping=0.0, binding=None, reasons=(text,))
 
-    def _at(self, index: int) -> tuple[GuardSettings, Situation]:
-        """Return settings and situation in a bin of the interval."""
-        settings, situation, period = self.settings, self.situation, self.situation.period
-        served = served_range(self.intervals_ns, index)
-        interval = period
+    def at(self, index: int) -> tuple[GuardSettings, Situation]:
+        """Return settings and situation in a bin of the interval.
+
+        A torque leaves the ring of the inserted delay in the first tick that is at least ``steps``
+        periods of the grid later. Where ticks lie anywhere between the points of the grid, that is
+        up to an interval later than the last point before.
+        """
+        settings, situation, intervals = self.settings, self.situation, self.intervals_ns
+        interval = period = situation.period
+        shortest, longest = 1.0, WITHIN if situation.belief.is_flexible else 1.0
         if index > 0:
-            interval = self.intervals_ns[index] * 1e-9
+            interval = intervals[index] * 1e-9
+            shortest = WITHIN * intervals[index - 1] / intervals[index]
             settings = replace(settings, damping_cap=IRREGULAR_CAP * settings.damping_cap)
-        covered = served if situation.belief.is_flexible else (served[0], 1.0)
-        inserted = inserted_delays(self.steps, period, interval, covered)
+        inserted = (0.0, 0.0)
+        if self.steps:
+            inserted = (self.steps * period, (self.steps - 1) * period + longest * interval)
+        served = shortest, WITHIN
         return settings, replace(
             situation, period=interval, sampled=period, served=served, inserted=inserted
         )
@@ -95,7 +103,7 @@ class Bins:
         """Return the ages that get a decision of their own [ns]; the last is one of them."""
         if index == 0 and not is_heavy(self.situation, self.request.velocity_samples):
             return list(self.ages_ns)
-        situation = self._at(index)[1]
+        _, situation = self.at(index)
         before = 0.5 * situation.period + situation.inserted[1] + situation.belief.delay.high
         some: list[int] = []
         for age in reversed(self.ages_ns):

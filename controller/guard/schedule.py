@@ -85,38 +85,6 @@ def interval_bins_ns(period_ns: int, flexible: bool = False) -> list[int]:
     return [round(each * period_ns) for each in (LINK_BINS if flexible else INTERVAL_BINS)]
 
 
-def served_range(intervals_ns: Sequence[int], index: int) -> tuple[float, float]:
-    """Return the shortest and the longest interval that a bin covers, over its upper end.
-
-    Args:
-        intervals_ns: The upper ends of the bins, the period first [ns].
-        index: Index of the bin.
-    """
-    if index == 0:
-        return 1.0, WITHIN
-    return WITHIN * intervals_ns[index - 1] / intervals_ns[index], WITHIN
-
-
-def inserted_delays(
-    steps: int, period: float, interval: float, served: tuple[float, float]
-) -> tuple[float, float]:
-    """Return the shortest and the longest mean delay of the ring over the intervals of a bin [s].
-
-    A torque leaves the ring in the first tick that is at least ``steps`` periods of the grid later.
-    Where ticks lie anywhere between the points of the grid, that is up to an interval later than
-    the last point before.
-
-    Args:
-        steps: Length of the ring [periods].
-        period: Period of the grid [s].
-        interval: Upper end of the bin [s].
-        served: As of ``served_range``.
-    """
-    if not steps:
-        return 0.0, 0.0
-    return steps * period, (steps - 1) * period + served[1] * interval
-
-
 class BinFilter:
     """Picks one bin from a sequence of observed bins: lowers at once on a run, raises slowly.
 

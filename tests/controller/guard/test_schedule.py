@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from haptic_wall.controller.guard.bins import Bins
 from haptic_wall.controller.guard.schedule import (
     INTERVAL_BINS,
     RAISE_WINDOWS,
@@ -16,11 +17,11 @@ from haptic_wall.controller.guard.schedule import (
     GainSchedule,
     GainTable,
     age_bins_ns,
-    inserted_delays,
     interval_bins_ns,
-    served_range,
 )
+from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.laws.delay import DelayRing
+from tests.support.beliefs import belief
 
 AGES = [0, 100_000, 200_000, 400_000, 800_000]
 WINDOW = 100
@@ -239,10 +240,13 @@ def test_in_the_long_run_no_interval_counts_as_shorter_than_it_is(seed: int) -> 
 @pytest.mark.parametrize("index", [0, 1, 4, 6])
 def test_the_delay_of_the_ring_lies_in_the_range_that_a_bin_counts(steps: int, index: int) -> None:
     """Ticks at a regular interval, with the ring itself: each pushes its own instant."""
-    bins = interval_bins_ns(PERIOD)
-    served = served_range(bins, index)
-    low, high = (share * bins[index] / PERIOD for share in served)
-    least, most = inserted_delays(steps, 1.0, bins[index] / PERIOD, served)
+    edges = interval_bins_ns(PERIOD)
+    link = belief(inertia=0.01, damping=0.01, load_inertia=0.001, flexible_hz=40.0)
+    where = Situation(link, PERIOD * 1e-9, 4.1, 0.0)
+    bins = Bins(Request(0.0, 0.0, "both"), GuardSettings(), where, steps, [0], edges)
+    _, there = bins.at(index)
+    low, high = (share * edges[index] / PERIOD for share in there.served)
+    least, most = (delay / where.period for delay in there.inserted)
     random = np.random.default_rng(1)
     for interval in random.uniform(low, high, 7).tolist():
         ring, waits, before = DelayRing(steps), [], -1
