@@ -71,7 +71,7 @@ class Evaluation:
         self.corners = corners
         self.work = Work() if work is None else work
         self._simulated = exact
-        self._asked = asked
+        self._wanted = np.full_like(corners.gain, request.damping) if asked is None else asked
         self._key = (
             (request.side, request.velocity_samples, request.velocity_filter),
             (situation.belief, situation.period, situation.inserted[0], situation.served),
@@ -192,21 +192,14 @@ class Evaluation:
         """Return the torque that one encoder count may command [N·m]."""
         return self.settings.quantisation_share * self.situation.torque_limit
 
-    @property
-    def _wanted(self) -> FloatArray:
-        if self._asked is not None:
-            return self._asked
-        return np.full_like(self.corners.gain, self.request.damping)
-
     @cached_property
     def damping(self) -> FloatArray:
         """Return the damping that may be commanded at each corner [N·m·s/rad]."""
         p, settings = self.corners, self.settings
-        asked = self._wanted
         if settings.mode == "off":
-            return asked
+            return self._wanted
         cap = settings.damping_cap
-        found = np.minimum(asked, cap * self.ceiling)
+        found = np.minimum(self._wanted, cap * self.ceiling)
         found = np.where(found <= -p.damping / p.gain, -cap * p.damping / p.gain, found)
         most = OF_ENCODER * self.encoder_damping
         return np.clip(found, -most, most) + 0.0
