@@ -23,7 +23,7 @@ from haptic_wall.controller.guard.fast_vibration import (
 )
 from haptic_wall.controller.guard.flexible import LinkLimits
 from haptic_wall.controller.guard.link_servos import slices
-from haptic_wall.controller.guard.plants import LIGHT, Box, Plants
+from haptic_wall.controller.guard.plants import LIGHT, Plants, members
 from haptic_wall.controller.guard.types import OF_ENCODER, GuardSettings, Request, Situation
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.theory import one_sided_limit
@@ -108,7 +108,7 @@ class Evaluation:
             found = np.minimum(found, fast_ceiling(belief, self.fast_hz, rigid, self._periods[0]))
         return found
 
-    @property
+    @cached_property
     def links(self) -> list[LinkLimits]:
         """Return the limits of the believed load on its transmission, where no formula counts."""
         situation, request = self.situation, self.request
@@ -206,11 +206,6 @@ class Evaluation:
 
     # Members of the belief around each corner
 
-    @cached_property
-    def box(self) -> Box:
-        """Return the members to evaluate around each corner."""
-        return Box.of(self.situation, self.request)
-
     @property
     def exact(self) -> FloatArray:
         """Return the critical stiffness of each member [N·m/rad]."""
@@ -230,8 +225,8 @@ class Evaluation:
 
     @cached_property
     def _exact_acting(self) -> FloatArray:
-        members, acting = self._members, self._acting
-        return self.once("exact", lambda: _critical(members, self.request, acting))
+        p, acting = self._members, self._acting
+        return self.once("exact", lambda: _critical(p, self.request, acting))
 
     @cached_property
     def _one_sided_acting(self) -> FloatArray:
@@ -252,20 +247,25 @@ class Evaluation:
 
     @cached_property
     def _members(self) -> Plants:
-        return self.box.around(self.corners)
+        return members(self.corners, self.situation, self.request)
+
+    @property
+    def size(self) -> int:
+        """Return the number of members around each corner."""
+        return self._members.gain.size // self.corners.gain.size
 
     @property
     def _acting(self) -> FloatArray:
-        return self._members.gain * np.repeat(self.damping, self.box.size)
+        return self._members.gain * np.repeat(self.damping, self.size)
 
     def least(self, of_members: FloatArray) -> FloatArray:
         """Return the least value over the members of each corner."""
-        found: FloatArray = of_members.reshape(-1, self.box.size).min(axis=1)
+        found: FloatArray = of_members.reshape(-1, self.size).min(axis=1)
         return found
 
     def at_corner(self, of_members: FloatArray) -> FloatArray:
         """Return the value at each corner itself."""
-        return of_members[:: self.box.size]
+        return of_members[:: self.size]
 
 
 def count_torque(request: Request, situation: Situation) -> float:

@@ -94,7 +94,7 @@ class OneSided:
 
     def stiffness(self, at: Evaluation) -> FloatArray:
         """Return a fraction of the least of the members."""
-        share = self.BETWEEN_MEMBERS if at.box.size > 1 else self.CORNER_ALONE
+        share = self.BETWEEN_MEMBERS if at.size > 1 else self.CORNER_ALONE
         if at.situation.belief.is_known:
             share = 1.0
         return share * at.least(at.one_sided)
