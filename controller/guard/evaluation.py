@@ -171,9 +171,9 @@ class Evaluation:
         """Return the damping at which one encoder count commands the most that it may.
 
         A loop with a fraction a of its damping ceiling amplifies the noise of its encoder, and a
-        count is weighed by 1/(1 - a²). The rms of the torque at rest then stays below the share,
-        with up to 0.34 counts rms of noise before the rounding (0.03° at 4096 counts: data sheet of
-        the AS5045).
+        count is weighed by 1/(1 - a²). The rms of the torque at rest then stays below
+        ``most_of_count``, with up to 0.34 counts rms of noise before the rounding (0.03° at 4096
+        counts: data sheet of the AS5045).
 
         Returns:
             Of positive and negative damping [N·m·s/rad]; inf without an encoder step.
