@@ -10,8 +10,8 @@ import numpy as np
 
 from haptic_wall.controller.guard.belief import HEAVIEST, Belief, Bounded
 from haptic_wall.controller.guard.bins import Bins
-from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation
-from haptic_wall.controller.guard.schedule import interval_bins_ns, served_range
+from haptic_wall.controller.guard.schedule import interval_bins_ns
+from haptic_wall.controller.guard.types import Decision, GuardSettings, Request, Situation
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.chain import Chain, sampled, two_masses
@@ -304,15 +304,17 @@ def outcome(case: Search) -> list[Box]:
     asked, found = of_ceiling * possible, []
     edges = interval_bins_ns(round(PERIOD * 1e9), flexible=True)
 
-    def decided(side: Side, index: int) -> Decision:
+    def walls(side: Side) -> Bins:
         request = Request(1e9, asked, side, velocity_filter=filtered)
         where = GuardSettings(), Situation(belief, PERIOD, 4.1, 0.0)
-        bins = Bins(request, *where, late, [round(age * 1e9)], edges)
-        return bins.decide_interval(index)[0]
+        return Bins(request, *where, late, [round(age * 1e9)], edges)
+
+    def decided(side: Side, index: int) -> Decision:
+        return walls(side).decide_interval(index)[0]
 
     for index in (0, int(random.integers(1, len(edges)))):
         wall = decided("both", index)
-        low, high = (share * edges[index] * 1e-9 for share in served_range(edges, index))
+        low, high = (share * edges[index] * 1e-9 for share in walls("both").at(index)[1].served)
 
         def members(shares: FloatArray, ends: tuple[float, float] = (low, high)) -> Members:
             interval = ends[0] + shares[:, -1] * (ends[1] - ends[0])

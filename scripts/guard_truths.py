@@ -161,7 +161,7 @@ def asked(shares: FloatArray, side: Side) -> Asked:
     situation = Situation(belief, PERIOD, base.stall_torque, COUNT)
     age = 1e-4 + 1.1e-3 * u["age"]
     request = Request(1e6, base.most_damping * u["virtual_damping"] ** 2, side)
-    (decision,) = decide(request, GuardSettings(margin=MARGIN), situation, [age], explained=False)
+    (decision,) = decide(request, GuardSettings(margin=MARGIN), situation, [age])
     return Asked(base, situation, decision, age)
 
 

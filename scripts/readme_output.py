@@ -36,8 +36,9 @@ from typing import Any
 from haptic_wall.controller.cli.main import COMMANDS
 from haptic_wall.controller.cli.main import main as haptic_wall
 from haptic_wall.controller.errors import EXIT_STATUSES
-from haptic_wall.controller.guard.guard import Decision, Situation, decide
+from haptic_wall.controller.guard.guard import decide
 from haptic_wall.controller.guard.limits import LIMITS as GUARD_LIMITS
+from haptic_wall.controller.guard.types import Decision, Situation
 from haptic_wall.controller.runtime.safety import EXPLANATIONS, Trip
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.fields import fields

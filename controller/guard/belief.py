@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from haptic_wall.hw.truth import EncoderSide
 
@@ -84,9 +84,20 @@ class Belief:
 
     @property
     def is_known(self) -> bool:
-        """Whether every parameter that the guard uses has coinciding bounds."""
+        """Whether every parameter of a rigid servo that the guard uses has coinciding bounds."""
         counted = (self.inertia, self.damping, self.delay, self.torque_gain)
         return all(each.low == each.high for each in counted)
+
+    @property
+    def nominal(self) -> Belief:
+        """Return the belief with these parameters at their believed values, without bounds."""
+        return replace(
+            self,
+            inertia=Bounded.exactly(self.inertia.value),
+            damping=Bounded.exactly(self.damping.value),
+            delay=Bounded.exactly(self.delay.value),
+            torque_gain=Bounded.exactly(self.torque_gain.value),
+        )
 
 
 def motor_side(whole: float, load: float) -> float:

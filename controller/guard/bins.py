@@ -10,9 +10,11 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
+from haptic_wall.controller.guard.guard import decide
 from haptic_wall.controller.guard.plants import is_heavy
-from haptic_wall.controller.guard.schedule import IRREGULAR_CAP, inserted_delays, served_range
+from haptic_wall.controller.guard.reasons import explain
+from haptic_wall.controller.guard.schedule import IRREGULAR_CAP
+from haptic_wall.controller.guard.types import WITHIN, Decision, GuardSettings, Request, Situation
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.milliseconds import ms
 
@@ -51,8 +53,10 @@ class Bins:
 
     def decide_interval(self, index: int) -> list[Decision]:
         """Decide for all ages at a bin of the interval."""
+        settings, situation = self.at(index)
         ages = self._decided_ages(index)
-        found = self._decide(index, ages, explained=False)
+        delays = [situation.inserted[1] + age * 1e-9 for age in ages]
+        found = decide(self.request, settings, situation, delays, self.work)
         return [found[bisect_left(ages, age)] for age in self.ages_ns]
 
     def explained(self, index: int) -> Decision:
@@ -60,19 +64,7 @@ class Bins:
         at, age = divmod(index, len(self.ages_ns))
         if at == len(self.intervals_ns):
             return self._beyond(self.explained(index - 1))
-        ages = self._decided_ages(at)
-        decided = ages[bisect_left(ages, self.ages_ns[age])]
-        told = self._decide(at, [decided], explained=True)[0]
-        return replace(self.decide_interval(at)[age], reasons=told.reasons)
-
-    def _decide(self, index: int, ages_ns: Sequence[int], explained: bool) -> list[Decision]:
-        situation, (least, most) = self._at(index)
-        settings = self.settings
-        if index > 0:
-            settings = replace(settings, damping_cap=IRREGULAR_CAP * settings.damping_cap)
-        delays = [most + age * 1e-9 for age in ages_ns]
-        asked = (self.request, settings, situation, delays, most)
-        return decide(*asked, explained=explained, least_inserted=least, work=self.work)
+        return explain(self.decide_interval(at)[age], *self.at(at), self.work)
 
     def _beyond(self, last: Decision) -> Decision:
         """Return the decision for what is older or longer than every bin."""
@@ -85,21 +77,34 @@ class Bins:
         )
         return replace(last, stiffness=0.0, damping=0.0, binding=None, reasons=(text,))
 
-    def _at(self, index: int) -> tuple[Situation, tuple[float, float]]:
-        """Return the situation in a bin of the interval, and the range of the inserted delay."""
-        situation, period = self.situation, self.situation.period
-        served = served_range(self.intervals_ns, index)
-        interval = period if index == 0 else self.intervals_ns[index] * 1e-9
-        covered = served if situation.belief.is_flexible else (served[0], 1.0)
-        inserted = inserted_delays(self.steps, period, interval, covered)
-        return replace(situation, period=interval, sampled=period, served=served), inserted
+    def at(self, index: int) -> tuple[GuardSettings, Situation]:
+        """Return settings and situation in a bin of the interval.
+
+        A torque leaves the ring of the inserted delay in the first tick that is at least ``steps``
+        periods of the grid later. Where ticks lie anywhere between the points of the grid, that is
+        up to an interval later than the last point before.
+        """
+        settings, situation, intervals = self.settings, self.situation, self.intervals_ns
+        interval = period = situation.period
+        shortest, longest = 1.0, WITHIN if situation.belief.is_flexible else 1.0
+        if index > 0:
+            interval = intervals[index] * 1e-9
+            shortest = WITHIN * intervals[index - 1] / intervals[index]
+            settings = replace(settings, damping_cap=IRREGULAR_CAP * settings.damping_cap)
+        inserted = (0.0, 0.0)
+        if self.steps:
+            inserted = (self.steps * period, (self.steps - 1) * period + longest * interval)
+        served = shortest, WITHIN
+        return settings, replace(
+            situation, period=interval, sampled=period, served=served, inserted=inserted
+        )
 
     def _decided_ages(self, index: int) -> list[int]:
         """Return the ages that get a decision of their own [ns]; the last is one of them."""
-        situation, (_, inserted) = self._at(index)
-        if index == 0 and not is_heavy(situation, self.request.velocity_samples):
+        if index == 0 and not is_heavy(self.situation, self.request.velocity_samples):
             return list(self.ages_ns)
-        before = 0.5 * situation.period + inserted + situation.belief.delay.high
+        _, situation = self.at(index)
+        before = 0.5 * situation.period + situation.inserted[1] + situation.belief.delay.high
         some: list[int] = []
         for age in reversed(self.ages_ns):
             if not some or (before + some[-1] * 1e-9) > _OLDER * (before + age * 1e-9):

@@ -9,11 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from haptic_wall.controller.guard.decision_report import finite
-from haptic_wall.controller.guard.evaluation import (
-    Evaluation,
-    encoder_damping,
-    quantisation_limit,
-)
+from haptic_wall.controller.guard.evaluation import Evaluation
 from haptic_wall.controller.guard.limits import BY_NAME, PASSIVE, evaluate, least_of, smallest
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
@@ -132,10 +128,6 @@ def curve(question: Question, virtual_damping: Sequence[float] | FloatArray) -> 
             walls = exact.stiffness, acting
             limits["one_sided"] = one_sided_limits(question.chain()[0], period, delay, *walls, n)
             limits["one_sided"] /= p.gain
-        if question.situation.position_step > 0:
-            asked = (question.request, EVERY_DAMPING, question.situation)
-            rigid = np.full_like(damping, np.inf)
-            limits["quantisation"] = quantisation_limit(*asked, damping, p.period, rigid)
         return Curve(damping, limits, unknown, exact.frequency)
     request = question.request
     if not question.situation.belief.is_flexible and filtered is None:
@@ -192,9 +184,7 @@ def encoder_ceiling(question: Question) -> float:
     Returns:
         [N·m·s/rad]; infinite: position or torque limit is not known.
     """
-    rigid = np.array([np.inf]) if question.load else _evaluation(question).rigid_ceiling
-    asked = (question.request, EVERY_DAMPING, question.situation, question.plants(1).period, rigid)
-    return float(encoder_damping(*asked)[0])
+    return float(_evaluation(question).encoder_damping[0])
 
 
 def default_dampings(question: Question) -> tuple[float, ...]:

@@ -15,10 +15,15 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.guard.fast_vibration import fast_ceiling, fast_limit, formulas_from
+from haptic_wall.controller.guard.fast_vibration import (
+    UNBOUND,
+    fast_ceiling,
+    fast_limit,
+    formulas_from,
+)
 from haptic_wall.controller.guard.flexible import LinkLimits
 from haptic_wall.controller.guard.link_servos import slices
-from haptic_wall.controller.guard.plants import LIGHT, Box, Plants
+from haptic_wall.controller.guard.plants import LIGHT, Plants, members
 from haptic_wall.controller.guard.types import OF_ENCODER, GuardSettings, Request, Situation
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.theory import one_sided_limit
@@ -27,8 +32,6 @@ from haptic_wall.controller.theory.chain import one_mass
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.one_sided_table import one_sided_limit_tabulated
 
-UNBOUND = 1e12
-"""Stands for no limit at all [N·m/rad]"""
 _REGULAR = 1.01
 """Served interval up to which it is the period itself [periods]"""
 WIDE, SLOWLY_SAMPLED = 2.0, 0.25
@@ -68,10 +71,10 @@ class Evaluation:
         self.corners = corners
         self.work = Work() if work is None else work
         self._simulated = exact
-        self._asked = asked
+        self._wanted = np.full_like(corners.gain, request.damping) if asked is None else asked
         self._key = (
             (request.side, request.velocity_samples, request.velocity_filter),
-            (situation.belief, situation.period, situation.inserted, situation.served),
+            (situation.belief, situation.period, situation.inserted[0], situation.served),
             *(getattr(corners, field.name).tobytes() for field in fields(corners)),
         )
 
@@ -87,8 +90,10 @@ class Evaluation:
     @cached_property
     def _ceilings(self) -> FloatArray:
         """Return the ceiling of each member, in acting units [N·m·s/rad]."""
-        members = self._members
-        return self.work.once(("rigid", self._key), lambda: _ceiling(members, self.request))
+        p, request = self._members, self.request
+        servo, filtered = one_mass(p.inertia, p.damping), request.velocity_filter
+        loop = (p.period, p.delay, request.velocity_samples)
+        return self.work.once(("rigid", self._key), lambda: chain_ceiling(*servo, *loop, filtered))
 
     @cached_property
     def vibration(self) -> FloatArray:
@@ -98,25 +103,17 @@ class Evaluation:
             return rigid
         found = rigid
         for link in self.links:
-            found = np.minimum(found, link.ceiling(p.period, p.delay))
+            found = np.minimum(found, link.ceiling(p.delay))
         if belief.flexible_hz.high >= self.fast_from:
             found = np.minimum(found, fast_ceiling(belief, self.fast_hz, rigid, self._periods[0]))
         return found
 
-    @property
+    @cached_property
     def links(self) -> list[LinkLimits]:
         """Return the limits of the believed load on its transmission, where no formula counts."""
         situation, request = self.situation, self.request
         return [
-            LinkLimits(
-                belief,
-                request.velocity_samples,
-                request.velocity_filter,
-                situation.inserted,
-                situation.served,
-                self.fast_from,
-                self.work,
-            )
+            LinkLimits(belief, request, situation, self.fast_from, self.work)
             for belief in slices(situation.belief)
             if belief.flexible_hz.low < self.fast_from
         ]
@@ -171,35 +168,43 @@ class Evaluation:
 
     @cached_property
     def encoder_damping(self) -> FloatArray:
-        """Return ``encoder_damping`` of the corners [N·m·s/rad]."""
-        period, rigid = self.corners.period, self.rigid_ceiling
-        return encoder_damping(self.request, self.settings, self.situation, period, rigid)
+        """Return the damping at which one encoder count commands the most that it may.
+
+        A loop with a fraction a of its damping ceiling amplifies the noise of its encoder, and a
+        count is weighed by 1/(1 - a²). The rms of the torque at rest then stays below
+        ``most_of_count``, with up to 0.34 counts rms of noise before the rounding (0.03° at 4096
+        counts: data sheet of the AS5045).
+
+        Returns:
+            Of positive and negative damping [N·m·s/rad]; inf without an encoder step.
+        """
+        situation = self.situation
+        if situation.position_step == 0 or math.isinf(situation.torque_limit):
+            return np.full_like(self.corners.gain, math.inf)
+        ceiling = self.rigid_ceiling
+        alone = self.most_of_count / count_torque(self.request, situation)
+        # the root B of B / (1 - (B / ceiling)²) = alone
+        found: FloatArray = 2.0 * alone * ceiling / (ceiling + np.hypot(ceiling, 2.0 * alone))
+        return found
 
     @property
-    def _wanted(self) -> FloatArray:
-        if self._asked is not None:
-            return self._asked
-        return np.full_like(self.corners.gain, self.request.damping)
+    def most_of_count(self) -> float:
+        """Return the torque that one encoder count may command [N·m]."""
+        return self.settings.quantisation_share * self.situation.torque_limit
 
     @cached_property
     def damping(self) -> FloatArray:
         """Return the damping that may be commanded at each corner [N·m·s/rad]."""
         p, settings = self.corners, self.settings
-        asked = self._wanted
         if settings.mode == "off":
-            return asked
+            return self._wanted
         cap = settings.damping_cap
-        found = np.minimum(asked, cap * self.ceiling)
+        found = np.minimum(self._wanted, cap * self.ceiling)
         found = np.where(found <= -p.damping / p.gain, -cap * p.damping / p.gain, found)
         most = OF_ENCODER * self.encoder_damping
         return np.clip(found, -most, most) + 0.0
 
     # Members of the belief around each corner
-
-    @cached_property
-    def box(self) -> Box:
-        """Return the members to evaluate around each corner."""
-        return Box.of(self.situation, self.request)
 
     @property
     def exact(self) -> FloatArray:
@@ -220,8 +225,8 @@ class Evaluation:
 
     @cached_property
     def _exact_acting(self) -> FloatArray:
-        members, acting = self._members, self._acting
-        return self.once("exact", lambda: _critical(members, self.request, acting))
+        p, acting = self._members, self._acting
+        return self.once("exact", lambda: _critical(p, self.request, acting))
 
     @cached_property
     def _one_sided_acting(self) -> FloatArray:
@@ -242,117 +247,37 @@ class Evaluation:
 
     @cached_property
     def _members(self) -> Plants:
-        return self.box.around(self.corners)
+        return members(self.corners, self.situation, self.request)
+
+    @property
+    def size(self) -> int:
+        """Return the number of members around each corner."""
+        return self._members.gain.size // self.corners.gain.size
 
     @property
     def _acting(self) -> FloatArray:
-        return self._members.gain * np.repeat(self.damping, self.box.size)
+        return self._members.gain * np.repeat(self.damping, self.size)
 
     def least(self, of_members: FloatArray) -> FloatArray:
         """Return the least value over the members of each corner."""
-        found: FloatArray = of_members.reshape(-1, self.box.size).min(axis=1)
+        found: FloatArray = of_members.reshape(-1, self.size).min(axis=1)
         return found
 
     def at_corner(self, of_members: FloatArray) -> FloatArray:
         """Return the value at each corner itself."""
-        return of_members[:: self.box.size]
+        return of_members[:: self.size]
 
 
-def count_torque(request: Request, situation: Situation, period: FloatArray) -> FloatArray:
+def count_torque(request: Request, situation: Situation) -> float:
     """Return the torque of one encoder count through a damping of 1 N·m·s/rad [N·m].
 
     Args:
         request: The wall: its velocity samples, and its filter.
         situation: The encoder step, and the shortest interval between samples.
-        period: Period of each plant [s].
     """
     n, filtered = request.velocity_samples, request.velocity_filter
     peak = 1.0 if filtered is None else filtered.peak(n)
-    found: FloatArray = peak * situation.position_step / (n * np.minimum(period, situation.sampled))
-    return found
-
-
-def encoder_damping(
-    request: Request,
-    settings: GuardSettings,
-    situation: Situation,
-    period: FloatArray,
-    ceiling: FloatArray,
-) -> FloatArray:
-    """Return the damping at which one count commands ``quantisation_share`` of the torque limit.
-
-    A loop with a fraction a of its damping ceiling amplifies the noise of its encoder, and a count
-    is weighed by 1/(1 - a²). The rms of the torque at rest then stays below the share, with up to
-    0.34 counts rms of noise before the rounding (0.03° at 4096 counts: data sheet of the AS5045).
-
-    Args:
-        request: The wall: its velocity samples, and its filter.
-        settings: The fraction of the torque limit.
-        situation: The torque limit and the encoder step.
-        period: Period of each plant [s].
-        ceiling: Of a rigid servo [N·m·s/rad].
-
-    Returns:
-        Of positive and negative damping [N·m·s/rad]; inf without an encoder step.
-    """
-    if situation.position_step == 0 or math.isinf(situation.torque_limit):
-        return np.full_like(period, math.inf)
-    allowed = settings.quantisation_share * situation.torque_limit
-    alone = allowed / count_torque(request, situation, period)
-    # the root B of B / (1 - (B / ceiling)²) = alone
-    found: FloatArray = 2.0 * alone * ceiling / (ceiling + np.hypot(ceiling, 2.0 * alone))
-    return found
-
-
-def quantisation_limit(
-    request: Request,
-    settings: GuardSettings,
-    situation: Situation,
-    damping: FloatArray,
-    period: FloatArray,
-    ceiling: FloatArray,
-) -> FloatArray:
-    """Return the stiffness at which one count commands ``quantisation_share`` of the torque limit.
-
-    The damper's part is weighed by 1/(1 - a²)², a the fraction of the ceiling: a spring near its
-    own limit amplifies the noise again. Arguments are those of ``encoder_damping``, and the
-    commanded ``damping`` [N·m·s/rad].
-
-    Returns:
-        [N·m/rad]
-    """
-    magnitude = np.abs(damping)
-    by_damper = magnitude * count_torque(request, situation, period)
-    left = np.ones_like(by_damper)
-    np.divide(magnitude, ceiling, out=left, where=ceiling > magnitude)
-    left = np.where(magnitude > 0.0, 1.0 - left**2, 1.0) ** 2
-    allowed = settings.quantisation_share * situation.torque_limit * left - by_damper
-    found: FloatArray = np.divide(
-        np.maximum(allowed, 0.0),
-        left * situation.position_step,
-        out=np.zeros_like(left),
-        where=left > 0.0,
-    )
-    return found
-
-
-def unstable_nominally(
-    request: Request, situation: Situation, before_device: FloatArray
-) -> NDArray[np.bool_]:
-    """Whether the requested wall is unstable for the nominal belief without friction.
-
-    Args:
-        request: The requested wall.
-        situation: The belief.
-        before_device: Delay without the device's own lag [s].
-    """
-    p = Plants.nominal(situation, before_device)
-    acting = p.gain * request.damping
-    if request.stiffness > 0:
-        unstable: NDArray[np.bool_] = p.gain * request.stiffness >= _critical(p, request, acting)
-        return unstable
-    runs_away: NDArray[np.bool_] = (acting < -p.damping) | (acting >= _ceiling(p, request))
-    return runs_away
+    return peak * situation.position_step / (n * min(situation.period, situation.sampled))
 
 
 def _critical(plants: Plants, request: Request, acting: FloatArray) -> FloatArray:
@@ -362,9 +287,3 @@ def _critical(plants: Plants, request: Request, acting: FloatArray) -> FloatArra
     found = chain_boundary(*servo, *loop, request.velocity_filter).stiffness
     bounded: FloatArray = np.minimum(found, UNBOUND)
     return bounded
-
-
-def _ceiling(plants: Plants, request: Request) -> FloatArray:
-    """Return the damping above which no rigid servo is stable, in acting units."""
-    loop = (plants.period, plants.delay, request.velocity_samples)
-    return chain_ceiling(*one_mass(plants.inertia, plants.damping), *loop, request.velocity_filter)

@@ -27,10 +27,10 @@ from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.fast_vibration import UNBOUND
 from haptic_wall.controller.guard.link_grid import Knot, delays, intervals, is_quick
 from haptic_wall.controller.guard.link_servos import servos_at
+from haptic_wall.controller.guard.types import Request, Situation
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.flexible_scan import FlexibleScan, Servos
-from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 WITHIN = 0.96
 """Fraction of the least value over the grid that the guard uses"""
@@ -43,68 +43,60 @@ _CONTACT, _RETURNED = (0.1, 0.15, 0.3, 0.5), (0.96, 0.87, 0.6, 0.47)
 
 
 class LinkLimits:
-    """Damping ceiling and limit of the stiffness, at any period and delay.
+    """Damping ceiling and limit of the stiffness, at any delay.
 
     Args:
         belief: Belief with a load behind a transmission.
-        samples: Samples of the velocity difference.
-        velocity_filter: Filter of the velocity that damps; None: none.
-        inserted: The part of a delay that is neither the sample's age nor the device's lag [s].
-        served: Shortest and longest interval that may take the place of a period, over it.
+        request: The wall: its velocity samples, and its filter.
+        situation: The period, and what may take its place; the shortest inserted delay.
         highest: Frequency above which formulas count the vibration [Hz].
         work: What was computed before for the same asker.
     """
 
     def __init__(
-        self,
-        belief: Belief,
-        samples: int,
-        velocity_filter: VelocityFilter | None,
-        inserted: float,
-        served: tuple[float, float],
-        highest: float,
-        work: Work,
+        self, belief: Belief, request: Request, situation: Situation, highest: float, work: Work
     ) -> None:
         hz = belief.flexible_hz
         most = min(hz.high, highest)
         belief = replace(belief, flexible_hz=Bounded(min(hz.value, most), hz.low, most))
-        self._belief, self._samples, self._inserted = belief, samples, inserted
-        self._filter = velocity_filter
-        self._notch = velocity_filter is not None and velocity_filter.kind == "notch"
-        self._served, self._work = served, work
+        self._belief, self._inserted, self._work = belief, situation.inserted[0], work
+        self._samples, self._filter = request.velocity_samples, request.velocity_filter
+        self._notch = self._filter is not None and self._filter.kind == "notch"
         # stands for these in keys: a belief takes long to hash
-        self._asked = work.once(("link", belief, samples, velocity_filter), object)
+        self._asked = work.once(("link", belief, self._samples, self._filter), object)
+        period, served = situation.period, situation.served
+        every = work.once(
+            ("intervals", self._asked, period, served),
+            lambda: intervals(belief, period, served, self._filter),
+        )
+        # one of those that differ by rounding: a bin ends where the next begins
+        self._intervals = [
+            work.once(("interval", round(at, _DIGITS)), partial(float, at)) for at in every
+        ]
 
-    def ceiling(self, period: FloatArray, delay: FloatArray) -> FloatArray:
+    def ceiling(self, delay: FloatArray) -> FloatArray:
         """Return the commanded damping above which the load may vibrate without any stiffness.
 
         Args:
-            period: Period of each plant [s].
             delay: Total, of each plant, at the longest [s].
 
         Returns:
             [N·m·s/rad]
         """
-        for t in np.unique(period).tolist():
-            late = delay[period == t].tolist()
-            for at in self._intervals(t):
-                grids = (self._knots(at, t_d) for t_d in late)
-                self._scan_together(at, [*dict.fromkeys(knot for grid in grids for knot in grid)])
+        late = delay.tolist()
+        for at in self._intervals:
+            grids = (self._knots(at, t_d) for t_d in late)
+            self._scan_together(at, [*dict.fromkeys(knot for grid in grids for knot in grid)])
         found = [
-            min(
-                self._ceiling_at(at, knot)
-                for at in self._intervals(t)
-                for knot in self._knots(at, t_d)
-            )
-            for t, t_d in zip(period.tolist(), delay.tolist(), strict=True)
+            min(self._ceiling_at(at, knot) for at in self._intervals for knot in self._knots(at, t))
+            for t in late
         ]
         return WITHIN * np.array(found) / self._belief.torque_gain.high
 
-    def stiffness(self, period: FloatArray, delay: FloatArray, damping: FloatArray) -> FloatArray:
+    def stiffness(self, delay: FloatArray, damping: FloatArray) -> FloatArray:
         """Return the stiffness up to which every wall from 0 on is stable for the whole belief.
 
         Args:
-            period: Period of each plant [s].
             delay: Total, of each plant, at the longest [s].
             damping: Commanded, of each plant [N·m·s/rad].
 
@@ -112,20 +104,10 @@ class LinkLimits:
             In commanded units [N·m/rad].
         """
         found = [
-            min((self._limit(at, t_d, b) for at in self._intervals(t)), default=UNBOUND)
-            for t, t_d, b in zip(period.tolist(), delay.tolist(), damping.tolist(), strict=True)
+            min(self._limit(at, t_d, b) for at in self._intervals)
+            for t_d, b in zip(delay.tolist(), damping.tolist(), strict=True)
         ]
         return np.minimum(WITHIN * np.array(found), UNBOUND)
-
-    def _intervals(self, period: float) -> list[float]:
-        asked = (self._belief, period, self._served, self._filter)
-        key = ("intervals", self._asked, period, self._served)
-        every = self._work.once(key, lambda: intervals(*asked))
-        return [self._shared(at) for at in every]
-
-    def _shared(self, at: float) -> float:
-        """Return an interval, or one that differs by rounding: a bin ends where the next begins."""
-        return self._work.once(("interval", round(at, _DIGITS)), lambda: at)
 
     def _knots(self, at: float, delay: float) -> list[Knot]:
         """Return the grid from below the shortest possible delay to above ``delay`` [s].
@@ -173,7 +155,8 @@ class LinkLimits:
 
     def _scan(self, at: float, knot: Knot) -> FlexibleScan:
         key = self._key("scan", at, knot)
-        return self._work.once(key, lambda: self._scans(at, [self._servos_at(at, knot)])[0])
+        asked = (self._belief, at, knot, self._filter)
+        return self._work.once(key, lambda: self._scans(at, [servos_at(*asked)])[0])
 
     def _scan_together(self, at: float, grid: list[Knot]) -> None:
         """Compute the scans of many delays: most have hardly any servo, so several in a turn.
@@ -185,7 +168,7 @@ class LinkLimits:
         for knot in new:
             if sum(each.inertia.size for each in turns[-1]) > _TOGETHER:
                 turns.append([])
-            turns[-1].append(self._servos_at(at, knot))
+            turns[-1].append(servos_at(self._belief, at, knot, self._filter))
         scans = chain.from_iterable(self._on_all_cores(at, turns if new else []))
         for knot, scan in zip(new, scans, strict=True):
             self._work.keep(self._key("scan", at, knot), scan)
@@ -197,9 +180,6 @@ class LinkLimits:
             with suppress(RuntimeError), ThreadPoolExecutor(cores) as pool:  # no thread to be had
                 return [*pool.map(scans, turns)]
         return [*map(scans, turns)]
-
-    def _servos_at(self, at: float, knot: Knot) -> Servos:
-        return servos_at(self._belief, at, knot, self._filter)
 
     def _scans(self, at: float, groups: list[Servos]) -> list[FlexibleScan]:
         return FlexibleScan.of(groups, at, self._samples, self._belief.encoder, self._filter)

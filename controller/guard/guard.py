@@ -1,4 +1,4 @@
-"""Decides which stiffness and damping may be commanded, with the reason of each clamp.
+"""Decides which stiffness and damping may be commanded; ``reasons`` explains a decision.
 
 It is a pure computation outside the tick. It first limits the virtual damping to a fraction of the
 ceiling above which no stiffness is stable. It then limits the stiffness to ``margin`` times the
@@ -12,30 +12,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from haptic_wall.controller.guard.evaluation import Evaluation, unstable_nominally
+from haptic_wall.controller.guard.evaluation import Evaluation
 from haptic_wall.controller.guard.limits import BY_NAME, evaluate, smallest
 from haptic_wall.controller.guard.plants import Plants
-from haptic_wall.controller.guard.reasons import reasons
-from haptic_wall.controller.guard.remedies import SAMPLE_AGE, Wall
-from haptic_wall.controller.guard.types import (
-    Decision,
-    GuardSettings,
-    Mode,
-    Request,
-    Situation,
-)
+from haptic_wall.controller.guard.types import Decision, GuardSettings, Request, Situation
 from haptic_wall.controller.guard.work import Work
-from haptic_wall.controller.theory.checks import not_negative
-
-__all__ = [
-    "Decision",
-    "GuardSettings",
-    "Mode",
-    "Request",
-    "Situation",
-    "decide",
-]
+from haptic_wall.controller.theory.checks import FloatArray, not_negative
 
 
 def decide(
@@ -43,9 +27,6 @@ def decide(
     settings: GuardSettings,
     situation: Situation,
     delays: Sequence[float],
-    inserted: float = 0.0,
-    explained: bool = True,
-    least_inserted: float | None = None,
     work: Work | None = None,
 ) -> list[Decision]:
     """Decide which stiffness and damping may be commanded, for each of several delays.
@@ -55,30 +36,22 @@ def decide(
         settings: The guard's settings.
         situation: The belief about the servo, the period, and its limits.
         delays: Inserted delay and age of the sample, without the device's own lag, each >= 0 [s].
-        inserted: The inserted part of each delay [s].
-        explained: Whether to also give the reasons, which takes several times as long.
-        least_inserted: Shortest inserted part, where it varies [s]; None: ``inserted``.
         work: Results of earlier evaluations; None: nothing.
 
     Returns:
-        One decision per delay, in order.
+        One decision per delay, in order, without reasons.
 
     Raises:
         ValueError: A value of the request or situation lies outside its domain; the message names
             it.
     """
     before_device = np.atleast_1d(not_negative("delays", list(delays)))
-    least = inserted if least_inserted is None else least_inserted
-    situation = replace(situation, inserted=least)
     corner = Plants.at_corner(situation, before_device)
-    work = Work() if work is None else work
     at = Evaluation(request, settings, situation, corner, work=work)
     every = evaluate(at)
-    alone = (
-        unstable_nominally(request, situation, before_device)
-        if settings.mode == "off"
-        else np.zeros(before_device.size, dtype=np.bool_)
-    )
+    alone = np.zeros(before_device.size, dtype=np.bool_)
+    if settings.mode == "off":
+        alone = _unstable_nominally(request, settings, situation, before_device)
     decisions = []
     for i, delay in enumerate(corner.delay.tolist()):
         limits: dict[str, float | None] = dict.fromkeys(BY_NAME)
@@ -88,30 +61,36 @@ def decide(
         damping = float(at.damping[i])
         if settings.mode != "off" and least_limit <= 0.0:
             damping = max(damping, 0.0)  # below 0 it may feed a vibration by itself
-        decision = Decision(
-            request=request,
-            delay=delay,
-            period=situation.period,
-            stiffness=settings.margin * least_limit if bound else request.stiffness,
-            damping=damping,
-            limits=limits,
-            encoder_damping=float(at.encoder_damping[i]),
-            damping_ceiling=float(at.ceiling[i]),
-            margin=settings.margin,
-            binding=name if bound else None,
-            reasons=(),
-            only_friction=bool(alone[i]) and situation.belief.coulomb.value > 0,
-            vibrates=bool(at.vibrates[i]),
-            inserted=inserted,
+        decisions.append(
+            Decision(
+                request=request,
+                delay=delay,
+                period=situation.period,
+                stiffness=settings.margin * least_limit if bound else request.stiffness,
+                damping=damping,
+                limits=limits,
+                encoder_damping=float(at.encoder_damping[i]),
+                damping_ceiling=float(at.ceiling[i]),
+                margin=settings.margin,
+                binding=name if bound else None,
+                reasons=(),
+                only_friction=bool(alone[i]) and situation.belief.coulomb.value > 0,
+                vibrates=bool(at.vibrates[i]),
+                inserted=situation.inserted[1],
+            )
         )
-        if explained:
-            before = float(before_device[i])
-            parts = {
-                SAMPLE_AGE: max(before - inserted, 0.0),
-                "inserted": min(inserted, before),
-                "device": situation.belief.delay.high,
-            }
-            wall = Wall(request, settings, situation, parts)
-            decision = replace(decision, reasons=reasons(decision, wall, work))
-        decisions.append(decision)
     return decisions
+
+
+def _unstable_nominally(
+    request: Request, settings: GuardSettings, situation: Situation, before_device: FloatArray
+) -> NDArray[np.bool_]:
+    """Whether the requested wall is unstable for the nominal belief without friction."""
+    nominal = replace(situation, belief=situation.belief.nominal)
+    p = Plants.at_corner(nominal, before_device)
+    at = Evaluation(request, settings, nominal, p)
+    if request.stiffness > 0:
+        unstable: NDArray[np.bool_] = request.stiffness >= at.at_corner(at.exact)
+        return unstable
+    runs_away: NDArray[np.bool_] = at.damping < -p.damping / p.gain
+    return runs_away | (at.damping >= at.rigid_ceiling)

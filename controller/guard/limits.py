@@ -12,7 +12,8 @@ from typing import Protocol
 
 import numpy as np
 
-from haptic_wall.controller.guard.evaluation import UNBOUND, Evaluation, quantisation_limit
+from haptic_wall.controller.guard.evaluation import Evaluation, count_torque
+from haptic_wall.controller.guard.fast_vibration import UNBOUND
 from haptic_wall.controller.guard.flexible import returned_share
 from haptic_wall.controller.theory import linear_limit, passive_limit
 from haptic_wall.controller.theory.checks import FloatArray
@@ -93,7 +94,7 @@ class OneSided:
 
     def stiffness(self, at: Evaluation) -> FloatArray:
         """Return a fraction of the least of the members."""
-        share = self.BETWEEN_MEMBERS if at.box.size > 1 else self.CORNER_ALONE
+        share = self.BETWEEN_MEMBERS if at.size > 1 else self.CORNER_ALONE
         if at.situation.belief.is_known:
             share = 1.0
         return share * at.least(at.one_sided)
@@ -112,9 +113,24 @@ class Quantisation:
         return situation.position_step > 0 and not math.isinf(situation.torque_limit)
 
     def stiffness(self, at: Evaluation) -> FloatArray:
-        """Return what the damper leaves."""
-        asked = (at.request, at.settings, at.situation)
-        return quantisation_limit(*asked, at.damping, at.corners.period, at.rigid_ceiling)
+        """Return what the damper leaves.
+
+        Its part is weighed by 1/(1 - a²)², a the fraction of the ceiling: a spring near its own
+        limit amplifies the noise again.
+        """
+        magnitude, ceiling = np.abs(at.damping), at.rigid_ceiling
+        by_damper = magnitude * count_torque(at.request, at.situation)
+        left = np.ones_like(by_damper)
+        np.divide(magnitude, ceiling, out=left, where=ceiling > magnitude)
+        left = np.where(magnitude > 0.0, 1.0 - left**2, 1.0) ** 2
+        allowed = at.most_of_count * left - by_damper
+        found: FloatArray = np.divide(
+            np.maximum(allowed, 0.0),
+            left * at.situation.position_step,
+            out=np.zeros_like(left),
+            where=left > 0.0,
+        )
+        return found
 
 
 class Passive:
@@ -207,7 +223,7 @@ class Flexible:
         belief = situation.belief
         found = np.full_like(at.damping, UNBOUND)
         for link in at.links:
-            found = np.minimum(found, link.stiffness(p.period, p.delay, at.damping))
+            found = np.minimum(found, link.stiffness(p.delay, at.damping))
         if belief.flexible_hz.high >= at.fast_from:
             found = np.minimum(found, at.fast_stiffness)
             if belief.is_light and belief.flexible_hz.low >= at.fast_from:

@@ -11,13 +11,13 @@ passivity at a shorter delay. These limits are therefore the least over members 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from haptic_wall.controller.guard.belief import Belief
 from haptic_wall.controller.guard.types import Request, Situation
-from haptic_wall.controller.theory.checks import FloatArray, IntArray
+from haptic_wall.controller.theory.checks import FloatArray
 
 LIGHT = 0.1
 """Largest b T / m at which the least damping is the least safe; the table also ends there."""
@@ -62,87 +62,40 @@ class Plants:
             delay=before_device + belief.delay.high,
         )
 
-    @classmethod
-    def nominal(cls, situation: Situation, before_device: FloatArray) -> Plants:
-        """Return the plants of the nominal values, without bounds.
 
-        Args:
-            situation: The belief and the period.
-            before_device: Delay without the device's own lag [s].
-        """
-        one = np.ones_like(before_device)
-        belief = situation.belief
-        return cls(
-            inertia=belief.inertia.value * one,
-            damping=belief.damping.value * one,
-            gain=belief.torque_gain.value * one,
-            period=situation.period * one,
-            delay=before_device + belief.delay.value,
-        )
+def members(corners: Plants, situation: Situation, request: Request) -> Plants:
+    """Return the members of the belief's box to evaluate around each corner, which is the first.
 
-    def take(self, index: IntArray) -> Plants:
-        """Return the plants at ``index``."""
-        return Plants(*(getattr(self, f.name)[index] for f in fields(self)))
+    With light friction that is the corner alone: the least limit over the box lies so close below
+    the corner's that a factor covers it (``limits.CORNER_ALONE``); a search at each start would
+    take a second. With a filter of the velocity more inertia may be less safe: by 7 % with slow
+    low-passes. All members have the corner's delay: over random boxes a shorter delay lowers only
+    the passive limit.
 
-
-@dataclass(frozen=True, slots=True)
-class Box:
-    """The members to evaluate around each corner, the corner first; flat arrays.
-
-    All members have the corner's delay: over random boxes a shorter delay lowers only the passive
-    limit.
+    Args:
+        corners: ``Plants.at_corner``, or changed ones.
+        situation: The belief and the period.
+        request: The wall: its velocity samples, and its filter.
     """
-
-    inertia: FloatArray
-    """Times the corner's"""
-    damping: FloatArray
-    """Above the corner's [N·m·s/rad]"""
-    gain: FloatArray
-    """Times the corner's"""
-
-    @classmethod
-    def of(cls, situation: Situation, request: Request) -> Box:
-        """Return the members of a belief's box: the corner alone where friction is light.
-
-        With light friction the least limit over the box lies so close below the corner's that a
-        factor covers it (``limits.CORNER_ALONE``); a search at each start would take a second. With
-        a filter of the velocity more inertia may be less safe: by 7 % with slow low-passes.
-        """
-        belief = situation.belief
-        if not is_heavy(situation, request.velocity_samples):
-            m = np.ones(1)
-            if request.velocity_filter is not None:
-                m = _within(_INERTIAS, belief.inertia.high / belief.inertia.low)
-            return cls(m, np.zeros(m.size), np.ones(m.size))
-        most = _MOST_ON_BARE if belief.bare else 1.0
-        most = max(most, belief.inertia.high / belief.inertia.low)
-        m = _within(_INERTIAS + _ON_BARE if belief.bare else _INERTIAS, most)
-        g = 1.0 / _within([1.0], belief.torque_gain.high / belief.torque_gain.low)
-        grid = np.meshgrid(m, _more_damping(belief), g, indexing="ij")
-        inertia, damping, gain = (each.ravel() for each in grid)
-        return cls(inertia, damping, gain)
-
-    @property
-    def size(self) -> int:
-        """Return the number of members for each corner."""
-        return self.inertia.size
-
-    def around(self, corners: Plants) -> Plants:
-        """Return the members of all corners, corner after corner."""
-
-        def each(values: FloatArray) -> FloatArray:
-            return np.repeat(values, self.size)
-
-        def all_of(values: FloatArray) -> FloatArray:
-            return np.tile(values, corners.inertia.size)
-
-        return Plants(
-            inertia=each(corners.inertia) * all_of(self.inertia),
-            damping=each(corners.damping) + all_of(self.damping),
-            gain=each(corners.gain) * all_of(self.gain),
-            period=each(corners.period),
-            delay=each(corners.delay),
-        )
+    belief = situation.belief
+    spread = belief.inertia.high / belief.inertia.low
+    inertias, more_damping, gains = np.ones(1), np.zeros(1), np.ones(1)
+    if is_heavy(situation, request.velocity_samples):
+        most = max(_MOST_ON_BARE if belief.bare else 1.0, spread)
+        inertias = _within(_INERTIAS + _ON_BARE if belief.bare else _INERTIAS, most)
+        more_damping = _more_damping(belief)
+        gains = 1.0 / _within([1.0], belief.torque_gain.high / belief.torque_gain.low)
+    elif request.velocity_filter is not None:
+        inertias = _within(_INERTIAS, spread)
+    grid = np.meshgrid(inertias, more_damping, gains, indexing="ij")
+    inertia, damping, gain = (each.ravel() for each in grid)
+    return Plants(
+        inertia=np.outer(corners.inertia, inertia).ravel(),
+        damping=np.add.outer(corners.damping, damping).ravel(),
+        gain=np.outer(corners.gain, gain).ravel(),
+        period=np.repeat(corners.period, inertia.size),
+        delay=np.repeat(corners.delay, inertia.size),
+    )
 
 
 def _within(factors: Sequence[float], most: float) -> FloatArray:

@@ -6,13 +6,12 @@ Each reason is a sentence, in order of importance: the binding limit, what was c
 from __future__ import annotations
 
 from collections.abc import Iterator
-
-import numpy as np
+from dataclasses import replace
 
 from haptic_wall.controller.guard.evaluation import count_torque
 from haptic_wall.controller.guard.limits import BY_NAME, smallest
-from haptic_wall.controller.guard.remedies import Remedy, Wall, remedies
-from haptic_wall.controller.guard.types import Decision
+from haptic_wall.controller.guard.remedies import SAMPLE_AGE, Remedy, Wall, remedies
+from haptic_wall.controller.guard.types import Decision, GuardSettings, Situation
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.milliseconds import ms
 
@@ -22,22 +21,32 @@ WORTH_NAMING = 1.02
 """Smallest factor that counts as an improvement: the limits are accurate to about 1 %."""
 
 
-def reasons(decision: Decision, wall: Wall, work: Work) -> tuple[str, ...]:
-    """Return the reasons of a decision, most important first; none where nothing was clamped.
+def explain(
+    decision: Decision, settings: GuardSettings, situation: Situation, work: Work | None = None
+) -> Decision:
+    """Return a decision with its reasons, most important first; none where nothing was clamped.
+
+    This takes several times as long as the decision.
 
     Args:
         decision: The decision to explain.
-        wall: The wall that it decided, with the parts of its delay.
-        work: Results of earlier evaluations.
+        settings: Those that it was made with.
+        situation: That which it was made for.
+        work: Results of earlier evaluations; None: nothing.
     """
-    if wall.settings.mode == "off":
-        return tuple(_off(decision))
+    if settings.mode == "off":
+        return replace(decision, reasons=tuple(_off(decision)))
+    lag = situation.belief.delay.high
+    before = max(decision.delay - lag, 0.0)
+    inserted = min(decision.inserted, before)
+    parts = {SAMPLE_AGE: before - inserted, "inserted": inserted, "device": lag}
+    wall = Wall(decision.request, settings, situation, parts)
     found = [*_stiffness(decision, wall), *_damping(decision, wall)]
     if decision.binding is not None:
-        now = smallest(decision.limits)[1]
-        worth = [each for each in remedies(wall, work) if each.stiffness > WORTH_NAMING * now]
+        now, known = smallest(decision.limits)[1], work or Work()
+        worth = [each for each in remedies(wall, known) if each.stiffness > WORTH_NAMING * now]
         found += [_would_raise(each, decision) for each in worth[: max(2, _MOST - len(found))]]
-    return tuple(found)
+    return replace(decision, reasons=tuple(found))
 
 
 def _off(decision: Decision) -> Iterator[str]:
@@ -91,8 +100,7 @@ def _other_damping(decision: Decision, wall: Wall) -> str:
 
 def _count(decision: Decision, wall: Wall, damping: float) -> str:
     """Say what one encoder count commands through a damping alone, and what it may command."""
-    period = np.array([decision.period])
-    torque = abs(damping) * float(count_torque(decision.request, wall.situation, period)[0])
+    torque = abs(damping) * count_torque(decision.request, wall.situation)
     allowed = wall.settings.quantisation_share * wall.situation.torque_limit
     return (
         f"one encoder count in one sample commands {torque:.3g} N·m through a damping of "

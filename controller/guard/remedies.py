@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from haptic_wall.controller.guard.belief import Bounded
 from haptic_wall.controller.guard.evaluation import Evaluation
 from haptic_wall.controller.guard.limits import evaluate, least_of
 from haptic_wall.controller.guard.plants import Plants
@@ -51,11 +50,10 @@ class Wall(NamedTuple):
         """Return t_d, the delay without the hold [s]."""
         return sum(self.parts.values())
 
-    @property
-    def corner(self) -> Plants:
-        """Return the least safe corner of the belief."""
-        one = Plants.at_corner(self.situation, np.zeros(1))
-        return replace(one, delay=np.array([self.delay]))
+    def corner(self, count: int = 1) -> Plants:
+        """Return the least safe corner of the belief, ``count`` times."""
+        found = Plants.at_corner(self.situation, np.zeros(count))
+        return replace(found, delay=np.full(count, self.delay))
 
 
 def remedies(wall: Wall, work: Work) -> list[Remedy]:
@@ -67,7 +65,7 @@ def remedies(wall: Wall, work: Work) -> list[Remedy]:
     """
     found = []
     for other, text in _changes(wall, work):
-        asked = (other.request, other.settings, other.situation, other.corner)
+        asked = (other.request, other.settings, other.situation, other.corner())
         after = evaluate(Evaluation(*asked, work=work))
         found.append(Remedy(text, float(least_of(after)[0])))
     return sorted(found, key=lambda each: -each.stiffness)
@@ -86,12 +84,8 @@ def _changes(wall: Wall, work: Work) -> Iterator[tuple[Wall, str]]:
         yield wall._replace(request=both), "a two-sided wall, which also pulls"
     if not belief.is_known:
         rest = max(wall.delay - belief.delay.high, 0.0)
-        names = ("inertia", "damping", "delay", "torque_gain")
-        exact: dict[str, Any] = {
-            name: Bounded.exactly(getattr(belief, name).value) for name in names
-        }
         known = wall._replace(
-            situation=replace(situation, belief=replace(belief, **exact)),
+            situation=replace(situation, belief=belief.nominal),
             parts={"delay": rest + belief.delay.value},
         )
         yield known, "the servo known exactly, at its believed values"
@@ -121,12 +115,11 @@ def _good_damping(wall: Wall, work: Work) -> float:
     They are spaced by a factor, as the encoder may leave only small dampings.
     """
     request, settings, situation, _ = wall
-    corner = wall.corner
-    asked = (request, settings, situation, corner)
+    asked = (request, settings, situation, wall.corner())
     # asked for little damping, the ceiling may be a lower bound
     most = Evaluation(*asked, work=work).rigid_ceiling
     ceiling = float(Evaluation(*asked, asked=most, work=work).vibration[0])
     tried = settings.damping_cap * ceiling * (1 - _WITHIN) * _SHARES
-    spread = corner.take(np.zeros(tried.size, dtype=np.int64))
+    spread = wall.corner(tried.size)
     after = Evaluation(request, settings, situation, spread, asked=tried, work=work)
     return float(after.damping[np.argmax(least_of(evaluate(after)))])

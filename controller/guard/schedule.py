@@ -37,7 +37,7 @@ RUN_S = 0.05
 """Duration of such a run at high rates [s]. Shorter runs may be ignored: within them even a wall at
 twice its limit oscillates only a few per cent more."""
 SETTLE = 50
-"""Number of ages that is enough to settle the schedule at the start."""
+"""Number of ages that is enough to settle the schedule in a lower bin at the start."""
 RAISE_WINDOWS = 5
 """Consecutive windows that must allow a lower bin before it is taken."""
 AT_ONCE = 0.9
@@ -85,38 +85,6 @@ def interval_bins_ns(period_ns: int, flexible: bool = False) -> list[int]:
     return [round(each * period_ns) for each in (LINK_BINS if flexible else INTERVAL_BINS)]
 
 
-def served_range(intervals_ns: Sequence[int], index: int) -> tuple[float, float]:
-    """Return the shortest and the longest interval that a bin covers, over its upper end.
-
-    Args:
-        intervals_ns: The upper ends of the bins, the period first [ns].
-        index: Index of the bin.
-    """
-    if index == 0:
-        return 1.0, WITHIN
-    return WITHIN * intervals_ns[index - 1] / intervals_ns[index], WITHIN
-
-
-def inserted_delays(
-    steps: int, period: float, interval: float, served: tuple[float, float]
-) -> tuple[float, float]:
-    """Return the shortest and the longest mean delay of the ring over the intervals of a bin [s].
-
-    A torque leaves the ring in the first tick that is at least ``steps`` periods of the grid later.
-    Where ticks lie anywhere between the points of the grid, that is up to an interval later than
-    the last point before.
-
-    Args:
-        steps: Length of the ring [periods].
-        period: Period of the grid [s].
-        interval: Upper end of the bin [s].
-        served: As of ``served_range``.
-    """
-    if not steps:
-        return 0.0, 0.0
-    return steps * period, (steps - 1) * period + served[1] * interval
-
-
 class BinFilter:
     """Picks one bin from a sequence of observed bins: lowers at once on a run, raises slowly.
 
@@ -125,15 +93,13 @@ class BinFilter:
         percentile: Percentile of a window that the bin must cover [%].
         window: Observations in a window.
         run: Consecutive observations above the bin that lower the gains at once.
-        settle: Observations that ``settle`` needs before it takes a lower bin.
     """
 
-    def __init__(self, bins: int, percentile: float, window: int, run: int, settle: int) -> None:
+    def __init__(self, bins: int, percentile: float, window: int, run: int) -> None:
         self._counts = [0] * bins
         self._percent_above = 100.0 - percentile
         self._window = window
         self._run_length = run
-        self._settle = settle
         self._seen = 0
         self._run = 0
         self._run_bin = 0
@@ -165,7 +131,7 @@ class BinFilter:
         """Take the bin of the observations so far, higher or lower, and restart."""
         if self._seen:
             found = self._percentile_bin()
-            self.bin = found if self._seen >= self._settle else max(found, self.bin)
+            self.bin = found if self._seen >= SETTLE else max(found, self.bin)
         self._restart_window()
         self._run = self._raise_windows = 0
 
@@ -395,7 +361,7 @@ class GainSchedule:
     ) -> None:
         self._ages = ages_ns
         self._intervals = intervals_ns
-        self._age = BinFilter(len(ages_ns) + 1, percentile, window, run, SETTLE)
+        self._age = BinFilter(len(ages_ns) + 1, percentile, window, run)
         period_ns = intervals_ns[0]
         self._interval = ServedInterval(intervals_ns, run * period_ns, window * period_ns)
         self._beyond = len(ages_ns) * len(intervals_ns)
@@ -412,11 +378,6 @@ class GainSchedule:
     def age_ns(self) -> int:
         """Return the sample age of the present bin [ns]."""
         return self._ages[min(self._age.bin, len(self._ages) - 1)]
-
-    @property
-    def interval_ns(self) -> int:
-        """Return the interval that the present bin uses as the period [ns]."""
-        return self._intervals[min(self._interval.bin, len(self._intervals) - 1)]
 
     def observe(self, age_ns: int, interval_ns: int, may_raise: bool) -> bool:
         """Count one tick; return whether the gains changed.

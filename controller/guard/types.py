@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from haptic_wall.controller.guard.belief import Belief
 from haptic_wall.controller.laws.wall import Side
-from haptic_wall.controller.theory.velocity_filter import VelocityFilter
+
+if TYPE_CHECKING:
+    from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 Mode = Literal["stable", "passive", "off"]
 
@@ -83,9 +85,9 @@ class Situation:
     """[N·m]"""
     position_step: float
     """Encoder step [rad]; 0: the position is not quantised"""
-    inserted: float = 0.0
-    """The part of the delay that is not the sample's age, without the device's own lag [s]: an age
-    may be shorter than what is counted"""
+    inserted: tuple[float, float] = (0.0, 0.0)
+    """Shortest and longest part of the delay that is neither the sample's age nor the device's own
+    lag [s]: an age may be shorter than what is counted"""
     sampled: float = math.inf
     """Shortest interval between two samples, where it is shorter than ``period`` [s]: a velocity is
     their difference over it"""

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import socket
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from haptic_wall.controller.errors import HapticWallError, UserError
-from haptic_wall.controller.live.run_socket import MOST_BYTES, AliveRun, connected
+from haptic_wall.controller.live.run_socket import AliveRun, connected
 from haptic_wall.hw.errors import Problem
 
 COMPUTING_S: Final = 120.0
@@ -45,14 +44,15 @@ def ask(
         with connected(run.socket) as connection:
             connection.settimeout(wait_s + COMPUTING_S)
             connection.sendall((json.dumps({"set": list(sets), "wait_s": wait_s}) + "\n").encode())
-            for told in _lines(connection):
+            for line in connection.makefile("rb"):
+                told: dict[str, Any] = json.loads(line)
                 if "waits" in told:
                     tell(f"waits: {told['waits']}")
                 elif "error" in told:
                     raise _not_applied(told)
                 else:
                     return told
-    except OSError as error:
+    except (OSError, ValueError) as error:  # it has ended, perhaps within a line
         if isinstance(error, HapticWallError):
             raise
     raise UserError(
@@ -68,13 +68,3 @@ def _not_applied(told: dict[str, Any]) -> NotAppliedError:
     error = NotAppliedError(Problem(text), int(told.get("exit_status", 2)))
     error.problem = Problem(text, field=told.get("field"), advice=told.get("advice") or "")
     return error
-
-
-def _lines(connection: socket.socket) -> Iterator[dict[str, Any]]:
-    """Yield the answers."""
-    sent = b""
-    while found := connection.recv(MOST_BYTES):
-        sent += found
-        *lines, sent = sent.split(b"\n")
-        for line in lines:
-            yield json.loads(line)

@@ -278,34 +278,21 @@ class ChangeDesk:
 
 
 def obstacle_text(kind: Obstacle, size: float) -> str:
-    """Say why a change waits."""
-    match kind:
-        case Obstacle.NONE:
-            return ""
-        case Obstacle.NOT_ON:
-            return "the wall has not come on yet"
-        case Obstacle.READING:
-            return "position and speed of the shaft are not known"
-        case Obstacle.PROBED:
-            return "the wall is being probed for an oscillation"
-        case Obstacle.REDUCED:
-            return (
-                "an oscillation has reduced the wall: only a lower stiffness is accepted until the "
-                "full wall is requested (SIGUSR1)"
-            )
-        case Obstacle.ENERGY:
-            return (
-                "at the shaft's position the spring of the new wall would hold "
-                f"{1e3 * size:.3g} mJ more than that of the old one, wanted at most "
-                f"{1e3 * MOST_J:g} mJ; move the shaft out of the wall"
-            )
-        case Obstacle.TORQUE:
-            return (
-                f"the torque would jump by {size:.3g} N·m, wanted at most safety.engage_torque; "
-                "move the shaft to a position where both walls have the same torque"
-            )
-        case Obstacle.DELAY:
-            return (
-                f"the shaft moves at {size:.3g} rad/s, too fast for a change of the delay; let it "
-                "come to rest"
-            )
+    """Say why a change waits; ``size`` is that of the obstacle, in its unit."""
+    return _OBSTACLES[kind].format(size=size, milli=1e3 * size, most=1e3 * MOST_J)
+
+
+_OBSTACLES: Final = {
+    Obstacle.NONE: "",
+    Obstacle.NOT_ON: "the wall has not come on yet",
+    Obstacle.READING: "position and speed of the shaft are not known",
+    Obstacle.PROBED: "the wall is being probed for an oscillation",
+    Obstacle.REDUCED: "an oscillation has reduced the wall: only a lower stiffness is accepted "
+    "until the full wall is requested (SIGUSR1)",
+    Obstacle.ENERGY: "at the shaft's position the spring of the new wall would hold {milli:.3g} mJ "
+    "more than that of the old one, wanted at most {most:g} mJ; move the shaft out of the wall",
+    Obstacle.TORQUE: "the torque would jump by {size:.3g} N·m, wanted at most "
+    "safety.engage_torque; move the shaft to a position where both walls have the same torque",
+    Obstacle.DELAY: "the shaft moves at {size:.3g} rad/s, too fast for a change of the delay; let "
+    "it come to rest",
+}

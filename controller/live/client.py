@@ -22,28 +22,6 @@ _WAITING_TEXTS: Final = 100
 """Texts that wait for a slow client; the oldest are dropped"""
 
 
-class Messages:
-    """The new rows as messages, each packed once for all clients that have come equally far.
-
-    Args:
-        source: Of the rows.
-    """
-
-    def __init__(self, source: Source) -> None:
-        self._source = source
-        self._made: dict[int, tuple[bytes, int]] = {}
-
-    def since(self, tail: int) -> tuple[bytes, int]:
-        """Return the message of the rows from ``tail`` on, and the next tail; empty: none yet."""
-        found = self._made.get(tail)
-        if found is None:
-            origin_ns = self._source.origin_ns()
-            rows, after = self._source.read(tail, MOST_ROWS)
-            known = bool(origin_ns) and len(rows) > 0
-            found = self._made[tail] = (frame(rows, origin_ns), after) if known else (b"", tail)
-        return found
-
-
 class Client:
     """A page.
 
@@ -78,11 +56,11 @@ class Client:
         """Send an object as soon as the client reads."""
         self._texts.append(json.dumps(what, allow_nan=False))
 
-    def serve(self, new: Messages, beat: int | None = None, *, last: bool = False) -> None:
+    def serve(self, source: Source, beat: int | None = None, *, last: bool = False) -> None:
         """Send the new rows and texts, if the client has read everything sent before.
 
         Args:
-            new: Of this moment.
+            source: Of the rows.
             beat: Of the dead man, for a client that may hold it; None: no page holds it.
             last: Send them all the same: nothing comes later.
         """
@@ -92,6 +70,14 @@ class Client:
             broadcast((self._connection,), json.dumps({"kind": "beat", "beat": beat}))
         while self._texts:
             broadcast((self._connection,), self._texts.popleft())
-        message, self.tail = new.since(self.tail)
-        if message:
+        if message := self.rows(source):
             broadcast((self._connection,), message)
+
+    def rows(self, source: Source) -> bytes:
+        """Return the message of the new rows, which the client then has; empty: none yet."""
+        origin_ns = source.origin_ns()
+        rows, after = source.read(self.tail, MOST_ROWS)
+        if not origin_ns or not len(rows):
+            return b""
+        self.tail = after
+        return frame(rows, origin_ns)

@@ -31,16 +31,13 @@ def frame(rows: NDArray[np.void], origin_ns: int) -> bytes:
     """Return rows as one message.
 
     The message has, little-endian: the number of the first row as float64; the number of rows and
-    that of channels as uint32; the times [s] as float64; then each channel as float32, and last the
-    positions of the other axes.
+    that of channels as uint32; the times [s] as float64; then each channel as float32.
 
     Args:
-        rows: Shape (n, axes), dtype ``telemetry.ROW``; first the axis that is shown.
+        rows: Shape (n,), n > 0, dtype ``telemetry.ROW``.
         origin_ns: Zero of the time [ns].
     """
-    shown, others = rows[:, 0], rows["position"][:, 1:].T
-    parts = [_HEAD.pack(float(shown["seq"][0]), len(rows), len(CHANNELS) + len(others))]
-    parts.append(values(shown, "time_s", origin_ns).astype("<f8").tobytes())
-    parts += [values(shown, name, origin_ns).astype("<f4").tobytes() for name in CHANNELS]
-    parts.append(others.astype("<f4").tobytes())
+    parts = [_HEAD.pack(float(rows["seq"][0]), len(rows), len(CHANNELS))]
+    parts.append(values(rows, "time_s", origin_ns).astype("<f8").tobytes())
+    parts += [values(rows, name, origin_ns).astype("<f4").tobytes() for name in CHANNELS]
     return b"".join(parts)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any, Final
 
@@ -14,6 +13,7 @@ from haptic_wall.controller.guard.evaluation import Evaluation
 from haptic_wall.controller.guard.guard import decide
 from haptic_wall.controller.guard.limits import evaluate
 from haptic_wall.controller.guard.plants import Plants
+from haptic_wall.controller.guard.reasons import explain
 from haptic_wall.controller.guard.types import Situation
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.settings.config import Config
@@ -42,33 +42,31 @@ def guard_map(config: Config, delay: float) -> dict[str, Any]:
     known = config.servo.torque_limit
     if known is None and config.servo.kind != "hardware":
         known = config.true_servo().torque_limit
-    counts = config.servo.counts_per_rev if known else 0
-    step = math.tau / counts if counts else 0.0
-    situation = Situation(belief, period, known or 1.0, step)
-    inserted = config.delay.steps * period
+    step = config.servo.position_step if known else 0.0
     before = max(delay - belief.delay.high, 0.0)
+    inserted = min(config.delay.steps * period, before)
+    situation = Situation(belief, period, known or 1.0, step, inserted=(inserted, inserted))
     request, settings = config.request(step or None), config.guard_settings()
-    (decision,) = decide(request, settings, situation, [before], min(inserted, before))
+    work = Work()
+    (decided,) = decide(request, settings, situation, [before], work)
+    decision = explain(decided, settings, situation, work)
     asked = (
         replace(request, damping=0.0),
         EVERY_DAMPING if settings.mode != "passive" else replace(settings, damping_cap=0.999),
-        replace(situation, inserted=min(inserted, before)),
+        situation,
     )
-    work, corner = Work(), Plants.at_corner(situation, np.full(POINTS, before))
-    ceiling = Evaluation(*asked, corner.take(np.zeros(1, dtype=np.int64)), work=work).ceiling
+    corner = Plants.at_corner(situation, np.full(POINTS, before))
+    ceiling = Evaluation(*asked, corner, work=work).ceiling
     least = -0.95 * belief.damping.low / belief.torque_gain.high
     most = min(float(ceiling[0]), decision.encoder_damping)
     most = max(most, LEAST_SPAN * request.damping, -LEAST_SPAN * least)
     damping = np.linspace(least, most, POINTS)
     at = Evaluation(*asked, corner, asked=damping, work=work)
     report = decision_report(decision)
+    told = ("requested", "commanded", "binding", "margin", "reasons", "damping_ceiling")
     return {
         "delay": delay,
         "damping": damping.tolist(),
         "limits": plain(evaluate(at)),
-        **{
-            name: report[name]
-            for name in ("requested", "commanded", "binding", "margin", "reasons")
-        },
-        "damping_ceiling": decision.damping_ceiling,
+        **{name: report[name] for name in told},
     }

@@ -61,10 +61,6 @@ class News:
             pass  # the supervisor is gone
         self.over = True
 
-    def close(self) -> None:
-        """Close the socket."""
-        self._line.close()
-
     def _show(self, news: dict[str, Any]) -> None:
         views, origin_ns = self._views.values(), self._words[Word.BEGAN_NS]
         if "note" in news and origin_ns:
@@ -112,7 +108,7 @@ def _serve(orders: Mapping[str, Any], live: Live, ends: Callable[[], bool]) -> N
         name: View(
             each,
             orders["name"],
-            RunningSource(telemetry, config.period_ns, [*config.each], name),
+            RunningSource(telemetry, config.period_ns, index),
             recorded=False,
             hand=None if hand is None else hand.of(index),
             dead_man=dead_man,

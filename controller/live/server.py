@@ -14,9 +14,8 @@ from typing import Any, Final
 
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
-from websockets.http11 import Request, Response
 
-from haptic_wall.controller.live.client import MOST_ROWS, Client, Messages
+from haptic_wall.controller.live.client import MOST_ROWS, Client
 from haptic_wall.controller.live.gate import is_token, judged, token_of
 from haptic_wall.controller.live.relay import ask, is_number, sets_of
 from haptic_wall.controller.live.view import View
@@ -74,7 +73,7 @@ class LiveServer:
         server = await serve(
             self._attend,
             sock=listener,
-            process_request=self._judged,
+            process_request=lambda _, request: judged(request, self._host),
             compression=None,
             max_size=MOST_REQUEST,
             max_queue=4,
@@ -89,9 +88,6 @@ class LiveServer:
         for view in self.views.values():
             for client in tuple(view.clients):
                 client.abort()
-
-    def _judged(self, _connection: ServerConnection, request: Request) -> Response | None:
-        return judged(request, self._host)
 
     async def pump(self, until: Callable[[], bool]) -> None:
         """Send rows and texts to the clients, until ``until`` says so."""
@@ -114,9 +110,8 @@ class LiveServer:
             man = first.dead_man
             beat = None if man is None else man.beat(first.now_ns())
             for view in views:
-                new = Messages(view.source)
                 for client in tuple(view.clients):
-                    client.serve(new, beat, last=over)
+                    client.serve(view.source, beat, last=over)
             if over:
                 return
             count += 1

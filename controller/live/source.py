@@ -24,20 +24,16 @@ class RunningSource:
     Args:
         telemetry: Its memory.
         period_ns: Of the loop [ns].
-        axes: Names of all axes.
-        axis: Name of the one of the view.
+        axis: Index of the axis.
 
     Attributes:
         capacity: Number of rows that a page keeps.
-        others: Names of the other axes, whose rows come with them.
+        alone: Whether the run has no other axis.
     """
 
-    def __init__(
-        self, telemetry: Telemetry, period_ns: int, axes: Sequence[str] = ("",), axis: str = ""
-    ) -> None:
-        self._telemetry = telemetry
-        self.others = [name for name in axes if name != axis]
-        self._order = [axes.index(name) for name in (axis, *self.others)]
+    def __init__(self, telemetry: Telemetry, period_ns: int, axis: int = 0) -> None:
+        self._telemetry, self._axis = telemetry, axis
+        self.alone = telemetry.axes == 1
         self.capacity = round(BACK_S * 1e9 / period_ns)
 
     def origin_ns(self) -> int:
@@ -52,19 +48,16 @@ class RunningSource:
 
     def stopped(self) -> bool:
         """Whether the axis of the view ended the run, as one of several."""
-        return bool(self._telemetry.words[Word.STOP_AXIS] == self._order[0] + 1)
+        return bool(self._telemetry.words[Word.STOP_AXIS] == self._axis + 1)
 
     def first(self) -> int:
         """Return the number of the row a minute ago."""
         return max(0, int(self._telemetry.words[Word.HEAD]) - self.capacity)
 
     def read(self, tail: int, most: int) -> tuple[NDArray[np.void], int]:
-        """Return rows from ``tail`` on, and the next tail; see ``Telemetry.read``.
-
-        Their shape is (n, 1 + others): the axis of the view is the first.
-        """
+        """Return rows of the axis from ``tail`` on, and the next tail; see ``Telemetry.read``."""
         rows, after = self._telemetry.read(tail, most)
-        return rows[:, self._order], after
+        return rows[:, self._axis], after
 
 
 class LoggedSource:
@@ -95,7 +88,7 @@ class LoggedSource:
         self.rows = np.concatenate(blocks)
         self._origin_ns = log.origin_ns
         self.capacity = len(self.rows)
-        self.others: list[str] = []
+        self.alone = True
 
     def origin_ns(self) -> int:
         """Return the deadline of the log's first row [ns]."""
@@ -121,7 +114,7 @@ class LoggedSource:
 
     def read(self, tail: int, most: int) -> tuple[NDArray[np.void], int]:
         """Return rows from place ``tail`` on, and the next place."""
-        rows = self.rows[tail : tail + most, np.newaxis]
+        rows = self.rows[tail : tail + most]
         return rows, tail + len(rows)
 
 

@@ -80,7 +80,7 @@ class View:
         self._hello = {
             "kind": "hello",
             "name": name,
-            "channels": [*CHANNELS, *(f"{other}.position_rad" for other in source.others)],
+            "channels": CHANNELS,
             "rate_hz": config.loop.rate_hz,
             "capacity": source.capacity,
             "recorded": recorded,
@@ -108,14 +108,14 @@ class View:
         """The wall is off"""
         self.alarm = False
         """An oscillation is seen now"""
-        self._map: dict[str, Any] = {}
         self._map_of: tuple[Config, float] | None = None
         self._laws: deque[dict[str, Any]] = deque(maxlen=MOST_LAWS)
         self._law_of: tuple[Any, ...] = ()
         self._since_s = 0.0
         self._on_stiffness = config.wall.stiffness
-        self._health: dict[str, Any] = {}
-        self._ended = ""
+        self._kept: dict[str, dict[str, Any]] = {}
+        """The last message of each kind that later clients get too"""
+        self.keep(self._wall())
 
     def welcome(self, client: Client, hello: Mapping[str, Any]) -> None:
         """Send a new client everything that the other clients already have.
@@ -125,13 +125,10 @@ class View:
             hello: What is its own in the first message.
         """
         client.tell({**self._hello, **hello})
-        client.tell({"kind": "wall", **self._wall()})
         client.tell({"kind": "marks", "marks": [mark.plain() for mark in self._marks]})
         client.tell({"kind": "laws", "laws": list(self._laws)})
-        for known in filter(None, (self._map, self._health)):
+        for known in self._kept.values():
             client.tell(known)
-        if self._ended:
-            client.tell({"kind": "ended", "words": self._ended})
         self.clients.add(client)
 
     def recall(
@@ -221,25 +218,30 @@ class View:
         self.config = config
         self._since_s = self._since_s if since_s is None else since_s
         self.draw_law()
-        self.tell({"kind": "wall", **self._wall()})
+        self.keep(self._wall())
 
     def end(self, words: str) -> None:
         """Tell all clients that the run has ended."""
-        self._ended = words
-        self.tell({"kind": "ended", "words": words})
+        self.keep({"kind": "ended", "words": words})
 
     def tell(self, what: dict[str, Any]) -> None:
         """Tell all clients."""
         for client in self.clients:
             client.tell(what)
 
+    def keep(self, what: dict[str, Any]) -> None:
+        """Tell all clients, and those that come later, if it is not what they know already."""
+        kind = what["kind"]
+        if what != self._kept.get(kind):
+            self._kept[kind] = what
+            self.tell(what)
+
     def look(self, most: int) -> None:
         """Process the new rows, at most ``most`` of them."""
         origin_ns = self.source.origin_ns()
-        all_rows, tail = self.source.read(self._tail, most)
-        if not origin_ns or not len(all_rows):
+        rows, tail = self.source.read(self._tail, most)
+        if not origin_ns or not len(rows):
             return
-        rows = all_rows[:, 0]
         self._tail = tail
         self.add(self._finder.look(rows, origin_ns))
         position = rows["position"][np.isfinite(rows["position"])]
@@ -303,13 +305,8 @@ class View:
 
     def tell_health(self) -> None:
         """Send the servo's supply and temperature, if they have changed."""
-        found = self.source.health()
-        if found is None:
-            return
-        health = {"kind": "health", "volts": found[0], "celsius": found[1]}
-        if health != self._health:
-            self._health = health
-            self.tell(health)
+        if found := self.source.health():
+            self.keep({"kind": "health", "volts": found[0], "celsius": found[1]})
 
     async def draw_map(self) -> None:
         """Tell the guard's limits, where the wall, or the delay, is another one."""
@@ -325,14 +322,14 @@ class View:
             found = await asyncio.to_thread(_limits, config, delay)
         except (ValueError, HapticWallError) as error:  # a wall whose limits are not known
             found = {"trouble": str(error)}
-        self._map = {"kind": "map", **found}
-        self.tell(self._map)
+        self.keep({"kind": "map", **found})
 
     def _wall(self) -> dict[str, Any]:
         data = self.config.model_dump(mode="json")
         # Several axes share a delay, which cannot be changed: no knob.
-        steps = None if self.source.others else data["delay"]["steps"]
-        return {"wall": data["wall"], "delay_steps": steps, "travel": data["safety"]["travel"]}
+        steps = data["delay"]["steps"] if self.source.alone else None
+        told = {"wall": data["wall"], "delay_steps": steps, "travel": data["safety"]["travel"]}
+        return {"kind": "wall", **told}
 
 
 def _limits(config: Config, delay: float) -> dict[str, Any]:

@@ -12,7 +12,6 @@ from haptic_wall.controller.detector.backstop import Shared
 from haptic_wall.controller.detector.settings import WatchSettings
 from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.guard.bins import Bins
-from haptic_wall.controller.guard.guard import Decision, Situation
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.schedule import (
     RUN,
@@ -23,6 +22,7 @@ from haptic_wall.controller.guard.schedule import (
     age_bins_ns,
     interval_bins_ns,
 )
+from haptic_wall.controller.guard.types import Decision, Situation
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.engagement import REST_S, EngageLimits, Engagement, engage_torque

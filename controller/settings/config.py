@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import Any, Final, TypeVar
 
 from pydantic import ValidationInfo, model_validator
 
 from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.guard.belief import Belief, Bounded, vibration
+from haptic_wall.controller.guard.types import GuardSettings, Request
 from haptic_wall.controller.laws import own
 from haptic_wall.controller.laws.shape import Grid, LawError, Numbers
 from haptic_wall.controller.laws.table import facts_of, rendered_law
@@ -28,9 +29,6 @@ from haptic_wall.hw.open import torque_models
 from haptic_wall.hw.servo import JUMP_SPEED
 from haptic_wall.hw.settings import EMULATED, ServoSettings
 from haptic_wall.hw.truth import ABOUT, TrueArm, TrueServo
-
-if TYPE_CHECKING:
-    from haptic_wall.controller.guard.guard import GuardSettings, Request
 
 Made = TypeVar("Made")
 APPROACH = 0.1
@@ -245,10 +243,6 @@ class Config(Sections):
         Raises:
             ConfigError: The encoder does not resolve the law.
         """
-        from haptic_wall.controller.guard.guard import (
-            Request,  # not at the top: it loads the theory's arrays
-        )
-
         wall = self.wall
         if wall.law == "wall":
             return Request(
@@ -287,9 +281,8 @@ class Config(Sections):
 
     def _of_law(self, ask: Callable[[Numbers, Grid], Made], step: float | None) -> Made:
         """Return the result of ``ask`` with the configured numbers of the law."""
-        counts = self.servo.counts_per_rev
         if step is None:
-            step = math.tau / counts if counts else 0.0
+            step = self.servo.position_step
         try:
             return ask(self.wall, Grid(self.period_s, step))
         except LawError as error:
@@ -298,7 +291,5 @@ class Config(Sections):
 
     def guard_settings(self) -> GuardSettings:
         """Return the guard's settings."""
-        from haptic_wall.controller.guard.guard import GuardSettings
-
         guard = self.guard
         return GuardSettings(guard.mode, guard.margin, guard.damping_cap, guard.quantisation_share)

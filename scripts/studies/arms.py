@@ -20,7 +20,8 @@ from scipy.linalg import expm
 from scipy.optimize import differential_evolution
 
 from haptic_wall.controller.guard.belief import Belief, Bounded, vibration
-from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation, decide
+from haptic_wall.controller.guard.guard import decide
+from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.servos import SERVOS
@@ -105,7 +106,7 @@ def commanded(name: str, rubs: float, share: float, side: Side, count: float = 0
     situation = Situation(belief, PERIOD, _LIMITS[name], count)
     request, settings = Request(1e9, 1e9, side), GuardSettings(damping_cap=share)
     delays = [delay * PERIOD for delay in _DELAYS]
-    found = decide(request, settings, situation, delays, explained=False)
+    found = decide(request, settings, situation, delays)
     return np.array([[one.stiffness, one.damping] for one in found])
 
 
@@ -145,7 +146,7 @@ def commanded_flexible(setting: int) -> tuple[list[tuple[Belief, float, float]],
     for each in beliefs:
         belief = replace(each, delay=replace(each.delay, high=longest))
         situation = Situation(belief, PERIOD, 4.1, 0.0)
-        wall = decide(Request(1e9, 1e9, "both"), settings, situation, [age], explained=False)[0]
+        wall = decide(Request(1e9, 1e9, "both"), settings, situation, [age])[0]
         found.append((belief, wall.stiffness, wall.damping))
     return found, age + longest
 

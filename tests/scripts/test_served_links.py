@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.guard.bins import Bins
-from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation
-from haptic_wall.controller.guard.schedule import interval_bins_ns, served_range
+from haptic_wall.controller.guard.schedule import interval_bins_ns
+from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from scripts.guard_links import NAMES, PERIOD, Members, chain_of, drawn, growth, inside
 
 TRUTHS = 300
@@ -32,17 +32,16 @@ def test_a_wall_decays_at_every_interval_of_its_bin(
     interval = random.uniform(shortest, longest, TRUTHS) * PERIOD
     interval[:20] = shortest * PERIOD
     young = random.random(TRUTHS) * age
-    bins = interval_bins_ns(round(PERIOD * 1e9), flexible=True)
+    edges = interval_bins_ns(round(PERIOD * 1e9), flexible=True)
+    bins = Bins(request, GuardSettings(), situation, steps, [round(age * 1e9)], edges)
     delay = young + steps * PERIOD
     checked = 0
-    for index in range(len(bins)):
-        low, high = (share * bins[index] * 1e-9 for share in served_range(bins, index))
+    for index, edge in enumerate(edges):
+        low, high = (share * edge * 1e-9 for share in bins.at(index)[1].served)
         part = (interval >= low) & (interval < high)
         if not part.any():
             continue
-        (wall,) = Bins(
-            request, GuardSettings(), situation, steps, [round(age * 1e9)], bins
-        ).decide_interval(index)
+        (wall,) = bins.decide_interval(index)
         assert wall.stiffness > 0.0
         servos = chain.take(np.flatnonzero(part))
         some = Members(truths[part], servos, interval[part], delay[part])

@@ -7,8 +7,9 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.live.client import Client, Messages
+from haptic_wall.controller.live.client import Client
 from haptic_wall.controller.live.server import LiveServer
+from haptic_wall.controller.live.source import Source
 from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT
 from haptic_wall.controller.settings.load import load_config
 from tests.support.rows import rows_of
@@ -51,9 +52,9 @@ class _Page(Client):
     def __init__(self) -> None:
         super().__init__(cast("Any", None), turns=False)
 
-    def serve(self, new: Messages, _beat: int | None = None, *, last: bool = False) -> None:  # noqa: ARG002
+    def serve(self, source: Source, _beat: int | None = None, *, last: bool = False) -> None:  # noqa: ARG002
         self._texts.clear()
-        self.tail = new.since(self.tail)[1]
+        self.rows(source)
 
 
 async def one_turn(server: LiveServer, *_: object) -> None:

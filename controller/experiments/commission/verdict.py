@@ -12,11 +12,12 @@ import numpy as np
 from haptic_wall.controller.experiments.holding import sample_age, torque_limit_of
 from haptic_wall.controller.guard.decision_report import decision_report
 from haptic_wall.controller.guard.evaluation import Evaluation
-from haptic_wall.controller.guard.guard import Situation, decide
+from haptic_wall.controller.guard.guard import decide
 from haptic_wall.controller.guard.limits import evaluate, least_of
 from haptic_wall.controller.guard.plants import Plants
+from haptic_wall.controller.guard.reasons import explain
 from haptic_wall.controller.guard.schedule import age_bins_ns
-from haptic_wall.controller.guard.types import Decision, GuardSettings, Request
+from haptic_wall.controller.guard.types import Decision, GuardSettings, Request, Situation
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory.checks import FloatArray
 
@@ -68,8 +69,9 @@ class GuardQuestion:
     def decide(self, stiffness: float, damping: float) -> Decision:
         """Return the guard's decision on a wall."""
         asked = replace(self.config.request(), stiffness=stiffness, damping=damping)
-        delays = [self.inserted + self.age]
-        return decide(asked, self.settings, self.situation, delays, self.inserted)[0]
+        situation = replace(self.situation, inserted=(self.inserted, self.inserted))
+        (decision,) = decide(asked, self.settings, situation, [self.inserted + self.age])
+        return explain(decision, self.settings, situation)
 
     def walls(self, damping: FloatArray) -> Evaluation:
         """Return the walls over the virtual damping [N·m·s/rad], as it would be commanded."""

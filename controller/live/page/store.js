@@ -73,6 +73,6 @@ export class Store {
   }
 
   value(name, index) {
-    return name === "time" ? this.time[index] : this.columns[name][index];
+    return this.columns[name][index];
   }
 }

@@ -15,7 +15,8 @@ from haptic_wall.controller.detector.backstop import Shared
 from haptic_wall.controller.detector.settings import WatchSettings
 from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.guard.belief import Belief, Bounded
-from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation, decide
+from haptic_wall.controller.guard.guard import decide
+from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.laws.wall import SIGNS, Side, Wall
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.servos import SERVOS
@@ -53,7 +54,7 @@ def gains(side: Side) -> tuple[float, float]:
     friction, lag = exactly(SERVO.damping), exactly(DELAY)
     belief = Belief(exactly(SERVO.inertia), friction, exactly(0.0), lag, exactly(1.0))
     at = Situation(belief, PERIOD, LIMIT, COUNT)
-    found = decide(Request(1e9, 0.06, side), GuardSettings(), at, [0.0], explained=False)[0]
+    found = decide(Request(1e9, 0.06, side), GuardSettings(), at, [0.0])[0]
     return found.stiffness, found.damping
 
 

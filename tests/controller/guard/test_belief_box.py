@@ -7,9 +7,10 @@ import pytest
 
 from haptic_wall.controller.guard.belief import Bounded
 from haptic_wall.controller.guard.evaluation import Evaluation
-from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation, decide
+from haptic_wall.controller.guard.guard import decide
 from haptic_wall.controller.guard.limits import evaluate, least_of, smallest
-from haptic_wall.controller.guard.plants import Box, Plants
+from haptic_wall.controller.guard.plants import Plants, members
+from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.theory import (
     max_virtual_damping,
     one_sided_limit,
@@ -60,12 +61,13 @@ def test_a_servo_with_more_damping_than_the_least_believed_comes_back_no_faster(
 def test_the_members_begin_with_the_corner_and_reach_the_ends_of_the_belief() -> None:
     """None is beyond them: what is not believed would cost stiffness."""
     where = situation((0.2, 0.8), inertia=(M, 1.3 * M), gain=(0.8, 1.25))
-    box = Box.of(where, Request(0.0, 0.0, "above"))
-    ends = np.array([[1.0, 1.3], [0.0, 0.6 * M / T], [0.8 / 1.25, 1.0]])
-    members = np.array([box.inertia, box.damping, box.gain])
-    assert members[:, 0] == pytest.approx([1.0, 0.0, 1.0])
-    np.testing.assert_allclose(members.min(axis=1), ends[:, 0], atol=1e-12)
-    np.testing.assert_allclose(members.max(axis=1), ends[:, 1])
+    corner = Plants.at_corner(where, np.zeros(1))
+    box = members(corner, where, Request(0.0, 0.0, "above"))
+    ends = np.array([[M, 1.3 * M], [0.2 * M / T, 0.8 * M / T], [0.8, 1.25]])
+    found = np.array([box.inertia, box.damping, box.gain])
+    assert found[:, 0] == pytest.approx([M, 0.2 * M / T, 1.25])
+    np.testing.assert_allclose(found.min(axis=1), ends[:, 0])
+    np.testing.assert_allclose(found.max(axis=1), ends[:, 1])
 
 
 def test_what_no_stiffness_makes_safe_for_some_servo_in_the_box_is_given_none() -> None:

@@ -15,16 +15,17 @@ import pytest
 from haptic_wall.controller.guard.belief import Bounded, vibration
 from haptic_wall.controller.guard.bins import Bins
 from haptic_wall.controller.guard.decision_report import assumed, decision_report
-from haptic_wall.controller.guard.guard import (
+from haptic_wall.controller.guard.guard import decide
+from haptic_wall.controller.guard.reasons import explain
+from haptic_wall.controller.guard.schedule import interval_bins_ns
+from haptic_wall.controller.guard.types import (
+    WITHIN,
     Decision,
     GuardSettings,
     Mode,
     Request,
     Situation,
-    decide,
 )
-from haptic_wall.controller.guard.schedule import interval_bins_ns
-from haptic_wall.controller.guard.types import WITHIN
 from haptic_wall.controller.theory import (
     critical_stiffness,
     max_virtual_damping,
@@ -51,7 +52,9 @@ def one(
     delay: float = 1.5e-3,
     inserted: float = 0.0,
 ) -> Decision:
-    return decide(request, GuardSettings(mode), where or situation(), [delay], inserted)[0]
+    where = replace(where or situation(), inserted=(inserted, inserted))
+    (decision,) = decide(request, GuardSettings(mode), where, [delay])
+    return explain(decision, GuardSettings(mode), where)
 
 
 def test_a_safe_request_is_commanded_as_it_is_without_a_word() -> None:
@@ -219,7 +222,7 @@ def test_only_friction_is_told_where_the_guard_is_off() -> None:
 def test_the_reasons_say_what_was_asked_what_bound_it_and_what_would_raise_it() -> None:
     request = Request(1000.0, 0.2, "above")
     wide = situation(damping=Bounded(0.011692, 0.006, 0.023))
-    decision = decide(request, GuardSettings(), wide, [3e-3], inserted=1e-3)[0]
+    decision = one(request, wide, delay=3e-3, inserted=1e-3)
     first, *others = decision.reasons
     assert "instead of 1000 N·m/rad" in first
     assert f"the guard allows {decision.stiffness:.4g}" in first
@@ -227,12 +230,12 @@ def test_the_reasons_say_what_was_asked_what_bound_it_and_what_would_raise_it() 
     # period/2 + 3 ms + the servo's 0.5 ms; the age is 2 ms of it
     age = next(reason for reason in others if "a sample's age" in reason)
     assert "of 1 ms instead of 2 ms, 50 % of the total delay (period/2 + delay = 4 ms)" in age
-    at_half = decide(request, GuardSettings(), wide, [2e-3], inserted=1e-3)[0]
+    at_half = one(request, wide, delay=2e-3, inserted=1e-3)
     # remedies are told to two digits, of limits found to 2 %
     assert float(age.rsplit(" ", 1)[1]) == pytest.approx(at_half.stiffness, rel=0.07)
     other = next(reason for reason in others if "with virtual damping" in reason)
     there = float(other.split()[3])
-    at_other = decide(replace(request, damping=there), GuardSettings(), wide, [3e-3], 1e-3)[0]
+    at_other = one(replace(request, damping=there), wide, delay=3e-3, inserted=1e-3)
     assert float(other.rsplit(" ", 1)[1]) == pytest.approx(at_other.stiffness, rel=0.1)
     two_sided = one(replace(request, side="both"), wide, delay=3e-3)
     pulling = next(reason for reason in others if "with a two-sided wall" in reason)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation, decide
+from haptic_wall.controller.guard.guard import decide
+from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from tests.support.beliefs import belief
 
 PERIOD = 1e-3

@@ -12,8 +12,8 @@ import pytest
 from scipy.optimize import differential_evolution
 
 from haptic_wall.controller.guard.belief import LIGHTEST, Belief, Bounded, vibration
-from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
-from haptic_wall.controller.guard.types import WITHIN
+from haptic_wall.controller.guard.guard import decide
+from haptic_wall.controller.guard.types import WITHIN, Decision, GuardSettings, Request, Situation
 from haptic_wall.controller.theory import (
     critical_stiffness,
     max_virtual_damping,
@@ -166,7 +166,7 @@ def decided(case: Case, damping: float = 0.0) -> Decision:
     """Return what the guard commands where as much stiffness as it allows is asked for."""
     request = Request(1e9, damping, "both", case.samples)
     situation = Situation(case.belief, case.period, 4.1, 0.0)
-    return decide(request, GuardSettings(), situation, [case.age], explained=False)[0]
+    return decide(request, GuardSettings(), situation, [case.age])[0]
 
 
 class Found(NamedTuple):
@@ -319,7 +319,7 @@ def test_a_motor_with_a_load_of_any_size_gets_a_stiffness_that_is_stable() -> No
     )
     request, situation = Request(1e9, 1e9, "both"), Situation(joint, 1e-3, 4.1, 0.0)
     settings = GuardSettings(damping_cap=0.5)
-    wall = decide(request, settings, situation, [1e-3], explained=False)[0]
+    wall = decide(request, settings, situation, [1e-3])[0]
     assert wall.stiffness > 1.0
     random = np.random.default_rng(1)
     box = np.array([(each.low, each.high) for each in (inertia, friction, load, stiffness)])

@@ -18,8 +18,8 @@ import pytest
 from numpy.typing import NDArray
 
 from haptic_wall.controller.guard.bins import Bins
-from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation
 from haptic_wall.controller.guard.schedule import ServedInterval, interval_bins_ns
+from haptic_wall.controller.guard.types import Decision, GuardSettings, Request, Situation
 from haptic_wall.controller.theory import max_virtual_damping
 from tests.support.beliefs import belief
 from tests.support.memory_session import LIMITS_OF_HARDWARE, run_in_memory

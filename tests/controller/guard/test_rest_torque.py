@@ -6,7 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
+from haptic_wall.controller.guard.guard import decide
+from haptic_wall.controller.guard.reasons import explain
+from haptic_wall.controller.guard.types import Decision, GuardSettings, Request, Situation
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory.checks import FloatArray
@@ -28,7 +30,7 @@ def servo(
 
 
 def one(request: Request, where: Situation, settings: GuardSettings = SETTINGS) -> Decision:
-    return decide(request, settings, where, [0.0], explained=False)[0]
+    return decide(request, settings, where, [0.0])[0]
 
 
 Cases = list[tuple[Decision, Situation]]
@@ -111,7 +113,7 @@ def test_damping_above_the_share_is_clamped_either_way_with_its_reason(
     where = servo(0.012, 10.0, 4.1, 2 * np.pi / 4096)  # a damping of which -5 is a part
     for asked, samples in ((5.0, 1), (-5.0, 1), (5.0, 4)):
         request = Request(stiffness, asked, side, samples)
-        (decision,) = decide(request, SETTINGS, where, [0.0])
+        decision = explain(one(request, where), SETTINGS, where)
         assert abs(decision.damping) == pytest.approx(0.8 * 0.267 * samples, rel=0.02)
         assert decision.damping * asked > 0
         assert decision.stiffness == stiffness, "some torque is left for a spring"

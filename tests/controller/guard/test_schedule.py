@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from haptic_wall.controller.guard.bins import Bins
 from haptic_wall.controller.guard.schedule import (
     INTERVAL_BINS,
     RAISE_WINDOWS,
@@ -16,11 +17,11 @@ from haptic_wall.controller.guard.schedule import (
     GainSchedule,
     GainTable,
     age_bins_ns,
-    inserted_delays,
     interval_bins_ns,
-    served_range,
 )
+from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.laws.delay import DelayRing
+from tests.support.beliefs import belief
 
 AGES = [0, 100_000, 200_000, 400_000, 800_000]
 WINDOW = 100
@@ -50,13 +51,13 @@ def aged(
 def test_the_percentile_is_covered_and_not_the_worst(every: int, covered: int) -> None:
     subject = of_ages()
     aged(subject, WINDOW, 700_000, may_raise=True, every=every)
-    assert subject.age_ns == covered
+    assert subject.allowed.delay == covered * 1e-9
 
 
 def test_a_run_of_high_ages_lowers_at_once() -> None:
     subject = of_ages()
     assert aged(subject, RUN, 350_000) == [False] * (RUN - 1) + [True]
-    assert subject.age_ns == 400_000
+    assert subject.allowed.delay == 400_000 * 1e-9
 
 
 def test_a_hiccup_does_not_lower() -> None:
@@ -67,10 +68,10 @@ def test_a_hiccup_does_not_lower() -> None:
 def test_raised_only_after_whole_windows_and_out_of_contact() -> None:
     subject = of_ages()
     aged(subject, RUN, 800_000, may_raise=True)
-    assert subject.age_ns == 800_000
+    assert subject.allowed.delay == 800_000 * 1e-9
     assert not any(aged(subject, (RAISE_WINDOWS + 2) * WINDOW, 50_000)), "never while touched"
     assert aged(subject, 1, 50_000, may_raise=True) == [True]
-    assert subject.age_ns == 100_000
+    assert subject.allowed.delay == 100_000 * 1e-9
     subject = of_ages()
     aged(subject, RUN, 800_000, may_raise=True)
     early = aged(subject, (RAISE_WINDOWS + 1) * WINDOW, 0, may_raise=True)
@@ -82,7 +83,7 @@ def test_a_pending_raise_does_not_survive_a_run_that_lowers() -> None:
     aged(subject, RUN, 350_000)
     aged(subject, (RAISE_WINDOWS + 2) * WINDOW, 50_000)
     aged(subject, RUN, 800_000)
-    assert subject.age_ns == 800_000
+    assert subject.allowed.delay == 800_000 * 1e-9
     quick = aged(subject, (RAISE_WINDOWS - 1) * WINDOW, 50_000, may_raise=True)
     assert not any(quick), "five whole windows after the lowering, untouched or not"
 
@@ -112,7 +113,7 @@ def test_a_handful_of_ages_is_no_reason_for_a_stiffer_bin() -> None:
     aged(subject, WINDOW, 350_000)
     aged(subject, 1, 0)
     subject.settle()
-    assert subject.age_ns == 400_000
+    assert subject.allowed.delay == 400_000 * 1e-9
 
 
 # The served interval
@@ -159,7 +160,7 @@ def test_the_interval_that_counts_is_weighted_by_its_time(
 ) -> None:
     subject = intervals()
     shown(subject, pattern, 7000)
-    assert subject.interval_ns == counted * PERIOD
+    assert subject.allowed.stiffness == 100.0 / counted
 
 
 def test_a_longer_interval_lowers_within_two_blocks() -> None:
@@ -173,9 +174,9 @@ def test_the_interval_is_raised_after_windows_that_allow_it_and_only_at_rest() -
     subject = intervals()
     shown(subject, [2.0], 500)
     assert shown(subject, [1.0], 9000, may_raise=False) == []
-    assert subject.interval_ns == 2 * PERIOD
+    assert subject.allowed.stiffness == 50.0
     assert len(shown(subject, [1.0], 10)) == 1
-    assert subject.interval_ns == PERIOD
+    assert subject.allowed.stiffness == 100.0
 
 
 @pytest.mark.parametrize("stall", [2.0, 8.0, 19.0])
@@ -191,7 +192,7 @@ def test_a_long_stall_softens_for_some_seconds_and_not_for_ever(stall: float) ->
     shown(subject, [1.0], 100)
     assert subject.allowed.stiffness < 100.0
     shown(subject, [1.0], (RAISE_WINDOWS + 2) * 1000)
-    assert subject.interval_ns == PERIOD
+    assert subject.allowed.stiffness == 100.0
 
 
 @pytest.mark.parametrize("stall", [16.0, 60.0])
@@ -207,7 +208,7 @@ def test_one_stall_in_the_warm_up_changes_nothing(before: int) -> None:
     subject = intervals()
     shown(subject, [1.0] * before + [30.0] + [1.0] * (470 - before), 500)
     subject.settle()
-    assert subject.interval_ns == PERIOD
+    assert subject.allowed.stiffness == 100.0
 
 
 def test_both_bins_count_at_once() -> None:
@@ -215,7 +216,6 @@ def test_both_bins_count_at_once() -> None:
     subject = GainSchedule(table, [0, 500_000], [PERIOD, 2 * PERIOD], 90.0, 1000, 50)
     for _ in range(200):
         subject.observe(400_000, 2 * PERIOD, may_raise=False)
-    assert (subject.age_ns, subject.interval_ns) == (500_000, 2 * PERIOD)
     assert subject.allowed == table.at(3) == (5.0, 0.0, 1.0, math.inf, 0.0)
     assert subject.index == 3
 
@@ -229,7 +229,7 @@ def test_in_the_long_run_no_interval_counts_as_shorter_than_it_is(seed: int) -> 
     subject = intervals()
     shown(subject, pattern, 7000)
     true = (pattern**2).sum() / pattern.sum()
-    counted = subject.interval_ns / PERIOD
+    counted = INTERVAL_BINS[min(subject.index, len(INTERVAL_BINS) - 1)]
     worst = 2 * true - pattern.mean()
     assert counted * 1.06 >= worst, "5 % within a bin, and a stall that is not counted"
     above = [each for each in INTERVAL_BINS if 1.05 * each >= 1.03 * worst]
@@ -240,10 +240,13 @@ def test_in_the_long_run_no_interval_counts_as_shorter_than_it_is(seed: int) -> 
 @pytest.mark.parametrize("index", [0, 1, 4, 6])
 def test_the_delay_of_the_ring_lies_in_the_range_that_a_bin_counts(steps: int, index: int) -> None:
     """Ticks at a regular interval, with the ring itself: each pushes its own instant."""
-    bins = interval_bins_ns(PERIOD)
-    served = served_range(bins, index)
-    low, high = (share * bins[index] / PERIOD for share in served)
-    least, most = inserted_delays(steps, 1.0, bins[index] / PERIOD, served)
+    edges = interval_bins_ns(PERIOD)
+    link = belief(inertia=0.01, damping=0.01, load_inertia=0.001, flexible_hz=40.0)
+    where = Situation(link, PERIOD * 1e-9, 4.1, 0.0)
+    bins = Bins(Request(0.0, 0.0, "both"), GuardSettings(), where, steps, [0], edges)
+    _, there = bins.at(index)
+    low, high = (share * edges[index] / PERIOD for share in there.served)
+    least, most = (delay / where.period for delay in there.inserted)
     random = np.random.default_rng(1)
     for interval in random.uniform(low, high, 7).tolist():
         ring, waits, before = DelayRing(steps), [], -1

@@ -111,8 +111,8 @@ def test_a_change_of_one_of_several_axes_shows_on_its_page() -> None:
     each = load_config("simulated", ["axes={elbow: {}, wrist: {}}"]).config.each
     telemetry, (ours, theirs) = Telemetry.create(2), socket.socketpair(type=socket.SOCK_SEQPACKET)
     views = {
-        name: View(config, "a", RunningSource(telemetry, 1_000_000, [*each], name), recorded=False)
-        for name, config in each.items()
+        name: View(config, "a", RunningSource(telemetry, 1_000_000, index), recorded=False)
+        for index, (name, config) in enumerate(each.items())
     }
     news = News(ours, telemetry, views)
     path = "axes.wrist.wall.stiffness"
@@ -120,6 +120,6 @@ def test_a_change_of_one_of_several_axes_shows_on_its_page() -> None:
     with theirs:
         theirs.send(json.dumps({"change": change}).encode())
         news.take()
-    news.close()
+    ours.close()
     shown = {name: view.config.wall.stiffness for name, view in views.items()}
     assert shown == {"elbow": CONFIG.wall.stiffness, "wrist": 3.0}
