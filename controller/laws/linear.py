@@ -14,6 +14,7 @@ class Linear(Shape):
 
     def __init__(self, slope: float) -> None:
         self.lowest_slope = self.highest_slope = slope
+        self.own_stiffness = None if slope else 0.0
 
     def elongation(self, away: float, speed: float, stiffness: float) -> float:  # noqa: ARG002
         """Return the distance from the centre times the slope [rad]."""
