@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from haptic_wall.controller.laws import detents, friction, linear, own, profile, stops, texture
+from haptic_wall.controller.laws import detents, friction, own, profile, stops, texture
 from haptic_wall.controller.laws.several import Sum
 from haptic_wall.controller.laws.shape import Grid, LawError, Numbers, Shape
 from haptic_wall.controller.laws.shaped import ShapedLaw
@@ -40,8 +40,8 @@ LAWS: Final[dict[str, Kind]] = {
         {"low": -0.5, "high": 0.3},
         dict.fromkeys(("low", "high"), "the position of this end [rad]"),
     ),
-    "spring": Kind("a spring to a centre", (), linear.spring, {}),
-    "damper": Kind("viscous friction", (), linear.damper, {}),
+    "spring": Kind("a spring to a centre", (), stops.spring, {}),
+    "damper": Kind("viscous friction", (), stops.damper, {}),
     "detents": Kind(
         "positions that hold the shaft",
         ("count", "width", "snap"),
@@ -101,7 +101,7 @@ def shape_of(numbers: Numbers, grid: Grid) -> Shape:
     """
     name = numbers.law
     if name == NONE:
-        return linear.damper(grid)
+        return stops.damper(grid)
     if name == SUM:
         return _sum(numbers, grid)
     if name in LAWS:
