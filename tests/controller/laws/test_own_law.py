@@ -133,6 +133,10 @@ class Counted:
 class NoRange(Counted):
     low = "a"
 
+class NoHigh:
+    low = -1.0
+    def torque(self, p): return -p
+
 class Leaves(Counted):
     def __init__(self): sys.exit(0)
 
@@ -154,6 +158,7 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     ("made", "said"),
     [
         ("NoRange", "could not convert string to float"),
+        ("NoHigh", "NoHigh without high"),
         ("Leaves", "SystemExit"),
         ("Raises", "no range today"),
     ],
