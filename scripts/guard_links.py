@@ -15,12 +15,12 @@ from haptic_wall.controller.guard.types import Decision, GuardSettings, Request,
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.chain import Chain, sampled, two_masses
-from haptic_wall.controller.theory.chain_contact import one_sided_limits, returned
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.crossings import Loops, poles
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.truth import EncoderSide
 from scripts.study import Found, Part, table
+from tests.support.chain_contact import one_sided_limits, returned
 
 PERIOD = 1e-3
 SERVOS = ((0.011951, 0.011692), (0.0018142, 0.0036617))

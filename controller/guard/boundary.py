@@ -18,8 +18,8 @@ from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory import linear_limit
 from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling, chain_peak
 from haptic_wall.controller.theory.chain import Chain, one_mass, two_masses
-from haptic_wall.controller.theory.chain_contact import one_sided_limits
 from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.one_sided import one_sided_with_load
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 WallSide = Literal["one", "both"]
@@ -119,15 +119,12 @@ def curve(question: Question, virtual_damping: Sequence[float] | FloatArray) -> 
     acting, unknown = p.gain * damping, np.full(damping.size, np.nan)
     exact = chain_boundary(*question.chain(), acting, *question.loop, filtered)
     if question.load is not None:
+        servo = (question.chain()[0], exact.stiffness)
         limits = {
             "linear": linear_limit(p.damping, acting, p.period, p.delay) / p.gain,
             "exact": exact.stiffness / p.gain,
+            "one_sided": one_sided_with_load(*servo, acting, *question.loop) / p.gain,
         }
-        if filtered is None:
-            period, delay, n = question.loop
-            walls = exact.stiffness, acting
-            limits["one_sided"] = one_sided_limits(question.chain()[0], period, delay, *walls, n)
-            limits["one_sided"] /= p.gain
         return Curve(damping, limits, unknown, exact.frequency)
     request = question.request
     if not question.situation.belief.is_flexible and filtered is None:

@@ -12,7 +12,6 @@ are counted, and what lies between. ``link_grid`` lays the grid, ``link_servos``
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Hashable
 from concurrent.futures import ThreadPoolExecutor
@@ -38,8 +37,6 @@ _TOGETHER = 600
 """So many servos are computed at once: fewer take more calls, more leave the cache"""
 _DIGITS = 12
 """Of an interval in seconds"""
-_CONTACT, _RETURNED = (0.1, 0.15, 0.3, 0.5), (0.96, 0.87, 0.6, 0.47)
-"""Frequency of a contact over the vibration's, and the share of the limit that returns no more"""
 
 
 class LinkLimits:
@@ -183,21 +180,3 @@ class LinkLimits:
 
     def _scans(self, at: float, groups: list[Servos]) -> list[FlexibleScan]:
         return FlexibleScan.of(groups, at, self._samples, self._belief.encoder, self._filter)
-
-
-def returned_share(belief: Belief, stiffness: FloatArray) -> FloatArray:
-    """Return the share of the two-sided limit up to which a contact leaves little vibration.
-
-    The energy that a one-sided wall returns to a rigid servo is counted elsewhere. A contact also
-    leaves energy in the vibration, the more the nearer its own frequency, sqrt(K/m), comes to the
-    vibration's. The share lies below the results of exact contacts of random servos, for every
-    damping, delay and encoder (``scripts/study guard``).
-
-    Args:
-        belief: Belief with a load behind a transmission.
-        stiffness: The two-sided limit of each plant, in commanded units [N·m/rad].
-    """
-    acting = belief.torque_gain.high * stiffness
-    near = np.sqrt(acting / belief.inertia.low) / (math.tau * belief.flexible_hz.low)
-    found: FloatArray = np.interp(near, _CONTACT, _RETURNED)
-    return found

@@ -12,12 +12,12 @@ from typing import Protocol
 
 import numpy as np
 
-from haptic_wall.controller.guard.evaluation import Evaluation, count_torque
-from haptic_wall.controller.guard.fast_vibration import UNBOUND
+from haptic_wall.controller.guard.evaluation import UNBOUND, Evaluation, count_torque
 from haptic_wall.controller.guard.flexible import returned_share
 from haptic_wall.controller.theory import linear_limit, passive_limit
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.harmonic import backlash_limit
+from haptic_wall.controller.theory.one_sided import returned_share
 from haptic_wall.controller.theory.passivity import passive_slope
 
 
@@ -230,7 +230,9 @@ class Flexible:
                 return found
         if request.side == "both":
             return found if request.linear else self.ON_A_LINK * found
-        return found * returned_share(belief, found) * np.minimum(at.one_sided_share, 1.0)
+        servo = (belief.inertia.low, belief.flexible_hz.low)
+        share = returned_share(*servo, belief.torque_gain.high * found)
+        return found * share * np.minimum(at.one_sided_share, 1.0)
 
 
 class Resolution:

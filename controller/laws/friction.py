@@ -17,14 +17,16 @@ class Friction(Shape):
 
     Args:
         torque: Torque at which it slips [N·m].
+        step: Encoder step [rad]; 0: the position is not quantised.
     """
 
     lowest_slope, highest_slope = 0.0, 1.0
     stores_work = False
     steepest = "its bristle"
 
-    def __init__(self, torque: float) -> None:
+    def __init__(self, torque: float, step: float) -> None:
         self._torque = torque
+        self.resolved = torque / (TRAVEL_COUNTS * step) if step > 0.0 else math.inf
         self._anchor = math.nan
         self._most = 0.0  # bend at which it slips [rad]
 
@@ -53,11 +55,7 @@ class Friction(Shape):
         """Straighten the bristle at this position."""
         self._anchor = away
 
-    def resolved(self, step: float) -> float:
-        """Return the K at which the bristle's travel is four encoder counts [N·m/rad]."""
-        return self._torque / (TRAVEL_COUNTS * step) if step > 0.0 else math.inf
 
-
-def make(grid: Grid, friction: float) -> Shape:  # noqa: ARG001 - as every law
+def make(grid: Grid, friction: float) -> Shape:
     """Make friction that slips at ``wall.friction`` [N·m]."""
-    return Friction(friction)
+    return Friction(friction, grid.step)

@@ -70,7 +70,7 @@ def is_closed(name: str) -> bool:
 
 
 def own_law(name: str, options: Mapping[str, Any]) -> OwnLaw:
-    """Make the user's law, if it is a class with a ``torque``.
+    """Make the user's law, if it is a class with a ``torque``; its range may be made with it.
 
     Args:
         name: ``module:Class``, or the name of an entry point.
@@ -81,13 +81,17 @@ def own_law(name: str, options: Mapping[str, Any]) -> OwnLaw:
     """
     try:
         law: OwnLaw = _class_of(name)(**options)
-        float(law.low), float(law.high)
+        missing = [end for end in ("low", "high") if not hasattr(law, end)]
+        if not missing:
+            float(law.low), float(law.high)
     except LawError:
         raise
     except (Exception, SystemExit) as error:
         raise LawError(
             "law", f"found {name}, which fails ({type(error).__name__}: {error})", _WANTED
         ) from error
+    if missing:
+        raise LawError("law", f"found {name} without {' and '.join(missing)}", _WANTED)
     return law
 
 

@@ -25,9 +25,6 @@ class Profile(Shape):
         torques: One for each [N·m]; the first not below 0 and the last not above, so that nothing
             is driven away without end.
 
-    Attributes:
-        stiffness: Stiffness of the steepest slope [N·m/rad].
-
     Raises:
         LawError: The table makes no law.
     """
@@ -56,7 +53,7 @@ class Profile(Shape):
                 "a first torque of 0 or above and a last one of 0 or below: beyond the ends the "
                 "torque stays, and would drive the shaft away without end",
             )
-        self.stiffness = stiffness = max(map(abs, slopes))
+        self.own_stiffness = stiffness = max(map(abs, slopes))
         if stiffness == 0.0:
             raise LawError("profile", "found the same torque everywhere", "torques that differ")
         at = max(range(len(slopes)), key=lambda i: abs(slopes[i]))

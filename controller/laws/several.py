@@ -26,6 +26,8 @@ class Sum(Shape):
         scale = 1.0 / most if most > 0.0 else 1.0
         self.lowest_slope, self.highest_slope = low * scale, high * scale
         self._parts = [(shape, share * scale) for _, shape, share in parts]
+        self.resolved = min(shape.resolved / share for shape, share in self._parts)
+        self.own_stiffness = None if most > 0.0 else 0.0  # dampers alone
         self.damped_everywhere = any(shape.damped_everywhere for _, shape, _ in parts)
         self.stores_work = all(shape.stores_work for _, shape, _ in parts)
         self.steepest = max(
@@ -59,7 +61,3 @@ class Sum(Shape):
         """Start every part at rest at this position."""
         for shape, _ in self._parts:
             shape.settle(away)
-
-    def resolved(self, step: float) -> float:
-        """Return the highest K at which every part is resolved [N·m/rad]."""
-        return min(shape.resolved(step) / share for shape, share in self._parts)

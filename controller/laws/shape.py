@@ -7,6 +7,7 @@ guard needs only two facts: whether the slope varies, and where damping acts.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -29,6 +30,8 @@ class Shape:
             passivity control counts on it.
         steepest: Name of the steepest part, for messages; empty: the whole law.
         lowest: Two positions with a lowest point of the potential between them [rad].
+        resolved: Highest K at which the encoder resolves the shape [N·m/rad].
+        own_stiffness: K that the law itself asks for [N·m/rad]; None: ``wall.stiffness``.
     """
 
     lowest_slope: float
@@ -37,6 +40,8 @@ class Shape:
     stores_work: bool = True
     steepest: str = ""
     lowest: tuple[float, float] = 0.0, 0.0
+    resolved: float = math.inf
+    own_stiffness: float | None = None
 
     def elongation(self, away: float, speed: float, stiffness: float) -> float:
         """Return the elongation e [rad]; call it once a tick, because the shape may have state.
@@ -58,10 +63,6 @@ class Shape:
 
     def settle(self, away: float) -> None:
         """Reset the shape's state to rest at this position."""
-
-    def resolved(self, step: float) -> float:  # noqa: ARG002 - whatever the step
-        """Return the highest K [N·m/rad] at which this encoder step [rad] resolves the shape."""
-        return float("inf")
 
 
 @dataclass(frozen=True, slots=True)

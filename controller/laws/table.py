@@ -7,8 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from haptic_wall.controller.laws import detents, friction, linear, own, profile, stops, texture
-from haptic_wall.controller.laws.profile import Profile
+from haptic_wall.controller.laws import detents, friction, own, profile, stops, texture
 from haptic_wall.controller.laws.several import Sum
 from haptic_wall.controller.laws.shape import Grid, LawError, Numbers, Shape
 from haptic_wall.controller.laws.shaped import ShapedLaw
@@ -41,8 +40,8 @@ LAWS: Final[dict[str, Kind]] = {
         {"low": -0.5, "high": 0.3},
         dict.fromkeys(("low", "high"), "the position of this end [rad]"),
     ),
-    "spring": Kind("a spring to a centre", (), linear.spring, {}),
-    "damper": Kind("viscous friction", (), linear.damper, {}),
+    "spring": Kind("a spring to a centre", (), stops.spring, {}),
+    "damper": Kind("viscous friction", (), stops.damper, {}),
     "detents": Kind(
         "positions that hold the shaft",
         ("count", "width", "snap"),
@@ -101,6 +100,8 @@ def shape_of(numbers: Numbers, grid: Grid) -> Shape:
         LawError: There is no such law, or its numbers make none.
     """
     name = numbers.law
+    if name == NONE:
+        return stops.damper(grid)
     if name == SUM:
         return _sum(numbers, grid)
     if name in LAWS:
@@ -159,44 +160,3 @@ def rendered_law(numbers: Numbers, grid: Grid, position: float, clip: float = ma
 
 LINEAR: Final = ("wall", "spring", "damper", NONE)
 """Laws with one spring of one slope, perhaps 0"""
-
-
-@dataclass(frozen=True, slots=True)
-class Facts:
-    """The properties of a law that the guard needs."""
-
-    side: Side
-    """``both`` where damping acts everywhere; else the law never pulls"""
-    linear: bool
-    """One slope wherever it is in contact"""
-    steepest: str
-    """Law and steepest part, for people; empty for a wall"""
-    resolved: float
-    """Highest stiffness at which the encoder resolves it [N·m/rad]; inf: any"""
-    own_stiffness: float | None
-    """The stiffness that the law itself asks for [N·m/rad]; None: ``wall.stiffness``"""
-
-
-def facts_of(numbers: Numbers, grid: Grid) -> Facts:
-    """Return the properties of a law that the guard needs.
-
-    Raises:
-        LawError: As for ``shape_of``.
-    """
-    name = numbers.law
-    if name == "wall":
-        return Facts(numbers.side, True, "", math.inf, None)
-    if name in LINEAR:
-        return Facts("both", True, name, math.inf, None if name == "spring" else 0.0)
-    shape = shape_of(numbers, grid)
-    steepest = f"{name}, {shape.steepest}" if shape.steepest else name
-    own_stiffness = shape.stiffness if isinstance(shape, Profile) else None
-    if shape.lowest_slope == shape.highest_slope == 0.0:
-        own_stiffness = 0.0  # a sum of dampers
-    return Facts(
-        side="both" if shape.damped_everywhere else "above",
-        linear=False,
-        steepest=steepest,
-        resolved=shape.resolved(grid.step),
-        own_stiffness=own_stiffness,
-    )

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
 _SHARES = np.append(np.linspace(1e-3, 1 - 1e-3, 160), 1 - 1e-6)
 """Points of a curve, as fractions of the range without its very ends, where all limits are 0."""
-_FEWER = np.append(np.linspace(1e-3, 1 - 1e-3, 40), 1 - 1e-6)
-"""Of a servo with a load, whose contacts are simulated for each point"""
 _FAR = 10.0
 """Multiple of the highest exact limit above which another limit is not drawn"""
 _ONE_SIDED_FILL, _ALLOWED_FILL = "#dcebdf", "#9cc7a5"
@@ -48,10 +46,9 @@ def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> N
     top = found["max_virtual_damping"]
     plants = question.plants(1)
     lowest = 0.0 if question.load else -float((plants.damping / plants.gain)[0])
-    shares = _FEWER if question.load else _SHARES
     root, square = style.ROOTS
     low, high = root(np.array([lowest, top]))
-    across = curve(question, square(low + (high - low) * shares))
+    across = curve(question, square(low + (high - low) * _SHARES))
     with style.picture(path, style.PAGE, 4.6) as figure:
         ax, below = figure.subplots(2, 1, sharex=True, height_ratios=[3.4, 1.0])
         _plane(ax, across, question.side)

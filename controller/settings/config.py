@@ -14,7 +14,7 @@ from haptic_wall.controller.guard.belief import Belief, Bounded, vibration
 from haptic_wall.controller.guard.types import GuardSettings, Request
 from haptic_wall.controller.laws import own
 from haptic_wall.controller.laws.shape import Grid, LawError, Numbers
-from haptic_wall.controller.laws.table import facts_of, rendered_law
+from haptic_wall.controller.laws.table import LINEAR, rendered_law, shape_of
 from haptic_wall.controller.laws.wall import NONE, SIGNS, Law
 from haptic_wall.controller.settings.axes import completed
 from haptic_wall.controller.settings.rules import (
@@ -252,16 +252,16 @@ class Config(Sections):
                 wall.velocity_samples,
                 velocity_filter=self.velocity_filter(),
             )
-        facts = self._of_law(facts_of, step)
-        own = facts.own_stiffness
+        shape = self._of_law(shape_of, step)
+        own = shape.own_stiffness
         return Request(
             wall.stiffness if own is None else own,
             0.0 if wall.law == NONE else wall.damping,
-            facts.side,
+            "both" if shape.damped_everywhere else "above",
             wall.velocity_samples,
-            facts.steepest,
-            facts.linear,
-            facts.resolved,
+            f"{wall.law}, {shape.steepest}" if shape.steepest else wall.law,
+            wall.law in LINEAR,
+            shape.resolved,
         )
 
     def law(self, step: float) -> Law:

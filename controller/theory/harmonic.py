@@ -134,7 +134,6 @@ def _least(
     every_a, every_w = (np.linspace(0.0, 1.0, n) for n in (_AMPLITUDES, _FREQUENCIES))
 
     def crossings(part_a: FloatArray, part_w: FloatArray) -> FloatArray:
-        """Return the stiffness of cycles between neighbouring frequencies; infinite if none."""
         a = begin * ratio**part_a**3
         w = _SLOWEST * (_FASTEST / _SLOWEST) ** part_w / late
         b = damping + 4.0 * coulomb / (np.pi * a * w / period)
@@ -142,19 +141,27 @@ def _least(
         balance = inverse_plant(delta, delay / period, w) * (inertia / period**2)
         balance = balance / backlash_gain(a, width)
         balance = balance - virtual_damping / period * difference(velocity_samples, w)
-        imaginary, stiffness = balance.imag, balance.real
-        before, after = imaginary[..., :-1], imaginary[..., 1:]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            share = before / (before - after)
-            at = stiffness[..., :-1] + share * (stiffness[..., 1:] - stiffness[..., :-1])
-        found: FloatArray = np.where((np.sign(before) != np.sign(after)) & (at > 0), at, np.inf)
-        return found
+        return _cycles(balance)
 
     coarse = crossings(every_a[:, None], every_w)
     cell = coarse.argmin(axis=2)[..., None] + _NEAR
     fine = crossings(every_a[:, None], np.clip(cell / (_FREQUENCIES - 1), 0.0, 1.0))
     least: FloatArray = np.minimum(coarse.min(axis=(1, 2)), fine.min(axis=(1, 2)))
     return least
+
+
+def _cycles(balance: ComplexArray) -> FloatArray:
+    """Return the stiffness of cycles between neighbouring frequencies; infinite if none.
+
+    Args:
+        balance: What the stiffness must be, along the last axis; its imaginary part is to be 0.
+    """
+    stiffness, before, after = balance.real, balance.imag[..., :-1], balance.imag[..., 1:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = before / (before - after)
+        at = stiffness[..., :-1] + share * (stiffness[..., 1:] - stiffness[..., :-1])
+    found: FloatArray = np.where((np.sign(before) != np.sign(after)) & (at > 0), at, np.inf)
+    return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,26 +215,13 @@ def kick_limit(
     late = 1.0 + delay / period
     rates = np.geomspace(_SLOWEST / late, _FASTEST / late, _COARSE)
     loop = virtual_damping, period, delay, amplitude, velocity_samples
-    rough = _crossing(*_balance(servo, rates, *loop))
-    if rough is None:
+    rough = _cycles(_balance(servo, rates, *loop))
+    at = int(np.argmin(rough))
+    if np.isinf(rough[at]):
         return float("inf")
-    stiffness, at = rough
     near = np.linspace(rates[max(at - 1, 0)], rates[min(at + 2, _COARSE - 1)], _FINE)
-    fine = _crossing(*_balance(servo, near, *loop))
-    return stiffness if fine is None else fine[0]
-
-
-def _crossing(real: FloatArray, imaginary: FloatArray) -> tuple[float, int] | None:
-    """Return the least stiffness with a real balance, and the frequency before it."""
-    before, after = imaginary[:-1], imaginary[1:]
-    at = np.flatnonzero(np.sign(before) != np.sign(after))
-    share = before[at] / (before[at] - after[at])
-    found = real[at] + share * (real[at + 1] - real[at])
-    at, found = at[found > 0.0], found[found > 0.0]
-    if not at.size:
-        return None
-    least = int(np.argmin(found))
-    return float(found[least]), int(at[least])
+    fine = float(_cycles(_balance(servo, near, *loop)).min())
+    return float(rough[at]) if np.isinf(fine) else fine
 
 
 def _balance(
@@ -238,8 +232,8 @@ def _balance(
     delay: float,
     amplitude: float,
     velocity_samples: int,
-) -> tuple[FloatArray, FloatArray]:
-    """Return what the stiffness must be at each frequency, in phase and out of phase."""
+) -> ComplexArray:
+    """Return what the stiffness must be at each frequency [N·m/rad]."""
     shaft = amplitude + 0.5 * servo.backlash
     w = rates / period
     ones = np.ones(rates.shape)
@@ -272,4 +266,4 @@ def _balance(
         plant = inverse_plant(np.maximum(lossy, 0.0) * period / heavy, delay / period, rates)
         answer = plant * heavy / period**2 / (gain * passed) - spring_of_damper
         stiffness = 0.5 * (stiffness + np.maximum(answer.real, 0.0))
-    return answer.real, answer.imag
+    return answer

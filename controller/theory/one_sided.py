@@ -4,16 +4,19 @@ A wall that only pushes loses its damping on the way out. It can therefore retur
 than it came although the two-sided loop is stable: with a gentle steady push the device then
 bounces for ever. The limit is the stiffness at which the ratio of the speeds, at the worst phase of
 entry, is 1.
-No closed form is known: contacts are simulated.
+No closed form is known: contacts are simulated. A load that vibrates takes a share of the limit.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from haptic_wall.controller.theory.chain import Chain
 from haptic_wall.controller.theory.checks import (
     FloatArray,
     IntArray,
@@ -33,11 +36,14 @@ _ZOOMS, _ZOOM_POINTS = 4, 7
 _SLOW = 1e-2
 _LATEST = 1e4  # longest simulated delay, in periods
 _LITTLE = 1e-2  # upper end of the scaled damping (per period, times the delay)
+_FLOOR = 0.5  # of ``exit_speed``: only ratios near 1 matter to the limit
 
 _NO_COASTING = 20.0
 """A device with more viscous damping (delta) loses its speed within a twentieth of a period: it
 never coasts into a wall or out of it, and no contact returns speed. Only the exact limit applies.
 """
+_CONTACT, _RETURNED = (0.1, 0.15, 0.3, 0.5), (0.96, 0.87, 0.6, 0.47)
+"""Frequency of a contact over the vibration's, and the share of the limit that returns no more"""
 
 
 def one_sided_limit(
@@ -87,8 +93,59 @@ def one_sided_limit(
     return s.shaped(alpha * s.stiffness_unit)
 
 
-@dataclass(frozen=True, slots=True)
-class _Walls:
+def one_sided_with_load(
+    chain: Chain,
+    exact: FloatArray,
+    virtual_damping: ArrayLike,
+    period: ArrayLike,
+    delay: ArrayLike,
+    velocity_samples: ArrayLike = 1,
+    tolerance: float = 1e-4,
+) -> FloatArray:
+    """Return a stiffness up to which a one-sided wall returns no motor with a load faster.
+
+    It is the exact limit, times the share of it that a rigid servo of the same inertia has, times
+    ``returned_share``: below the limit of simulated contacts.
+
+    Args:
+        chain: The servo: one chain of two masses.
+        exact: The chain's exact limit, in the broadcast shape of what follows [N·m/rad].
+        virtual_damping: As of ``one_sided_limit``, and so are the others.
+        period: T > 0 [s].
+        delay: t_d [s].
+        velocity_samples: N.
+        tolerance: Wanted relative accuracy.
+    """
+    inertias, damping = chain.inertias[0], float(chain.dampings[0].sum())
+    inertia = float(inertias.sum())
+    rigid = (inertia, damping, virtual_damping, period, delay, velocity_samples)
+    alone = critical_stiffness(*rigid)
+    share = np.divide(
+        one_sided_limit(*rigid, tolerance), alone, out=np.zeros_like(exact), where=alone > 0.0
+    )
+    hz = float(np.sqrt(chain.stiffnesses[0, 0] * np.sum(1.0 / inertias))) / math.tau
+    limit: FloatArray = exact * returned_share(inertia, hz, exact) * share
+    return limit
+
+
+def returned_share(inertia: float, hz: float, stiffness: FloatArray) -> FloatArray:
+    """Return the share of the two-sided limit up to which a contact leaves little vibration.
+
+    A contact leaves energy in the vibration of a load, the more the nearer its own frequency,
+    sqrt(K/m), comes to the vibration's. The share lies below the results of exact contacts of
+    random servos, for every damping, delay and encoder (``scripts/study guard``).
+
+    Args:
+        inertia: Inertia of motor and load, or less [kg·m²].
+        hz: Frequency of the vibration with both ends free [Hz].
+        stiffness: The two-sided limits [N·m/rad].
+    """
+    near = np.sqrt(stiffness / inertia) / (math.tau * hz)
+    found: FloatArray = np.interp(near, _CONTACT, _RETURNED)
+    return found
+
+
+class _Walls(NamedTuple):
     """Flat dimensionless settings, each with a stiffness whose fractions are tried."""
 
     delta: FloatArray
@@ -98,29 +155,20 @@ class _Walls:
     alpha: FloatArray
 
     def take(self, index: IntArray) -> _Walls:
-        return _Walls(
-            self.delta[index],
-            self.beta[index],
-            self.delay[index],
-            self.samples[index],
-            self.alpha[index],
-        )
+        return _Walls(*(each[index] for each in self))
 
 
 def _even(count: int) -> FloatArray:
     return np.linspace(0.0, 1.0, count)
 
 
-def _returned(
-    walls: _Walls, share: FloatArray, phases: FloatArray, floor: float = 0.5
-) -> FloatArray:
+def _returned(walls: _Walls, share: FloatArray, phases: FloatArray) -> FloatArray:
     """Return exit over entry speed; walls × fractions × phases.
 
     Args:
         walls: The settings.
         share: Fractions of each wall's alpha to try, walls (or 1) × fractions.
         phases: Either one row of phases for all, or walls × fractions × phases.
-        floor: See ``exit_speed``; only ratios near 1 matter to the limit.
     """
     shape = (walls.delta.size, share.shape[1], phases.shape[-1])
 
@@ -135,7 +183,7 @@ def _returned(
         samples=spread(walls.samples).astype(np.int64),
         phase=np.broadcast_to(phases, shape).ravel(),
     )
-    return exit_speed(contacts, floor).reshape(shape)
+    return exit_speed(contacts, _FLOOR).reshape(shape)
 
 
 def _worst(walls: _Walls, share: FloatArray) -> FloatArray:

@@ -8,7 +8,6 @@ import numpy as np
 
 from haptic_wall.controller.theory.checks import FloatArray
 
-_TO_THE_LAST_BIT = 60
 _MOST, _NEAR = 60, 4.5e-16
 _GOLDEN, _GOLDEN_STEPS = 0.5 * (5**0.5 - 1.0), 34
 _SHALLOW = 0.25
@@ -57,7 +56,7 @@ def refined(
 
 
 def zeros(function: Callable[[FloatArray], FloatArray], grid: FloatArray) -> FloatArray:
-    """Find where one function changes its sign between neighbours of a grid, by bisection.
+    """Find where one function changes its sign between neighbours of a grid.
 
     Args:
         function: Takes and gives arrays of one axis; NaN where unknown, which is no sign change.
@@ -66,15 +65,8 @@ def zeros(function: Callable[[FloatArray], FloatArray], grid: FloatArray) -> Flo
     value = function(grid)
     known = np.isfinite(value[1:]) & np.isfinite(value[:-1])
     cell = np.flatnonzero(known & ((value[1:] > 0) != (value[:-1] > 0)))
-    low, high, rising = grid[cell], grid[cell + 1], value[cell + 1] > 0
-    for _ in range(_TO_THE_LAST_BIT if cell.size else 0):
-        middle = 0.5 * (low + high)
-        beyond = (function(middle) > 0) == rising
-        if np.array_equal(middle, np.where(beyond, high, low)):
-            break  # no bracket becomes smaller
-        low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
-    result: FloatArray = 0.5 * (low + high)
-    return result
+    sign = np.where(value[cell + 1] > 0, 1.0, -1.0)
+    return refined(lambda x: sign * function(x), grid[cell], grid[cell + 1])
 
 
 def dips(

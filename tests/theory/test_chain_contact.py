@@ -1,4 +1,4 @@
-"""Contacts of a chain with a wall that never pulls: the rigid theory as oracle, energy, a lag."""
+"""Contacts of a chain with a wall that never pulls: the rigid theory as oracle, energy, a bound."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.theory import max_virtual_damping, one_sided_limit
+from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.chain import Chain, two_masses
-from haptic_wall.controller.theory.chain_contact import returned
+from haptic_wall.controller.theory.one_sided import one_sided_with_load
+from tests.support.chain_contact import one_sided_limits, returned
 from tests.support.contacts import restitution
 
 PERIOD = 1e-3
@@ -74,3 +76,21 @@ def test_a_contact_without_end_is_not_a_number() -> None:
     chain, _ = two_masses(0.012 * every, 0.01, 0.006, 200.0, 0.01)
     found = returned(chain, PERIOD, 0.0, 0.001 * every, every, 0.5 * every, longest=50)
     assert np.all(np.isnan(found))
+
+
+@pytest.mark.parametrize("encoder", ["output", "motor"])
+def test_with_a_load_the_limit_is_below_that_of_simulated_contacts(
+    encoder: str, thorough: bool
+) -> None:
+    random = np.random.default_rng(6)
+    for _ in range(200 if thorough else 4):
+        motor, load = 0.012, 0.012 * 10 ** random.uniform(-1.3, 0.5)
+        rate = 2.0 * np.pi * 10 ** random.uniform(1.0, 2.1)
+        moving = motor * load / (motor + load)
+        masses = motor, 0.0117, load, moving * rate**2, 0.06 * moving * rate
+        servo, shape = two_masses(*masses, encoder=encoder)
+        loop = PERIOD, random.uniform(0.0, 3e-3)
+        virtual = float(chain_ceiling(servo, shape, *loop)) * np.array([0.0, 0.3, 0.7])
+        exact = chain_boundary(servo, shape, virtual, *loop).stiffness
+        found = one_sided_with_load(servo, exact, virtual, *loop)
+        assert np.all(found <= one_sided_limits(servo, *loop, exact, virtual))

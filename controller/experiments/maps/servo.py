@@ -13,8 +13,8 @@ from haptic_wall.controller.experiments.maps.loop import Wall
 from haptic_wall.controller.experiments.maps.walls import wall_of
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory import linear_limit, one_sided_limit
-from haptic_wall.controller.theory.chain_contact import one_sided_limits
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
+from haptic_wall.controller.theory.one_sided import one_sided_with_load
 from haptic_wall.hw.plant.mechanics import mechanics_of
 from haptic_wall.hw.truth import TrueServo
 
@@ -119,7 +119,7 @@ class MapSettings:
         Args:
             damping: B, shape (n,) [N·m·s/rad].
             delay: t_d, shape (m,) [s].
-            tolerance: Wanted relative accuracy of a rigid servo's one-sided limit; 0.01 is quick.
+            tolerance: Wanted relative accuracy of the one-sided limit; 0.01 is quick.
 
         Returns:
             Each of delays × dampings.
@@ -129,12 +129,7 @@ class MapSettings:
         linear = linear_limit(servo.damping, damping, period, late)
         loop = self.loop
         exact = np.asarray(loop.critical(damping, late).stiffness)
+        walls = (damping, period, late, n, tolerance)
         if loop.load is None:
-            walls = (damping, period, late, n, tolerance)
             return linear, exact, one_sided_limit(servo.inertia, servo.damping, *walls)
-        chain = loop.chain()
-        rows = [
-            one_sided_limits(chain, period, float(one), row, damping, n)
-            for one, row in zip(delay, exact, strict=True)
-        ]
-        return linear, exact, np.array(rows)
+        return linear, exact, one_sided_with_load(loop.chain(), exact, *walls)

@@ -21,9 +21,9 @@ from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory.boundary import chain_boundary
 from haptic_wall.controller.theory.chain import two_masses
-from haptic_wall.controller.theory.chain_contact import returned as chain_returned
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.truth import TrueServo
+from tests.support.chain_contact import returned as chain_returned
 from tests.support.executors import AtOnce
 from tests.support.program import call
 

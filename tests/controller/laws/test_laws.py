@@ -10,7 +10,7 @@ import pytest
 from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.laws.shape import Grid, Shape
 from haptic_wall.controller.laws.shaped import ShapedLaw
-from haptic_wall.controller.laws.table import EXAMPLES, SUM, facts_of, shape_of
+from haptic_wall.controller.laws.table import EXAMPLES, SUM, shape_of
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.settings.model import Wall
 from tests.cases import sampled
@@ -148,15 +148,19 @@ def test_a_sum_whose_parts_pull_apart_holds_no_energy_where_it_rests() -> None:
 
 
 def test_the_guard_learns_what_a_law_is() -> None:
-    stops, detents = (facts_of(numbers(law), GRID) for law in ("stops", "detents"))
-    assert (stops.side, stops.linear) == ("above", False)
-    assert (detents.side, detents.steepest) == ("both", "detents, its crest")
-    lowest = [shape_of(numbers(law), GRID).lowest_slope for law in ("stops", "detents")]
-    assert [slope < 0.0 for slope in lowest] == [False, True]
-    assert facts_of(numbers("profile"), GRID).own_stiffness == pytest.approx(2.0 / 0.3)
+    sets = ["law=stops", "low=-1", "high=1"], ["law=detents", "count=24", "snap=0.4"], ["law=none"]
+    stops, detents, none = (
+        load_config("simulated", [f"wall.{each}" for each in numbers]).config.request()
+        for numbers in sets
+    )
+    assert (stops.side, stops.linear, stops.law) == ("above", False, "stops")
+    assert (detents.side, detents.linear, detents.law) == ("both", False, "detents, its crest")
+    assert (none.side, none.linear, none.stiffness, none.damping) == ("both", True, 0.0, 0.0)
+    assert [shape(law).lowest_slope < 0.0 for law in ("stops", "detents")] == [False, True]
+    assert shape("profile").own_stiffness == pytest.approx(2.0 / 0.3)
     dampers = Wall.model_validate({"law": "sum", "parts": [{"law": "damper"}] * 2})
-    assert facts_of(dampers, GRID).own_stiffness == 0.0
-    assert facts_of(numbers("friction"), GRID).resolved == pytest.approx(0.1 / (4 * GRID.step))
+    assert shape_of(dampers, GRID).own_stiffness == 0.0
+    assert shape("friction").resolved == pytest.approx(0.1 / (4 * GRID.step))
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,7 @@ def test_a_law_whose_module_is_hidden_by_another_names_the_path() -> None:
 
 def test_the_steepest_slope_between_counts_is_measured() -> None:
     made = table(Given(lambda x: -5.0 * x - (0.01 if x > 0.3 else 0.0)))
-    assert made.stiffness == pytest.approx(5.0 + 0.01 / GRID.step, rel=1e-3)
+    assert made.own_stiffness == pytest.approx(5.0 + 0.01 / GRID.step, rel=1e-3)
     assert made.steepest.startswith("from 0.29") or made.steepest.startswith("from 0.3 ")
 
 
@@ -133,6 +133,10 @@ class Counted:
 class NoRange(Counted):
     low = "a"
 
+class NoHigh:
+    low = -1.0
+    def torque(self, p): return -p
+
 class Leaves(Counted):
     def __init__(self): sys.exit(0)
 
@@ -154,6 +158,7 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     ("made", "said"),
     [
         ("NoRange", "could not convert string to float"),
+        ("NoHigh", "NoHigh without high"),
         ("Leaves", "SystemExit"),
         ("Raises", "no range today"),
     ],

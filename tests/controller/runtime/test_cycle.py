@@ -331,7 +331,7 @@ def test_a_dead_man_that_is_held_again_brings_the_wall_back_only_where_it_is_no_
 
 
 def test_friction_comes_on_again_after_a_pause() -> None:
-    friction = ShapedLaw("friction", Friction(0.5), 0.0)
+    friction = ShapedLaw("friction", Friction(0.5, 0.0), 0.0)
     rig = on(Rig([0.0] + [0.4] * 10, stiffness=10.0, law=friction)).run(2)
     lets_go(rig).run(1)
     holds(rig).run(5)
