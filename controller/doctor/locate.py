@@ -85,8 +85,8 @@ class Locator:
             beside = f", beside {listed}" if servos else ""
             found = f"garbage at {', '.join(garbled)} bit/s{beside}"
             fix = (
-                f"two servos have one id, such as {settings.id}, or there is noise: connect one of "
-                "them, and give it another id"
+                f"two servos have one id, perhaps id {settings.id}, or there is noise: connect one "
+                "of them, and give it another id"
             )
         elif servos:
             found, fix = f"no, but {listed}", "set servo.id and servo.baud to those found"
