@@ -66,18 +66,6 @@ class ConfigError(UserError):
         self.problems = tuple(map(str, problems))
 
 
-class SeveralError(UserError):
-    """Several problems, one in each line; the attributes are those of the first.
-
-    Args:
-        problems: All of them.
-    """
-
-    def __init__(self, problems: Sequence[Problem]) -> None:
-        super().__init__("\n".join(map(str, problems)))
-        self.problem = problems[0]
-
-
 class LogFormatError(UserError):
     """The file is not a log of this program."""
 

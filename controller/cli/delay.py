@@ -4,7 +4,14 @@ from __future__ import annotations
 
 import click
 
-from haptic_wall.controller.cli.experiment import Asked, carry_out, experiment, folder_option
+from haptic_wall.controller.cli.experiment import (
+    Asked,
+    conclude,
+    experiment,
+    folder_option,
+    moving,
+    results_in,
+)
 from haptic_wall.controller.cli.options import say
 
 
@@ -22,13 +29,8 @@ def command(asked: Asked) -> None:
         measure_delay,
     )
 
-    config = asked.config
-    carry_out(
-        asked,
-        "delay",
-        SECONDS,
-        measure=lambda folder: measure_delay(config, folder, tell=say),
-        report=delay_report,
-        draw=None,
-        text=delay_text,
-    )
+    folder = results_in(asked, "delay")
+    asked.may_move()
+    with moving(asked.config, SECONDS):
+        found = measure_delay(asked.config, folder, tell=say)
+    conclude(asked, "delay", folder, delay_report(found), delay_text(found))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
-from dataclasses import replace
 
 import click
 
@@ -56,12 +54,6 @@ def command(
     consent = _consent(yes) if fix else None
     with interrupting():  # the port is closed
         report = examine(loaded.config, _say, consent, change_baud)
-    given = [word for change in sets for word in ("--set", change)]
-    mine = f"doctor {shlex.join([config, *given])} "
-    report.found = {
-        name: replace(check, fix=check.fix.replace("doctor CONFIG ", mine))
-        for name, check in report.found.items()
-    }
     answer(as_data(loaded.name, report), lambda: text(loaded.name, report))
     sys.exit(HARDWARE if not report.reached else WRONG if report.wrong else 0)
 

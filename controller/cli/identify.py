@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from haptic_wall.controller.cli.drawing import drawn_or_noted
 from haptic_wall.controller.cli.experiment import (
     REACH,
-    asked_of,
-    endings,
-    experiment_options,
+    Asked,
+    experiment,
     moving,
 )
 from haptic_wall.controller.cli.numbers import Number
@@ -27,16 +26,24 @@ from haptic_wall.controller.cli.options import (
 )
 from haptic_wall.controller.cli.places import FileToWrite, new_stem
 from haptic_wall.controller.cli.working import working
-from haptic_wall.controller.errors import SeveralError, UserError
-from haptic_wall.controller.settings.load import Loaded
+from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.files import whole
 from haptic_wall.hw.errors import Problem
 
 if TYPE_CHECKING:
-    from haptic_wall.controller.experiments.identify.identification import Identified
+    pass
 
 _FIT_S = 10.0
 """Usual duration of the fit of a record [s]"""
+_OF_A_MOTION = {
+    "config": "CONFIG",
+    "sets": "--set",
+    "axis": "--axis",
+    "out": "--out",
+    "yes": "--yes",
+    "reach": "--reach",
+}
+"""Parameters that mean nothing with ``--record``"""
 
 
 @click.command()
@@ -67,7 +74,7 @@ _FIT_S = 10.0
     metavar="M",
     help="With --record: distance from the axis to that weight's centre.",
 )
-@experiment_options(
+@experiment(
     click.option(
         "--out",
         type=FileToWrite(),
@@ -77,11 +84,7 @@ _FIT_S = 10.0
     config_argument(needed=False),
 )
 def command(
-    config: str | None,
-    sets: tuple[str, ...],
-    out: Path | None,
-    axis: str | None,
-    yes: bool,
+    asked: Asked | None,
     plot: Path | None,
     reach: float,
     record: Path | None,
@@ -100,15 +103,9 @@ def command(
     given = [name for name, value in pendulum.items() if value is not None]
     missing = [name for name in pendulum if name not in given]
     if record is not None:
-        needless = {
-            "CONFIG": config,
-            "--set": sets,
-            "--axis": axis,
-            "--out": out,
-            "--yes": yes,
-        }
-        needless["--reach"] = reach != REACH
-        if named := " and ".join(name for name, has in needless.items() if has):
+        source = click.get_current_context().get_parameter_source
+        words = [name for name in _OF_A_MOTION if source(name) is ParameterSource.COMMANDLINE]
+        if named := " and ".join(_OF_A_MOTION[name] for name in words):
             raise UserError(
                 f"found with {named}, but a record moves nothing, and no configuration is read or"
                 " written",
@@ -123,72 +120,45 @@ def command(
     if given:
         advice = "add --record FILE, or leave the option out"
         raise UserError("found without --record", field=given[0], advice=advice)
-    if config is None:
+    if asked is None:
         raise UserError("missing", field="CONFIG", advice="give a configuration, or --record FILE")
-    asked = asked_of(config, sets, out, yes, axis)
-    asked.find_port()
-    from haptic_wall.controller.experiments.identify.identification import announcement, bounds_of
-    from haptic_wall.controller.experiments.identify.text import report
+    from haptic_wall.controller.experiments.identify.identification import (
+        SECONDS,
+        announcement,
+        bounds_of,
+        identify,
+    )
+    from haptic_wall.controller.experiments.identify.identified_config import identified_config
+    from haptic_wall.controller.experiments.identify.text import report, text
+    from haptic_wall.controller.report.identify import plot_identification
 
-    loaded = asked.loaded
+    loaded, out = asked.loaded, asked.out
     about = announcement(bounds_of(loaded.config, reach))
     logs = new_stem("--plot", f"identify-{Path(asked.name).stem}")
     plot = plot or logs.with_name(f"{logs.name}.png")
     say(f"{loaded.name}: {about}")
     asked.may_move()
-    found = _moved(loaded, logs, reach)
+    with moving(loaded.config, SECONDS):
+        found = identify(loaded.config, logs, reach, say)
     result: dict[str, Any] = {"name": loaded.name, **report(found)}
+    sets = " ".join(f"--set {change}" for change in asked.sets)
     failed: Problem | None = None
     if out is not None:
         try:
+            origin = f"{loaded.name} {sets}".rstrip()
+            belief = identified_config(loaded.config, found, origin, loaded.axis, loaded.whole)
             with writing("--out", out), whole(out) as part:
-                _write(found, loaded, sets, part)
+                part.write_text(belief, encoding="utf-8")
             result["config"] = str(out)
         except UserError as error:  # told when the figures are printed
             failed, result["config"] = error.problem, None
-    draw = partial(_draw, found, loaded.name)
-    result["plot"] = drawn_or_noted("--plot", plot, draw)
-    answer(result, lambda: _text(result, found, logs))
+    result["plot"] = drawn_or_noted("--plot", plot, partial(plot_identification, found, asked.name))
+    paths = [each for each in (result.get("config"), result["plot"], logs) if each is not None]
+    answer(result, lambda: "\n".join([text(found), "", "written", *(f"  {p}" for p in paths)]))
     if sets and result.get("config"):
-        say(f"{out} has {_given(sets)} too")
+        say(f"{out} has {sets} too")
     if failed is not None:
-        raise SeveralError([failed])
-
-
-def _text(result: dict[str, Any], found: Identified, logs: Path) -> str:
-    """Return the results and the paths of the files as text."""
-    from haptic_wall.controller.experiments.identify.text import text
-
-    written = result.get("config"), result["plot"], logs
-    paths = [f"  {path}" for path in written if path is not None]
-    return "\n".join([text(found), "", "written", *paths])
-
-
-def _moved(loaded: Loaded, logs: Path, reach: float) -> Identified:
-    """Move and fit."""
-    from haptic_wall.controller.experiments.identify.identification import SECONDS, identify
-
-    ended = endings("nothing is identified", f"the logs are in {logs}")
-    with moving(loaded.config, SECONDS), ended:
-        return identify(loaded.config, logs, reach, say)
-
-
-def _draw(found: Identified, name: str, path: Path) -> None:
-    from haptic_wall.controller.report.identify import plot_identification
-
-    plot_identification(found, name, path)
-
-
-def _given(sets: Sequence[str]) -> str:
-    return " ".join(f"--set {change}" for change in sets)
-
-
-def _write(found: Identified, loaded: Loaded, sets: Sequence[str], path: Path) -> None:
-    from haptic_wall.controller.experiments.identify.identified_config import identified_config
-
-    source = f"{loaded.name} {_given(sets)}".rstrip()
-    text = identified_config(loaded.config, found, source, loaded.axis, loaded.whole)
-    path.write_text(text, encoding="utf-8")
+        raise UserError(failed)
 
 
 def _fit_record(record: Path, plot: Path | None, mass: float | None, length: float | None) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -68,10 +69,8 @@ def command(
     if plot is not None:
         from haptic_wall.controller.report.run import plot_log
 
-        def draw(path: Path) -> None:
-            plot_log(read, path, (read.end or {}).get("stop_reason"))
-
-        drawn("--plot", plot, draw)
+        stop_reason = (read.end or {}).get("stop_reason")
+        drawn("--plot", plot, partial(plot_log, read, stop_reason=stop_reason))
     try:
         answer(found, lambda: _text(found, log))
     except RecursionError:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,14 +12,15 @@ import click
 
 from haptic_wall.controller.cli.experiment import (
     Asked,
-    carry_out,
+    conclude,
     experiment,
     folder_option,
+    results_in,
 )
 from haptic_wall.controller.cli.failure import EndedEarlyError
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
 from haptic_wall.controller.cli.numbers import Number
-from haptic_wall.controller.cli.options import say
+from haptic_wall.controller.cli.options import config_argument, say
 from haptic_wall.controller.cli.places import is_forced
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.system.signals import interrupting
@@ -78,7 +81,7 @@ _ROWS = "map.rows"
         "Folder for map.csv, map.json and map.png; default: a new one in ./runs/. The command"
         " continues an unfinished map of the same settings in DIR."
     ),
-    "simulated",
+    config_argument("simulated"),
     moves=False,
     of_walls=True,
 )
@@ -118,26 +121,19 @@ def command(
         nonlocal share
         share = done / total
 
-    def measure(folder: Path) -> CriticalMap:
-        with interrupting():
-            return _computed(wanted, folder, workers, dask, progress)
-
-    seconds = _POINT_S * wanted.points
-    carry_out(
-        asked,
-        "map",
-        seconds,
-        measure,
-        report,
-        plot_map,
-        text,
-        rows=points,
-        others=(_ROWS,),
-        work=working("computing", seconds, lambda: share),
-        ended=_ended,
+    folder = results_in(asked, "map", ("json", "csv", "png"), others=(_ROWS,))
+    with working("computing", _POINT_S * wanted.points, lambda: share), interrupting():
+        found = _computed(wanted, folder, workers, dask, progress)
+    conclude(
+        asked, "map", folder, report(found), text(found), partial(plot_map, found), points(found)
     )
-    if asked.out is not None:
-        (asked.out / _ROWS).unlink(missing_ok=True)
+    if not found.complete:
+        say(
+            "interrupted: the computed points are kept, the others are empty; the same command with"
+            f" --out {folder} continues"
+        )
+        sys.exit(INTERRUPTED)
+    (folder / _ROWS).unlink(missing_ok=True)
 
 
 def _computed(
@@ -162,10 +158,3 @@ def _computed(
         text = "interrupted before anything was computed: nothing is written"
         raise EndedEarlyError(text, INTERRUPTED)
     return found
-
-
-def _ended(found: CriticalMap) -> tuple[str, int] | None:
-    if found.complete:
-        return None
-    text = "interrupted: the computed points are kept, the others are empty; the same command with"
-    return text, INTERRUPTED

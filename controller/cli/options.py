@@ -46,46 +46,34 @@ def config_argument(
     return click.argument("config", metavar="[CONFIG]", required=False, default=default)
 
 
-def set_option(command: Command) -> Command:
-    """Add ``--set PATH=VALUE``, repeatable, passed to the command as ``sets``."""
-    return click.option(
-        "--set",
-        "sets",
-        multiple=True,
-        metavar="PATH=VALUE",
-        help="Change one value of CONFIG, e.g. --set wall.stiffness=20 (repeatable); of one of "
-        "several axes --set axes.NAME.wall.stiffness=20.",
-    )(command)
-
-
-def axis_option(command: Command) -> Command:
-    """Add ``--axis NAME``, passed to the command as ``axis``."""
-    return click.option(
-        "--axis", metavar="NAME", help="The axis, where CONFIG has several; others stay torque off."
-    )(command)
-
-
-def json_option(command: Command) -> Command:
-    """Add ``--json``, which ``answer`` obeys."""
-    return click.option(
-        "--json",
-        is_flag=True,
-        is_eager=True,
-        expose_value=False,
-        callback=lambda _context, _option, given: begin(given),
-        help="Print one JSON object and nothing else.",
-    )(command)
-
-
-def place_option(command: Command) -> Command:
-    """Add ``--at HOST:PORT``, where a page is served, as parameter ``place``."""
-    return click.option(
-        "--at",
-        "place",
-        metavar="HOST:PORT",
-        default="localhost:0",
-        help="Address to listen on; default: a free port, for this machine only.",
-    )(command)
+set_option = click.option(
+    "--set",
+    "sets",
+    multiple=True,
+    metavar="PATH=VALUE",
+    help="Change one value of CONFIG, e.g. --set wall.stiffness=20 (repeatable); of one of several "
+    "axes --set axes.NAME.wall.stiffness=20.",
+)
+axis_option = click.option(
+    "--axis", metavar="NAME", help="The axis, where CONFIG has several; others stay torque off."
+)
+json_option = click.option(
+    "--json",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=lambda _context, _option, given: begin(given),
+    help="Print one JSON object and nothing else.",
+)
+"""``answer`` obeys it"""
+place_option = click.option(
+    "--at",
+    "place",
+    metavar="HOST:PORT",
+    default="localhost:0",
+    help="Address to listen on; default: a free port, for this machine only.",
+)
+"""Where a page is served"""
 
 
 def stretch_options(command: Command) -> Command:

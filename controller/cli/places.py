@@ -22,20 +22,19 @@ _FORCE, _TAKEN = "haptic_wall.force", "haptic_wall.taken"
 """Keys of click's context: whether ``--force`` is given, and the files that are named so far"""
 
 
-def force_option(command: Command) -> Command:
-    """Add ``--force``, which all of this module obeys."""
+def _keep(context: click.Context, _option: click.Parameter, given: bool) -> None:
+    context.meta[_FORCE] = given
 
-    def keep(context: click.Context, _option: click.Parameter, given: bool) -> None:
-        context.meta[_FORCE] = given
 
-    return click.option(
-        "--force",
-        is_flag=True,
-        is_eager=True,
-        expose_value=False,
-        callback=keep,
-        help="Also replace existing files, and earlier results.",
-    )(command)
+force_option = click.option(
+    "--force",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_keep,
+    help="Also replace existing files, and earlier results.",
+)
+"""All of this module obeys it"""
 
 
 def is_forced() -> bool:

@@ -8,7 +8,12 @@ import click
 
 from haptic_wall.controller.cli.init import axes_lines
 from haptic_wall.controller.cli.options import answer, json_option, say
-from haptic_wall.controller.doctor.adapter import kind_of_port, may_be_serial, only_adapter
+from haptic_wall.controller.doctor.adapter import (
+    adapters,
+    kind_of_port,
+    may_be_serial,
+    only_adapter,
+)
 from haptic_wall.controller.doctor.search import IDS, LIKELY_FIRST, BaudSearch, scan
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.signals import interrupting
@@ -31,7 +36,7 @@ def command(port: str | None) -> int:
         raise UserError(
             "found nothing", field="--port", wanted="a serial device such as /dev/ttyUSB0"
         )
-    path = only_adapter() if port is None else port
+    path = only_adapter(adapters()) if port is None else port
     if not may_be_serial(path):  # the search reports a missing one
         raise UserError(
             f"found {path}, which is no serial port",

@@ -103,7 +103,7 @@ class RunningWall:
             UserError: The run has ended.
         """
         run = AliveRun(socket_of(self.log), self._process.pid)
-        return ask(run, _texts(changes), wait_s, lambda _text: None)
+        return ask(run, _sets(changes), wait_s, lambda _text: None)
 
     def positions(self, most_age_s: float = 0.1) -> dict[str, float]:
         """Return the newest position of each axis by its name [rad]; one servo has an empty name.
@@ -276,10 +276,8 @@ def run(
 
 
 def _sets(changes: Mapping[str, Any] | Sequence[str]) -> list[str]:
-    return _texts(changes) if isinstance(changes, Mapping) else list(changes)
-
-
-def _texts(changes: Mapping[str, Any]) -> list[str]:
+    if not isinstance(changes, Mapping):
+        return list(changes)
     return [f"{path}={json.dumps(value, default=_plain)}" for path, value in changes.items()]
 
 

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+import sys
+from dataclasses import asdict
+from functools import partial
+from typing import TYPE_CHECKING
 
 import click
 
 from haptic_wall.controller.cli.experiment import (
     Asked,
-    carry_out,
+    conclude,
     experiment,
     folder_option,
-    say_swing,
+    moving,
+    results_in,
 )
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
 from haptic_wall.controller.cli.numbers import Number
@@ -25,9 +27,6 @@ if TYPE_CHECKING:
     from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint
     from haptic_wall.controller.experiments.sweep.result import PointResult
     from haptic_wall.controller.settings.config import Config
-
-    Swept = tuple[dict[str, Any], list[PointResult]]
-    """Report and points of a sweep"""
 
 _MOST_STEPS = 1000
 
@@ -90,56 +89,43 @@ def command(
     from haptic_wall.controller.experiments.sweep.result import point_text, sweep_text
     from haptic_wall.controller.experiments.sweep.sweep import ROWS, Sweep, expected_s, sweep
     from haptic_wall.controller.experiments.testbed import ExperimentTrippedError
-    from haptic_wall.controller.processes.run_report import exit_status
     from haptic_wall.controller.report.sweep import plot_sweep
 
     effective = without_hand(asked.config)
     options = Options(kick, tolerance)
     # Each once: results are kept by point.
     settings = tuple(dict.fromkeys(PlanePoint(b, n) for n in steps for b in dampings))
-    device = Device.of(effective)
-    before = {}
-    if asked.out is not None:
-        before = Sweep(effective, settings, options, asked.out).kept(is_forced()).done
-    left = tuple(setting for setting in settings if setting not in before)
-    _announce(effective, left, options, len(before))
-    if not left:
-        asked = replace(asked, yes=True)
-    ended: tuple[str, int] | None = None
-    count = len(before)
+    folder = results_in(asked, "sweep", ("json", "csv", "png"), others=(ROWS,))
+    question = Sweep(effective, settings, options, folder)
+    kept = question.kept(is_forced())
+    left = tuple(setting for setting in settings if setting not in kept.done)
+    _announce(effective, left, options, len(kept.done))
+    if left:
+        asked.may_move()
 
     def progress(_setting: PlanePoint, result: PointResult) -> None:
-        nonlocal count
-        count += 1
-        say(f"{count}/{len(settings)}  {point_text(result)}")
+        say(f"{len(kept.done)}/{len(settings)}  {point_text(result)}")
 
-    def measure(folder: Path) -> Swept:
-        nonlocal ended
-        question = Sweep(effective, settings, options, folder)
-        kept = question.kept(is_forced())
+    said, status = "interrupted", INTERRUPTED
+    with moving(effective, expected_s(effective, left, options)):
         try:
             finished = sweep(question, kept, tell=say, progress=progress)
-            said, status = "interrupted", INTERRUPTED
         except ExperimentTrippedError as error:
-            finished, said = False, f"{error.stop_reason}: {error}"
-            status = exit_status(error.stop_reason)
-        if not finished:
-            many = f"{len(kept.done)} of {len(settings)} points are kept"
-            ended = f"{said}: {many}; the same command with", status
-        return question.report(kept) | {"out": folder}, question.points(kept)
-
-    carry_out(
+            finished, said, status = False, str(error), error.exit_status
+    found = question.points(kept)
+    conclude(
         asked,
         "sweep",
-        expected_s(effective, left, options),
-        measure,
-        lambda found: found[0],
-        lambda found, name, path: plot_sweep(found[1], device, name, path),
-        lambda found: sweep_text(found[1]),
-        rows=lambda found: map(asdict, found[1]),
-        others=(ROWS,),
-        ended=lambda _found: ended,
+        folder,
+        question.report(kept) | {"out": folder},
+        sweep_text(found),
+        partial(plot_sweep, found, Device.of(effective)),
+        map(asdict, found),
     )
+    if not finished:
+        many = f"{len(kept.done)} of {len(settings)} points are kept"
+        say(f"{said}: {many}; the same command with --out {folder} continues")
+        sys.exit(status)
 
 
 def _announce(config: Config, left: tuple[PlanePoint, ...], options: Options, done: int) -> None:
@@ -157,5 +143,11 @@ def _announce(config: Config, left: tuple[PlanePoint, ...], options: Options, do
             hint = "; --set loop.clock=simulated does the same in seconds"
         points = "1 point" if len(left) == 1 else f"{len(left)} points"
         say(f"{points}, about {length(expected_s(config, left, options))} in real time{hint}")
-    if config.servo.kind == "hardware":
-        say_swing(config.servo, excursion(config, left, options))
+    servo = config.servo
+    if servo.kind == "hardware":
+        far = excursion(config, left, options)
+        say(
+            f"the shaft of servo {servo.id} at {servo.port} will swing to both sides of its"
+            f" position, by at most about {far:.2g} rad ({far * 57.3:.0f} degrees), with up to"
+            f" {servo.torque_limit:g} N·m, at rising stiffness; Ctrl-C ends the motion"
+        )

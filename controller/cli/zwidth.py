@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING
+from functools import partial
 
 import click
 
-from haptic_wall.controller.cli.experiment import Asked, carry_out, experiment, folder_option
+from haptic_wall.controller.cli.experiment import (
+    Asked,
+    conclude,
+    experiment,
+    folder_option,
+    results_in,
+)
 from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.working import working
-
-if TYPE_CHECKING:
-    from haptic_wall.controller.experiments.zwidth import Width
 
 _MOST_SAMPLES = 30
 _SECONDS = 3.0
@@ -44,24 +45,15 @@ def command(asked: Asked, samples: list[int] | None) -> None:
     from haptic_wall.controller.report.zwidth import plot_zwidth
 
     config = asked.config
-
-    def measured(_folder: Path) -> list[Width]:
-        return [width_of(config, velocity) for velocity in velocities(config, samples)]
-
-    carry_out(
-        replace(asked, yes=True),  # nothing moves
-        "zwidth",
-        _SECONDS,
-        measured,
-        lambda found: {
-            "servo": config.servo.kind,
-            "clock": config.loop.clock,
-            "period_s": config.period_s,
-            "side": config.wall.side,
-            "margin": config.guard.margin,
-            "widths": [width.report() for width in found],
-        },
-        lambda found, name, path: plot_zwidth(found, config.wall, name, path),
-        text,
-        work=working("computing", _SECONDS),
-    )
+    folder = results_in(asked, "zwidth")
+    with working("computing", _SECONDS):
+        found = [width_of(config, velocity) for velocity in velocities(config, samples)]
+    report = {
+        "servo": config.servo.kind,
+        "clock": config.loop.clock,
+        "period_s": config.period_s,
+        "side": config.wall.side,
+        "margin": config.guard.margin,
+        "widths": [width.report() for width in found],
+    }
+    conclude(asked, "zwidth", folder, report, text(found), partial(plot_zwidth, found, config.wall))

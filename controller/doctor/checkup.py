@@ -13,14 +13,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from haptic_wall.controller.doctor.adapter import examine_port
+from haptic_wall.controller.doctor.adapter import kind_of_port
 from haptic_wall.controller.doctor.locate import Locator, name_of
 from haptic_wall.controller.doctor.measure import measure
 from haptic_wall.controller.doctor.mending import mend, question
 from haptic_wall.controller.doctor.replies import Replies
 from haptic_wall.controller.doctor.report import Consent, Report, Tell, not_applicable, of_error
 from haptic_wall.controller.doctor.search import FoundServo, opened
-from haptic_wall.controller.doctor.timing import Timing, judge_lateness, judge_rights
+from haptic_wall.controller.doctor.timing import judge_lateness, judge_replies, judge_rights
 from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments
 from haptic_wall.controller.runtime.machine_setup import machine_setup
 from haptic_wall.controller.runtime.realtime import pick_cores
@@ -28,7 +28,6 @@ from haptic_wall.controller.settings.axes_rules import UNLIKE_ADVICE, unlike_mod
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.register_access import Table
-from haptic_wall.hw.dynamixel.registers import RETURN_DELAY_UNIT_NS
 from haptic_wall.hw.dynamixel.rules import (
     STATUS_LEVEL,
     Rule,
@@ -101,7 +100,6 @@ class _Checkup:
         self._add = report.add
         self._config = config
         self._clock = MonotonicClock()
-        self._return_delays_ns: dict[int, int] = {}
         self._locator = Locator(report, self._clock, change_baud)
 
     # The bus
@@ -110,12 +108,8 @@ class _Checkup:
         """Run all checks from the port to the processor, for the axes of one bus."""
         port = next(iter(axes.values())).port
         self.report.tell(f"port {port}")
-        self._add(*examine_port(port))
-        measured = None
-        if self.report.wrong:
-            self.report.reached = False
-        else:
-            measured = self._servos(axes)
+        self._add(Check("port", True, f"{port}: {kind_of_port(port)}", "a serial port"))
+        measured = self._servos(axes)
         self.report.axis = ""
         if measured is None:
             if "used by" in (check.name for check in self.report.wrong):
@@ -150,12 +144,12 @@ class _Checkup:
                 return measure(self._config, descriptor, [one.id for one in axes.values()], read)
             finally:
                 os.close(descriptor)
-        except PortBusyError as error:  # by a process whose open files this user may not see
+        except PortBusyError as error:
             self.report.reached = False
             self._add(of_error("used by", error, "nobody", "end that program"))
         except PortError as error:
             self.report.reached = False
-            self._add(of_error("port", error, "a port that stays", "check the adapter"))
+            self._add(of_error("port", error, "a serial port", "check the adapter"))
         except ServoError as error:  # of the measurement
             self._add(_lost(error))
         return None
@@ -207,8 +201,6 @@ class _Checkup:
         """Return all checks of the registers, and the rules that can mend those that fail."""
         constant = settings.torque_constant or model.torque_constant or 0.0
         seen = read_servo(table, model, constant, settings.torque_limit)
-        delay_ns = seen["return_delay_time"] * RETURN_DELAY_UNIT_NS
-        self._return_delays_ns[table.station.id] = delay_ns
         checks, repairs = {}, {}
         for rule, check in judge(seen):
             checks[check.name] = check
@@ -235,33 +227,21 @@ class _Checkup:
         config = self._config
         settings = [Check(**setting) for setting in measured["realtime"]]
         granted = any(each.name == "scheduler" and each.ok for each in settings)
-        lateness = judge_lateness(measured["lateness_ns"], config.period_ns, granted=granted)
         if measured["failed"] is not None:
             error = ServoError(measured["failed"])
             self._add(of_error("reply time", error, "answers always", f"check {WIRING}"))
         elif measured["replies"] is not None:
-            self._timing(Replies(**measured["replies"]), stalls=not lateness.ok)
-        self._add(lateness)
+            replies = Replies(**measured["replies"])
+            baud = config.servo.baud or 0
+            asked, rate = config.servo.schedule, config.loop.rate_hz
+            self._add(*judge_replies(replies, asked, rate, baud, config.safety.max_loss))
+        self._add(judge_lateness(measured["lateness_ns"], config.period_ns, granted=granted))
         self._add(*judge_rights(settings, config.realtime.profile))
         self._core()
 
     def _core(self) -> None:
         core, _ = pick_cores(self._config.realtime.core)
         self._add(*machine_setup(core))
-
-    def _timing(self, replies: Replies, stalls: bool) -> None:
-        config = self._config
-        assert config.servo.baud is not None
-        timing = Timing(
-            replies,
-            config.servo.schedule,
-            config.loop.rate_hz,
-            config.servo.baud,
-            config.safety.max_loss,
-            max(self._return_delays_ns.values(), default=0),
-            stalls,
-        )
-        self._add(*timing.checks())
 
 
 def _lost(error: ServoError) -> Check:

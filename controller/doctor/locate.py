@@ -79,22 +79,17 @@ class Locator:
         servos = [servo for one in searches for servo in one.servos]
         self._report.reached = bool(servos)
         listed = ", ".join(map(name_of, servos))
-        garbled = [str(one.baud) for one in searches if one.garbled]
+        heard = [here] if servos else searches
         found, fix = "nothing at any rate", f"check {WIRING}"
-        if servos and here.garbled:
-            found = f"garbage at {here.baud} bit/s, beside {listed}"
+        if garbled := [str(one.baud) for one in heard if one.garbled]:
+            beside = f", beside {listed}" if servos else ""
+            found = f"garbage at {', '.join(garbled)} bit/s{beside}"
             fix = (
-                f"two servos have id {settings.id}, or there is noise: connect one of them, and "
-                "give it another id"
+                f"two servos have one id, perhaps id {settings.id}, or there is noise: connect one "
+                "of them, and give it another id"
             )
         elif servos:
             found, fix = f"no, but {listed}", "set servo.id and servo.baud to those found"
-        elif garbled:
-            found = f"garbage at {', '.join(garbled)} bit/s"
-            fix = (
-                "two servos have one id, or there is noise: connect only one servo, and give it "
-                "another id if it answers"
-            )
         self._add(Check("servo answers", False, found, wanted, fix))
         return None
 

@@ -82,12 +82,11 @@ class Report:
         """Whether a change may be made; it is asked."""
         return self.consent is not None and self.consent(question)
 
-    def note(self, change: Change) -> bool:
-        """Record a change, and tell it; return whether the wanted value was read back."""
+    def note(self, change: Change) -> None:
+        """Record a change, and tell it."""
         change = change._replace(name=self._named(change.name))
         self.changes.append(change)
         self.tell(f"{change}")
-        return change.verified
 
     def _named(self, name: str) -> str:
         return f"{self.axis}.{name}" if self.axis and name not in _OF_THE_BUS else name

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final, Literal
 
 from haptic_wall.controller.doctor.replies import Replies, percentile
@@ -17,8 +17,6 @@ from haptic_wall.hw.settings import Schedule
 
 _MOST_MISSED: Final = 0.05
 """Largest fraction of missed replies; more would trip a run with default settings"""
-_TIMER_NS: Final = 1_200_000
-"""Replies delayed for longer are not delayed by a latency timer of 1 ms, the shortest"""
 _LATE_SHARE: Final = 4
 """A wake-up later than a period over this leaves too little time for the bus"""
 _PERIODS: Final[dict[Schedule, float]] = {
@@ -26,116 +24,70 @@ _PERIODS: Final[dict[Schedule, float]] = {
     "pipelined": 1.0 + COLLECT_SHARE,
 }
 """Time allowed for a reply, in periods; the one with younger samples first"""
-_RATES: Final = (2000, 1500, 1000, 800, 500, 400, 333, 250, 200, 100, 50)
-"""Rates to recommend [Hz]"""
+_NONE_SUITS: Final = (
+    "end what makes replies late: an adapter's latency timer above 1 ms, a return delay, late "
+    "wake-ups; else lower loop.rate_hz"
+)
 
 
-@dataclass(frozen=True, slots=True)
-class Timing:
-    """Measured replies, and the configuration's demands on them."""
+def sustainable_hz(replies: Replies, baud: int, most_missed: float) -> dict[Schedule, float]:
+    """Return for each schedule the rate [Hz] that it holds with these replies.
 
-    replies: Replies
-    """Sent at all phases"""
-    asked: Schedule | Literal["auto"]
-    """The configured schedule"""
-    rate_hz: float
-    baud: int
-    max_loss: float = 1.0
-    """Fraction of missed replies that trips a run"""
-    return_delay_ns: int = 0
-    """Return delay of the servo; a run sets it to 0"""
-    stalls: bool = False
-    """This machine wakes up late even without a bus"""
+    At that rate 99 % of the replies are in time and cycles fit the wire. The loop's grid and an
+    adapter's timer drift against each other, so that each reply's time is that of some phase, and a
+    run meets all of them. A pipelined reply may take longer than a period, but delays the next
+    request: apart from the fraction that may be missed, replies come one after the other.
 
-    @property
-    def most_missed(self) -> float:
-        """Return the largest fraction of missed replies."""
-        return min(_MOST_MISSED, self.max_loss)
+    Args:
+        replies: At least one came.
+        baud: Rate of the bus [bit/s].
+        most_missed: Fraction of missed replies that a run allows.
+    """
+    late_ns = percentile(replies.took_ns, 0.99)
+    on_wire = COLLECT_SHARE / cycle_s(baud, replies.count, replies.read)
+    in_row_ns = (1.0 - most_missed) * replies.in_row_ns
+    most = min(on_wire, 1e9 / in_row_ns if in_row_ns else on_wire)
+    return {each: min(most, 1e9 * periods / late_ns) for each, periods in _PERIODS.items()}
 
-    @property
-    def best(self) -> Schedule | None:
-        """Return the schedule with the youngest samples that holds at every phase; None: none does.
 
-        The loop's grid and an adapter's timer drift against each other, so that each reply's time
-        is that of some phase, and a run meets all of them: 99 % must be in time.
-        """
-        if not self.replies.took_ns or self.replies.share_failed > self.most_missed:
-            return None
-        return next((one for one in _PERIODS if self.sustainable_hz(one) >= self.rate_hz), None)
+def judge_replies(
+    replies: Replies,
+    asked: Schedule | Literal["auto"],
+    rate_hz: float,
+    baud: int,
+    max_loss: float = 1.0,
+) -> list[Check]:
+    """Judge the replies and the rate that they allow, and name the schedule that suits.
 
-    @property
-    def schedule(self) -> Schedule:
-        """Return the configured schedule, or the one that ``auto`` takes."""
-        return (self.best or "immediate") if self.asked == "auto" else self.asked
+    Args:
+        replies: Sent at all phases.
+        asked: The configured schedule.
+        rate_hz: The configured rate.
+        baud: Rate of the bus [bit/s].
+        max_loss: Fraction of missed replies that trips a run.
+    """
+    most_missed = min(_MOST_MISSED, max_loss)
+    found = f"{replies.lost} lost, {replies.corrupt} broken of {replies.asked}"
+    wanted = f"at most {most_missed:.0%} lost"
+    if not replies.took_ns:
+        fix = f"check {WIRING}: it answers registers, but not the block of its sample"
+        return [Check("reply time", False, found, wanted, fix)]
+    p50, p99 = percentile(replies.took_ns, 0.5), percentile(replies.took_ns, 0.99)
+    found = f"median {_ms(p50)}, 99 % {_ms(p99)}, longest {_ms(replies.took_ns[-1])}; {found}"
+    ok = replies.share_failed <= most_missed
+    fix = "" if ok else f"check {WIRING}, and that no other servo has this id"
+    reply_time = Check("reply time", ok, found, wanted, fix)
 
-    def sustainable_hz(self, schedule: Schedule) -> float:
-        """Return the rate [Hz] at which 99 % of the replies are in time and cycles fit the wire.
-
-        A pipelined reply may take longer than a period, but delays the next request: apart from
-        the fraction that may be missed, replies come one after the other. There must be replies.
-
-        Args:
-            schedule: Decides the time allowed for a reply.
-        """
-        replies = self.replies
-        in_time = _PERIODS[schedule] * 1e9 / percentile(replies.took_ns, 0.99)
-        on_wire = COLLECT_SHARE / cycle_s(self.baud, replies.count, replies.read)
-        in_row = (1.0 - self.most_missed) * replies.in_row_ns
-        return min(in_time, on_wire, 1e9 / in_row if in_row else on_wire)
-
-    def checks(self) -> list[Check]:
-        """Judge the replies, and the rate that they allow."""
-        found = [self._reply_time()]
-        return [*found, self._rate()] if self.replies.took_ns else found
-
-    def _advice(self) -> str:
-        """Return advice against late replies, about the first cause found."""
-        replies = self.replies
-        if self.stalls:
-            return "see wake-up lateness, then examine again"
-        needed_ns = 1e9 * cycle_s(self.baud, replies.count, replies.read) + self.return_delay_ns
-        if percentile(replies.took_ns, 0.5) - needed_ns > _TIMER_NS:
-            return (
-                f"replies are held back for {_ms(replies.in_row_ns)}, as by an adapter's latency "
-                "timer (factory setting 16 ms): set it to 1 ms"
-            )
-        if self.return_delay_ns:
-            return "set the return delay to 0, as --fix and a run do, then examine again"
-        ways = [] if self.best in (None, self.schedule) else [f"set servo.schedule={self.best}"]
-        allowed = _PERIODS if self.asked == "auto" else (self.schedule,)
-        most = max(map(self.sustainable_hz, allowed))
-        lower = next((rate for rate in _RATES if rate <= most and rate < self.rate_hz), None)
-        if lower is not None:
-            ways.append(f"set loop.rate_hz={lower}")
-        return ", or ".join(ways) or "examine again: with such replies no rate is sustainable"
-
-    def _reply_time(self) -> Check:
-        replies = self.replies
-        found = f"{replies.lost} lost, {replies.corrupt} broken of {replies.asked}"
-        wanted = f"at most {self.most_missed:.0%} lost"
-        if not replies.took_ns:
-            fix = f"check {WIRING}: it answers registers, but not the block of its sample"
-            return Check("reply time", False, found, wanted, fix)
-        p50, p99 = percentile(replies.took_ns, 0.5), percentile(replies.took_ns, 0.99)
-        longest = _ms(replies.took_ns[-1])
-        found = f"median {_ms(p50)}, 99 % {_ms(p99)}, longest {longest}; {found}"
-        ok = replies.share_failed <= self.most_missed
-        fix = "" if ok else f"check {WIRING}, and that no other servo has this id"
-        return Check("reply time", ok, found, wanted, fix)
-
-    def _rate(self) -> Check:
-        """Judge whether the rate holds with the configured schedule."""
-        replies, best = self.replies, self.best
-        rates = {schedule: self.sustainable_hz(schedule) for schedule in _PERIODS}
-        ok = rates[self.schedule] >= self.rate_hz
-        found = ", ".join(f"{schedule} {hz:.0f} Hz" for schedule, hz in rates.items())
-        if replies.count > 1:
-            found += f" ({replies.count} servos, {replies.read} read)"
-        wanted = f"{self.rate_hz:g} Hz ({self.asked})"
-        fix = "" if ok else self._advice()
-        if ok and best not in (None, self.schedule):
-            fix = f"set servo.schedule={best}, which has younger samples"
-        return Check("sustainable rate", ok, found, wanted, fix)
+    rates = sustainable_hz(replies, baud, most_missed)
+    suits = next((schedule for schedule, hz in rates.items() if hz >= rate_hz), None)
+    taken = (suits or "immediate") if asked == "auto" else asked
+    found = ", ".join(f"{schedule} {hz:.0f} Hz" for schedule, hz in rates.items())
+    if replies.count > 1:
+        found += f" ({replies.count} servos, {replies.read} read)"
+    fix = _NONE_SUITS if suits is None else "" if suits == taken else f"set servo.schedule={suits}"
+    wanted = f"{rate_hz:g} Hz ({asked})"
+    rate = Check("sustainable rate", rates[taken] >= rate_hz, found, wanted, fix)
+    return [reply_time, rate]
 
 
 def judge_lateness(lateness_ns: list[int], period_ns: int, *, granted: bool = False) -> Check:

@@ -15,33 +15,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall import __version__
-from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.errors import HapticWallError, UserError
 from haptic_wall.controller.experiments.holding import changed
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.logs.file import SUFFIX, refuse_other
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.processes.plan import Ended, LogState, Plan
 from haptic_wall.controller.processes.run import run
-from haptic_wall.controller.processes.run_report import explained
+from haptic_wall.controller.processes.run_report import exit_status, explained
 from haptic_wall.controller.runtime.machine_setup import START
 from haptic_wall.controller.runtime.safety import AFTER_STALL, End, StopReason, Trip
 from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP, ROW
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.files import would_be_lost
 from haptic_wall.controller.theory.checks import IntArray
-from haptic_wall.hw.errors import ExplainedError, Problem, ServoLostError, ServoMissingError
+from haptic_wall.hw.errors import Problem, ServoLostError, ServoMissingError
 
 _GONE = {Trip.SERVO_LOST, Trip.HARDWARE_ERROR, Trip.TORQUE_LOST, Trip.SERVO_HEALTH}
 _PASSING = {Trip.LOSSES_IN_ROW, Trip.LOSS_RATE, Trip.MISSED_PERIODS, Trip.LOOP_HUNG}
 _OF_MOTION = {Trip.OVERSPEED, Trip.OSCILLATION}
 
 
-class ExperimentInterruptedError(ExplainedError):
+class ExperimentInterruptedError(HapticWallError):
     """A person ended the run; its log has the rows until then."""
 
+    exit_status = 130
 
-class ExperimentTrippedError(ExplainedError):
-    """A trip ended the run; the message explains it.
+
+class ExperimentTrippedError(HapticWallError):
+    """A trip ended the run; the message names and explains it.
 
     Attributes:
         stop_reason: A ``Trip``, or ``End.REFUSED``
@@ -59,10 +61,14 @@ class ExperimentTrippedError(ExplainedError):
         stalled: bool = False,
     ) -> None:
         super().__init__(message)
+        self.exit_status = exit_status(stop_reason)
         self.stop_reason = stop_reason
         self.fault = fault
         self.torque_off = torque_off
         self.stalled = stalled
+
+    def __str__(self) -> str:
+        return f"{self.stop_reason}: {self.problem}"
 
     @property
     def gone(self) -> bool:

@@ -120,25 +120,21 @@ def explained(ended: Ended, servo: Servo) -> Problem | None:
     means, result = EXPLANATIONS[trip], ended.result or {}
     axis, stalled = result.get("stop_axis"), result.get("stalled")
     message = result.get("message", "")
-    otherwise, rest = "" if servo.is_emulated else means.advice, stall_advice(granted=ended.granted)
+    # A stall, or a late emulator, would not lose one of several.
+    known = bool(axis) and trip in OF_THE_BUS
     if trip is Trip.SERVO_LOST and message:  # it names the cause, with its remedy
         emulator = "the emulator at this port may have ended" if servo.is_emulated else ""
-        stall = f"{stalled} too: {rest}" if stalled else ""
-        told = [message.rstrip("."), emulator, stall]
-        means, message = Problem("; ".join(filter(None, told))), ""
-    elif axis and trip in OF_THE_BUS:  # a stall, or a late emulator, would not lose one of several
-        told = [means.what, f"{stalled} too" if stalled else ""]
-        advice = [otherwise, f"against the stall, {rest}" if stalled else ""]
-        means = replace(
-            means, what=", and ".join(filter(None, told)), advice="; ".join(filter(None, advice))
-        )
-    elif stalled and trip in AFTER_STALL and not ended.cause:
-        advice = [rest, f"without a stall {otherwise}" if otherwise else ""]
-        means = replace(
-            means, what=f"{stalled}: {means.what}", advice="; ".join(filter(None, advice))
-        )
+        means, message, known = Problem(message.rstrip("."), advice=emulator), "", True
     elif trip in OF_THE_BUS and servo.is_emulated:
-        means = emulator_late(granted=ended.granted)
+        late = not known and not stalled
+        means = emulator_late(granted=ended.granted) if late else Problem(means.what)
+    if stalled and trip in AFTER_STALL and not ended.cause:
+        rest, otherwise = stall_advice(granted=ended.granted), means.advice
+        what, advice = f"{means.what}, and {stalled} too", [otherwise, f"against the stall, {rest}"]
+        if not known:
+            what = f"{stalled}: {means.what}"
+            advice = [rest, f"without a stall {otherwise}" if otherwise else ""]
+        means = replace(means, what=what, advice="; ".join(filter(None, advice)))
     if axis:
         means = replace(means, what=f"{axis}: {means.what}")
     if ended.cause:

@@ -11,7 +11,7 @@ from haptic_wall.controller.runtime.assembly import (
     watch_settings,
 )
 from haptic_wall.controller.runtime.handover import Change, KnownServo
-from haptic_wall.controller.settings.changes import moved_by
+from haptic_wall.controller.settings.changes import moved
 from haptic_wall.controller.settings.config import Config
 
 
@@ -44,7 +44,7 @@ class Changes:
         self.number += 1
         self.decided = guard_decisions(new, servo)
         law = law_of(new, servo.facts)
-        elsewhere = moved_by(old, new) != 0.0
+        elsewhere = moved(old, new)
         return Change(
             number=self.number,
             config=new.model_dump_json(),

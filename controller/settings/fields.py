@@ -11,7 +11,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 from pydantic.fields import FieldInfo
 
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.settings.model import Estimate, Part, Row, Section
+from haptic_wall.controller.settings.model import Estimate, Section
 from haptic_wall.controller.settings.servo import used_by
 
 _KIND_NAMES = {
@@ -60,7 +60,7 @@ def _walk() -> Iterator[Field]:
             extra = info.json_schema_extra if isinstance(info.json_schema_extra, dict) else {}
             options, nullable = _split(info.annotation)
             names = tuple(c for c in get_args(options) if isinstance(c, str))
-            wanted = _wanted(options, info)
+            wanted = str(extra.get("wanted") or _wanted(options, info))
             yield Field(
                 path=f"{name}.{key}",
                 unit=str(extra.get("unit", "")),
@@ -83,24 +83,7 @@ def _wanted(annotation: Any, info: FieldInfo) -> str:  # noqa: ANN401
     if isinstance(annotation, type) and issubclass(annotation, Estimate):
         value = annotation.model_fields["value"]
         return f"{_bounds(value.annotation, value.metadata)}, or {{value, low, high}}"
-    if get_origin(annotation) is Literal:
-        return "one of " + ", ".join(map(str, get_args(annotation)))
-    if annotation == tuple[Row, ...]:
-        return "a list of [position, torque]"
-    if annotation == tuple[Part, ...]:
-        return "a list of sections"
-    if get_origin(annotation) is tuple:
-        return (
-            "a list of two numbers, low and high"
-            if float in map(_bare, get_args(annotation))
-            else "a list of texts"
-        )
     return _bounds(annotation, info.metadata)
-
-
-def _bare(annotation: Any) -> Any:  # noqa: ANN401
-    """Return a type without its annotations."""
-    return getattr(annotation, "__origin__", annotation)
 
 
 def _bounds(annotation: Any, metadata: list[Any]) -> str:  # noqa: ANN401

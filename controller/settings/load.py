@@ -178,8 +178,7 @@ def load_axis(
         hint = did_you_mean(axis or "", each)
         raise UserError(what, field="--axis", wanted=wanted, advice=hint)
     name = f"{source}:{axis}" if axis else source
-    alone = loaded(each[axis].model_dump(), f"{source}, axis {axis}") if axis else found.config
-    return replace(found, config=alone, name=name, axis=axis, whole=found.config)
+    return replace(found, config=each[axis], name=name, axis=axis, whole=found.config)
 
 
 def apply_set(data: dict[str, Any], change: str) -> str:

@@ -11,20 +11,10 @@ from pydantic import (
     Field,
     model_validator,
 )
-from pydantic_core import PydanticCustomError
 
 from haptic_wall.controller.laws.table import LAWS, SUM
 from haptic_wall.controller.laws.wall import NONE, Side
-from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.truth import Kind
-
-IN_WORDS: Final = "in_words"
-"""Kind of an error whose sentence is finished, and where its context holds the problem"""
-
-
-def refusal(problem: Problem) -> PydanticCustomError:
-    """Return the error for a validator to raise."""
-    return PydanticCustomError(IN_WORDS, "{in_words}", {IN_WORDS: problem})
 
 
 def whole(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
@@ -64,6 +54,7 @@ def setting(
     unit: str = "",
     *,
     used_by: tuple[Kind, ...] = (),
+    wanted: str = "",
     **limits: Any,  # noqa: ANN401 - as pydantic takes them
 ) -> Any:  # noqa: ANN401 - of the field's type
     """Declare a field.
@@ -73,12 +64,11 @@ def setting(
         meaning: Meaning in words, for people.
         unit: Unit; empty: the field has none.
         used_by: Kinds of servo that use it; empty: all.
+        wanted: Accepted values in words, without null; empty: by type and limits.
         limits: Bounds, as for pydantic's ``Field``.
     """
-    extra: dict[str, Any] = {"unit": unit} if unit or used_by else {}
-    if used_by:
-        extra["used_by"] = list(used_by)
-    return Field(default, description=meaning, json_schema_extra=extra or None, **limits)
+    extra: dict[str, Any] = {"unit": unit, "used_by": list(used_by), "wanted": wanted}
+    return Field(default, description=meaning, json_schema_extra=extra, **limits)
 
 
 class Section(BaseModel):
@@ -234,6 +224,7 @@ class LawNumbers(Section):
         None,
         _of("profile") + "a list of [position, torque]; linear in between, constant beyond its "
         "ends",
+        wanted="a list of [position, torque]",
         max_length=MOST_ROWS,
     )
     options: dict[str, Any] = setting(
@@ -259,6 +250,7 @@ class Wall(LawNumbers, _Rendered):
         (),
         "Of sum: its laws, each a section with law, its numbers, and share: its stiffness relative "
         "to the others",
+        wanted="a list of sections",
         max_length=16,
     )
 
@@ -410,6 +402,7 @@ class Safety(Section):
         "Lowest and highest position of the shaft, counted over turns from wall.reference; outside "
         "of them the run trips; null: any position",
         "rad",
+        wanted="a list of two numbers, low and high",
     )
     max_loss: float = setting(
         0.05, "Fraction of lost readings in the window that trips", gt=0, le=1

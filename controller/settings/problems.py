@@ -10,7 +10,6 @@ from pydantic import ValidationError
 from haptic_wall.controller.settings.axes import OWN, RENAMED
 from haptic_wall.controller.settings.axis_names import MOST_AXES, split_path
 from haptic_wall.controller.settings.fields import fields, sections
-from haptic_wall.controller.settings.model import IN_WORDS
 from haptic_wall.controller.settings.rules import BrokenRulesError
 from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.names import did_you_mean
@@ -43,11 +42,9 @@ def problems_of(error: ValidationError, data: dict[str, Any]) -> list[Problem]:
         bare = ".".join(where[:2])
         path = _given(prefix + bare, data)
         if path not in found:
-            problem = detail.get("ctx", {}).get(IN_WORDS)
-            if bare not in fields() and bare not in sections():
-                problem = Problem(detail["msg"])
-            elif not isinstance(problem, Problem):
-                problem = _wrong(bare, value_at(data, path), detail["type"])
+            problem = Problem(detail["msg"])
+            if bare in fields() or bare in sections():
+                problem = _wrong(bare, value_at(data, path), str(cause or ""))
             found[path] = replace(problem, field=path)
     return list(found.values())
 
@@ -75,7 +72,8 @@ def _wrong_axis(where: list[str], data: dict[str, Any]) -> Problem:
     return Problem(f"found {shown(value_at(data, '.'.join(where)))}", wanted=wanted)
 
 
-def _wrong(path: str, value: Any, kind: str) -> Problem:  # noqa: ANN401
+def _wrong(path: str, value: Any, wanted: str) -> Problem:  # noqa: ANN401
+    """Return the problem of a value; ``wanted``: as its validator says it, or empty."""
     field = fields().get(path)
     found = f"found {shown(value)}"
     if field is None:
@@ -83,9 +81,7 @@ def _wrong(path: str, value: Any, kind: str) -> Problem:  # noqa: ANN401
         return Problem(found, wanted=f"a section with {keys}")
     unit = f" [{field.unit}]" if field.unit else ""
     hint = did_you_mean(value, field.choices) if isinstance(value, str) else ""
-    if kind == "value_error":
-        return Problem(found, wanted="low <= value <= high")
-    return Problem(found, wanted=f"{field.wanted}{unit}", advice=hint)
+    return Problem(found, wanted=wanted or f"{field.wanted}{unit}", advice=hint)
 
 
 def _known_instead(path: str, prefix: str) -> str:

@@ -19,11 +19,10 @@ from haptic_wall.controller.settings.model import (
     Positive,
     Section,
     Whole,
-    refusal,
     setting,
     whole,
 )
-from haptic_wall.hw.errors import Problem, is_emulated
+from haptic_wall.hw.errors import is_emulated
 from haptic_wall.hw.open import torque_models
 from haptic_wall.hw.settings import (
     EMULATED,
@@ -51,17 +50,16 @@ Port = Annotated[str, Field(pattern=r"^[^\x00]+$")]
 
 
 def _sign(found: int) -> int:
-    """Refuse 0."""
     if not found:
-        raise refusal(Problem("found 0", wanted="1 or -1"))
+        raise ValueError("1 or -1")
     return found
 
 
 def used_by(name: str) -> tuple[str, ...]:
     """Return the kinds of servo that use a field of this section; by default all."""
     extra = Servo.model_fields[name].json_schema_extra
-    kinds = extra.get("used_by") if isinstance(extra, dict) else None
-    return tuple(map(str, kinds)) if isinstance(kinds, list) else get_args(Kind)
+    kinds = extra["used_by"] if isinstance(extra, dict) else None
+    return tuple(map(str, kinds)) if isinstance(kinds, list) and kinds else get_args(Kind)
 
 
 _BUS: tuple[Kind, ...] = ("emulated", "hardware")
@@ -81,7 +79,7 @@ def _declared(about: About, kind: Any, default: Any) -> tuple[Any, Any]:  # noqa
     if default is MISSING:
         kind, default = kind | None, None
     low = "gt" if about.above else "ge"
-    limits = {low: about.low, "le": about.high} if kind in NUMBERS else {}
+    limits: dict[str, Any] = {low: about.low, "le": about.high} if kind in NUMBERS else {}
     field = setting(default, about.meaning, about.unit, used_by=about.kinds, **limits)
     return Whole if kind is int else kind, field
 
@@ -120,6 +118,7 @@ class Servo(_Truth):
         "Faults to inject into the emulated bus, as for haptic-wall emulate --fault, e.g. "
         "drop:p=0.01; several as a list, or in one text with blanks between them",
         used_by=_EMULATED,
+        wanted="a list of texts",
     )
     fault_seed: Whole = setting(0, "Seed of the faults", ge=0, le=2**32, used_by=_EMULATED)
     kick: float | None = setting(

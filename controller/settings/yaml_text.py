@@ -76,20 +76,12 @@ def parse(text: str, source: str, field: str | None = None) -> Any:  # noqa: ANN
         UserError: It is not YAML, a key stands twice, or it has an alias.
     """
     try:
-        return _data(text)
+        return yaml.load(text, _Loader)  # a SafeLoader, for plain data
     except RecursionError:
         raise UserError("found sections nested too deeply", field=field, given=source) from None
     # the last two are errors of the library, over !!bool abc and the like
     except (yaml.YAMLError, ValueError, LookupError, AttributeError) as error:
         raise UserError(_reason(error), field=field, given=source) from None
-
-
-def _data(text: str) -> Any:  # noqa: ANN401 - whatever the text holds
-    loader = _Loader(text)  # a SafeLoader, for plain data
-    try:
-        return loader.get_single_data()
-    finally:
-        loader.dispose()
 
 
 def _refuse_twice(node: yaml.MappingNode) -> None:
@@ -98,16 +90,10 @@ def _refuse_twice(node: yaml.MappingNode) -> None:
     for key, _ in node.value:
         line = key.start_mark.line + 1
         if isinstance(key, yaml.ScalarNode) and key.value in seen:
-            raise _problem(
-                f"the key {in_line(key.value)} stands twice, in lines {seen[key.value]} and {line}:"
-                " keep one",
-                key,
-            )
+            twice = f"stands twice, in lines {seen[key.value]} and {line}: keep one"
+            text = f"the key {in_line(key.value)} {twice}"
+            raise yaml.constructor.ConstructorError(None, None, text, key.start_mark)
         seen[str(key.value)] = line
-
-
-def _problem(text: str, node: yaml.Node) -> yaml.MarkedYAMLError:
-    return yaml.constructor.ConstructorError(None, None, text, node.start_mark)
 
 
 def _reason(error: Exception) -> str:

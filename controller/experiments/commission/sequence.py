@@ -26,7 +26,6 @@ from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
     ExperimentTrippedError,
 )
-from haptic_wall.controller.processes.run_report import exit_status
 from haptic_wall.controller.settings import yaml_text
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.files import whole
@@ -152,8 +151,7 @@ def _taken(step: Step, ended: Ended, bench: StepContext) -> tuple[StepOutcome, t
     except KeyboardInterrupt:
         return failed("", 0, state="interrupted"), ()
     except ExperimentTrippedError as error:
-        text = f"{error.stop_reason}: {error}"
-        return failed(text, exit_status(error.stop_reason), error.gone), ()
+        return failed(error, error.exit_status, error.gone), ()
     except ServoError as error:
         return failed(error, HARDWARE, ends_all=True), ()
     except HapticWallError as error:

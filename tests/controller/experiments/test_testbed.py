@@ -140,7 +140,7 @@ def test_a_trip_comes_whole_out_of_another_process() -> None:
     problem, gap = Problem("too fast", advice="slow down"), Problem("gap")
     error = pickle.loads(pickle.dumps(ExperimentTrippedError(Trip.OVERSPEED, problem, gap)))
     assert (error.stop_reason, error.problem, error.fault) == ("trip:overspeed", problem, gap)
-    assert str(error) == "too fast; slow down"
+    assert str(error) == "trip:overspeed: too fast; slow down"
 
 
 def test_a_trip_says_whether_its_log_can_be_measured_from(

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from haptic_wall.controller.doctor.adapter import examine_port
 from haptic_wall.hw.errors import PortBusyError
 from haptic_wall.hw.serialport import users
 from haptic_wall.hw.serialport.port import open_port
@@ -38,12 +37,8 @@ def opened_by_another(path: str) -> Iterator[None]:
 
 def test_nobody_of_ours_opens_a_port_that_is_in_use(terminal: Terminal) -> None:
     """`doctor` and a second `run` would else disturb the first."""
-    with opened_by_another(terminal.path):
-        *_, used_by = examine_port(terminal.path)
-        assert (used_by.name, used_by.ok) == ("used by", False)
-        assert used_by.found.startswith("python")
-        with pytest.raises(PortBusyError, match="is used by python"):
-            open_port(terminal.path, 1_000_000)
+    with opened_by_another(terminal.path), pytest.raises(PortBusyError, match="by python"):
+        open_port(terminal.path, 1_000_000)
 
 
 def may_open(path: str) -> bool:
