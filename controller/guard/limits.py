@@ -13,7 +13,6 @@ from typing import Protocol
 import numpy as np
 
 from haptic_wall.controller.guard.evaluation import UNBOUND, Evaluation, count_torque
-from haptic_wall.controller.guard.flexible import returned_share
 from haptic_wall.controller.theory import linear_limit, passive_limit
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.harmonic import backlash_limit
