@@ -9,12 +9,12 @@ from typing import Any, Final
 
 from haptic_wall.controller.errors import ConfigError, HapticWallError, UserError
 from haptic_wall.controller.guard.decision_report import decision_report
+from haptic_wall.controller.guard.types import Decision
 from haptic_wall.controller.live.log_events import send_event
 from haptic_wall.controller.live.run_socket import NOT_MADE, OVER
-from haptic_wall.controller.runtime.assembly import decision_in_force
 from haptic_wall.controller.runtime.changeover import MOST_J, Obstacle
-from haptic_wall.controller.runtime.changes import Changes
-from haptic_wall.controller.runtime.handover import Change, Offers, Settled
+from haptic_wall.controller.runtime.changes import change_of
+from haptic_wall.controller.runtime.handover import Change, KnownServo, Offers
 from haptic_wall.controller.runtime.safety import REASONS
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.axis_names import split_path
@@ -60,7 +60,12 @@ class ChangeDesk:
         self._offers = offers
         self._tell = tell
         self._ends = ends
-        self._changes = Changes(list(config.each.values()), [])
+        self._configs = list(config.each.values())
+        """Of each axis, in force now"""
+        self._servos: list[KnownServo] = []
+        """Of each axis; empty until they are known"""
+        self._number = 0
+        """Of the last change"""
 
     @classmethod
     def of(
@@ -98,7 +103,7 @@ class ChangeDesk:
         Returns:
             The answer.
         """
-        configs, until_s = self._changes.configs, time.monotonic() + max(wait_s, START_S)
+        configs, until_s = self._configs, time.monotonic() + max(wait_s, START_S)
         try:
             axis, own = self._addressed(sets)
             new = changed(configs[axis], own)
@@ -108,7 +113,9 @@ class ChangeDesk:
                 if why := self._wait(self._is_known, until_s, tell_wait, gone):
                     return self._not_made(sets, why)
                 wait_s = until_s - time.monotonic()
-            change = self._changes.computed(new, axis)
+            self._number += 1
+            of_axis = configs[axis], new, self._servos[axis], axis
+            change, decided = change_of(self._number, *of_axis)
             self._offers.send(change)
         except ExplainedError as error:
             return self._refused(sets, error)
@@ -119,7 +126,8 @@ class ChangeDesk:
         settled = self._offers.settled(change.number)
         if settled is None or settled.row < 0:
             return self._not_made(sets, why)
-        return self._made(sets, axis, new, settled, began_ns)
+        decision = decided.bins.explained(settled.bin)
+        return self._made(sets, axis, new, settled.row, decision, began_ns)
 
     def _addressed(self, sets: list[str]) -> tuple[int, list[str]]:
         """Return the index of the axis that changes are for, and the changes as for it alone.
@@ -175,9 +183,9 @@ class ChangeDesk:
 
     def _is_known(self) -> bool:
         """Whether the servos are known; the loop's process tells them once, as it starts them."""
-        if not self._changes.servos:
-            self._changes.servos = self._offers.servos() or []
-        return bool(self._changes.servos)
+        if not self._servos:
+            self._servos = self._offers.servos() or []
+        return bool(self._servos)
 
     def _is_made(self, change: Change) -> bool:
         settled = self._offers.settled(change.number)
@@ -190,7 +198,7 @@ class ChangeDesk:
         return bool(ended) or self._ends()
 
     def _obstacle(self) -> str:
-        if not self._changes.servos:
+        if not self._servos:
             return "the servo has not been started yet"
         return obstacle_text(*self._offers.obstacle)
 
@@ -204,20 +212,23 @@ class ChangeDesk:
             time.sleep(_LOOK_S)
 
     def _made(
-        self, sets: list[str], axis: int, new: Config, settled: Settled, began_ns: int
+        self,
+        sets: list[str],
+        axis: int,
+        new: Config,
+        row: int,
+        decision: Decision,
+        began_ns: int,
     ) -> dict[str, Any]:
-        changes, prefix = self._changes, self._prefix(axis)
-        assert changes.decided is not None
-        differing = difference(changes.configs[axis], new)
-        changes.configs[axis] = new
-        told = decision_in_force(new, changes.servos[axis], changes.decided, settled.bin)
-        guard = decision_report(told)
-        made_ns = self._made_ns(settled.row)
+        prefix, guard = self._prefix(axis), decision_report(decision)
+        differing = difference(self._configs[axis], new)
+        self._configs[axis] = new
+        made_ns = self._made_ns(row)
         answer = {
             "applied": True,
             "changed": {f"{prefix}{path}": value for path, value in differing.items()},
             "waited_s": max(0.0, (made_ns - began_ns) * 1e-9),
-            "row": settled.row,
+            "row": row,
             "guard": {
                 name: guard[name] for name in ("requested", "commanded", "binding", "reasons")
             },

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.runtime.changeover import Obstacle
-from haptic_wall.controller.runtime.changes import Changes
+from haptic_wall.controller.runtime.changes import change_of
 from haptic_wall.controller.runtime.handover import KnownServo, Offers
 from haptic_wall.controller.runtime.session import run_session
 from haptic_wall.controller.runtime.session_result import Result
@@ -96,6 +96,7 @@ class ChangedRun:
 
     def run(self, seconds: float) -> tuple[Result, NDArray[np.void]]:
         """Run the wall; return the result, and the rows."""
+        self._now = self.config
         self._telemetry = telemetry = Telemetry.create()
         self._offers = Offers(telemetry)
         result = run_session(
@@ -113,7 +114,7 @@ class ChangedRun:
         bus = open_bus(servos, clock, port)
         if self.hand is not None:
             bus.take_hand(self.hand)  # type: ignore[attr-defined]
-        self._changes = Changes([self.config], [KnownServo(bus.facts[0], None, True)])
+        self._servo = KnownServo(bus.facts[0], None, True)
         return _Asking(bus, self)
 
     def tick(self, position: float) -> None:
@@ -132,12 +133,12 @@ class ChangedRun:
                 return
             at_hand.row, at_hand.settled = settled.row, True
             if settled.row >= 0:
-                self._changes.configs[0] = at_hand.new
-        (config,) = self._changes.configs
+                self._now = at_hand.new
+        config = self._now
         sets = tuple(self.ask(row, config, position))
         if sets:
             new = changed(config, sets)
-            change = self._changes.computed(new)
+            change, _ = change_of(len(self.asked) + 1, config, new, self._servo)
             self.asked.append(Asked(row, config, new, change.number))
             self._offers.send(change)
 
