@@ -114,8 +114,7 @@ class ChangeDesk:
                     return self._not_made(sets, why)
                 wait_s = until_s - time.monotonic()
             self._number += 1
-            of_axis = configs[axis], new, self._servos[axis], axis
-            change, decided = change_of(self._number, *of_axis)
+            change, decided = change_of(self._number, configs[axis], new, self._servos[axis], axis)
             self._offers.send(change)
         except ExplainedError as error:
             return self._refused(sets, error)

@@ -29,7 +29,6 @@ from haptic_wall.hw.elastic import PLACE, WORDS, ElasticClock
 from haptic_wall.hw.errors import Problem, ServoError
 from haptic_wall.hw.hand import SharedHand
 from haptic_wall.hw.open import open_bus
-from haptic_wall.hw.servo import Check
 
 LAST_S = 5
 """Longest life of this process after a signal told it to end [s]. The kernel then ends it; the
@@ -44,8 +43,6 @@ class Orders:
     """The effective configuration as JSON"""
     telemetry: int
     """Descriptor of the shared memory"""
-    axes: int
-    """Number of axes"""
     port: int | None
     """Descriptor of the open serial port"""
     parent: int
@@ -65,7 +62,8 @@ class Orders:
 def main() -> None:
     """Run one session as ordered; at its end the torque is off, or the control words deny it."""
     orders = Orders(**read_orders())
-    telemetry = Telemetry(orders.telemetry, axes=orders.axes)
+    config = Config.model_validate_json(orders.config, context=RUNS)
+    telemetry = Telemetry(orders.telemetry, axes=len(config.each))
 
     def stop(_signal: int, _frame: object) -> None:
         telemetry.words[Word.STOP] = 1
@@ -76,7 +74,6 @@ def main() -> None:
     # The parent blocked these signals until this process had a group of its own and handlers.
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGHUP})
     realtime.die_with_parent(orders.parent, signal.SIGTERM)
-    config = Config.model_validate_json(orders.config, context=RUNS)
     os.sched_setaffinity(0, {orders.core})
     clock: Clock = MonotonicClock()
     if orders.elastic:
@@ -136,16 +133,13 @@ def _prepare(config: Config, core: int) -> None:
     _tell("tell", text=start_text(settings, machine_setup(core)))
     missing = realtime.missing_for_strict(settings)
     if missing and wishes.profile == "strict":
-        raise PlatformError(_strict(missing))
-
-
-def _strict(missing: list[Check]) -> Problem:
-    wishes = "; ".join(f"{s.name}: wanted {s.wanted}, {s.found}; {s.fix}" for s in missing)
-    return Problem(
-        field="realtime.profile",
-        given=f"is strict, but the system did not grant all settings ({wishes})",
-        advice="or run with --set realtime.profile=best-effort to use the granted ones",
-    )
+        lacking = "; ".join(f"{s.name}: wanted {s.wanted}, {s.found}; {s.fix}" for s in missing)
+        problem = Problem(
+            field="realtime.profile",
+            given=f"is strict, but the system did not grant all settings ({lacking})",
+            advice="or run with --set realtime.profile=best-effort to use the granted ones",
+        )
+        raise PlatformError(problem)
 
 
 def _tell(event: str, **content: object) -> None:

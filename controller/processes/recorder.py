@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from haptic_wall.controller.errors import LogFormatError
 from haptic_wall.controller.live.log_events import take_events
 from haptic_wall.controller.logs.writer import LogWriter, identity
-from haptic_wall.controller.runtime.idle_window import pause_until_idle_window
+from haptic_wall.controller.runtime.idle_window import until_idle_window
 from haptic_wall.controller.runtime.realtime import die_with_parent, stand_back
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.system.files import is_full
@@ -208,7 +208,7 @@ def main() -> None:
         # Without a supervisor the loop stops soon: continue until no more rows come.
         if finished or (orphaned() and not wrote):
             break
-        pause_until_idle_window(telemetry.words, orders["period_ns"], PAUSE_S)
+        time.sleep(until_idle_window(telemetry.words, orders["period_ns"], PAUSE_S))
     attempts.close()
 
 

@@ -67,7 +67,6 @@ class Supervisor:
         self._refused: Problem | None = None
         self._servos = plan.config.servos()
         self._cut = TorqueCut(self._servos, self._words)
-        self._key: int | None = None
         self._core, self._others = pick_cores(plan.config.realtime.core)
 
     def run(self) -> Ended:
@@ -95,7 +94,6 @@ class Supervisor:
                 time.monotonic(),
             )
             children.callback(log.close)
-            self._open_key(children)
             loop = self._start_loop(children)
             reason = self._watch(loop, emulator, log)
             # First: its last events go into the log.
@@ -148,27 +146,21 @@ class Supervisor:
         """Return the descriptor of the memory of a person's hand; None: the servo has none."""
         return None if self._door.hand is None else self._door.hand.descriptor
 
-    def _open_key(self, children: contextlib.ExitStack) -> None:
-        """Open the dead man's device; the dead man counts as released until the loop reads it.
+    def _start_loop(self, children: contextlib.ExitStack) -> Child:
+        """Start the loop; the dead man counts as released until its device or page is read.
 
         Raises:
-            UserError: It cannot be opened any more.
+            UserError: The dead man's device cannot be opened any more.
         """
-        if self._plan.hold is None:
-            return
-        self._words[Word.HELD_NS] = 0
-        if self._plan.hold != PAGE:
-            self._key = opened(self._plan.hold)
-            children.callback(os.close, self._key)
-
-    def _start_loop(self, children: contextlib.ExitStack) -> Child:
         plan, key = self._plan, None
-        if self._key is not None and plan.hold is not None:
-            key = self._key, plan.hold
+        if plan.hold is not None:
+            self._words[Word.HELD_NS] = 0
+        if plan.hold not in (None, PAGE):
+            key = opened(plan.hold), plan.hold
+            children.callback(os.close, key[0])
         orders = Orders(
             config=plan.config.model_dump_json(),
             telemetry=self._telemetry.descriptor,
-            axes=self._telemetry.axes,
             port=self._cut.port,
             parent=os.getpid(),
             core=self._core,
@@ -178,7 +170,7 @@ class Supervisor:
             key=key,
             elastic=plan.elastic,
         )
-        passed = (orders.telemetry, orders.hand, self._cut.port, self._key)
+        passed = (orders.telemetry, orders.hand, orders.port, key and key[0])
         # On its core from the first: on two cores the other one is busy with the other starts.
         module = "haptic_wall.controller.processes.loop_process"
         descriptors = [each for each in passed if each is not None]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -90,6 +90,7 @@ class Session:
         self._simulated = isinstance(clock, SimulatedClock)
         self.torque_asked = False
         self.work = Work()
+        self.decided: list[Decided] = []
         self.checks: list[Check] = []
         self._inbox = Inbox(telemetry)
         self.bus = surroundings.open_bus(config.servos(), clock, surroundings.port)
@@ -106,9 +107,16 @@ class Session:
         self._wait = waiter_for(self._clock, self.config.period_ns)
 
     def _decide(self) -> None:
-        """Compute the guard's decisions from the servos' known values."""
+        """Compute the guard's decisions from the servos' known values, of equal axes once."""
         self._know()
-        self.decided = decisions(self._each(), self.work, program=bool(self._program))
+        known: dict[str, Decided] = {}
+        self.decided = []
+        for config, servo in self._each():
+            asked = repr((config.request(servo.facts.position_step), situation_of(config, servo)))
+            if asked not in known:
+                program = bool(self._program)
+                known[asked] = guard_decisions(config, servo, program=program, work=self.work)
+            self.decided.append(known[asked])
 
     def _know(self) -> None:
         """Take the facts of the servos, and the longest of their delays.
@@ -205,23 +213,3 @@ class Session:
             self._telemetry.words[Word.TEMPERATURE_MC] = round(1e3 * celsius)
             self._telemetry.words[Word.SUPPLY_MV] = round(1e3 * volts)
         self._around.on_block()
-
-
-def decisions(
-    axes: Iterable[tuple[Config, KnownServo]], work: Work, *, program: bool = False
-) -> list[Decided]:
-    """Return the guard's decisions for each axis of a run; equal axes are decided once.
-
-    Args:
-        axes: Configuration and servo of each.
-        work: What the guard has evaluated; takes what it evaluates now.
-        program: As of ``guard_decisions``.
-    """
-    known: dict[str, Decided] = {}
-    decided = []
-    for config, servo in axes:
-        asked = repr((config.request(servo.facts.position_step), situation_of(config, servo)))
-        if asked not in known:
-            known[asked] = guard_decisions(config, servo, program=program, work=work)
-        decided.append(known[asked])
-    return decided

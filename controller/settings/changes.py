@@ -76,14 +76,8 @@ def with_changes(config: Config, new: Mapping[str, Any]) -> dict[str, Any]:
 
 def moved(old: Config, new: Config) -> bool:
     """Whether law or position differ, so that the torque changes by more than a factor."""
-    return moved_by(old, new) != 0.0
-
-
-def moved_by(old: Config, new: Config) -> float | None:
-    """Return the way of the same law to its new position [rad]; None: it is another law."""
-    if any(getattr(old.wall, name) != getattr(new.wall, name) for name in NUMBERS):
-        return None
-    return new.wall.position - old.wall.position
+    names = ("position", *NUMBERS)
+    return any(getattr(old.wall, name) != getattr(new.wall, name) for name in names)
 
 
 def _refuse_fixed(path: str) -> None:
