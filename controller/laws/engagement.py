@@ -9,7 +9,6 @@ same criterion holds for a stiffness that rises while the wall is on: ΔK |p|.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from haptic_wall.controller.laws.wall import NONE, Law
 
@@ -26,26 +25,6 @@ FAR = 0.5
 """Distance inside a wall from which the servo's sign is doubted [rad]"""
 
 
-@dataclass(frozen=True, slots=True)
-class EngageLimits:
-    """The criterion for an unloaded spring."""
-
-    torque: float
-    """Largest elastic torque [N·m]"""
-    position_step: float
-    """Encoder step [rad]; 0: the position is not quantised"""
-    periods: int
-    """Ticks for which the spring must stay unloaded, >= 1"""
-
-    def room(self, stiffness: float) -> float:
-        """Return the largest penetration [rad] at which a spring [N·m/rad] counts as unloaded."""
-        return self.most_torque(stiffness) / stiffness if stiffness > 0.0 else math.inf
-
-    def most_torque(self, stiffness: float) -> float:
-        """Return the elastic torque [N·m] up to which a spring [N·m/rad] counts as unloaded."""
-        return max(self.torque, stiffness * LEAST_STEPS * self.position_step)
-
-
 def engage_torque(asked: float | None, stall_torque: float) -> float:
     """Return the elastic torque up to which a wall may come on [N·m].
 
@@ -60,14 +39,20 @@ class Engagement:
     """Decides, tick by tick, whether the wall may come on; O(1).
 
     Args:
-        limits: The criterion for an unloaded spring.
+        torque: Largest elastic torque of an unloaded spring [N·m].
+        position_step: Encoder step [rad]; 0: the position is not quantised.
+        periods: Ticks for which the spring must stay unloaded, >= 1.
         start_room: Penetration up to which the wall may come on at the start even if its spring is
             loaded [rad]; infinite: it comes on at once, at any position of the shaft.
     """
 
-    def __init__(self, limits: EngageLimits, *, start_room: float = 0.0) -> None:
-        self.limits = limits
-        self._need = 0 if math.isinf(start_room) else limits.periods
+    def __init__(
+        self, torque: float, position_step: float, periods: int, *, start_room: float = 0.0
+    ) -> None:
+        self._torque = torque
+        self._least = LEAST_STEPS * position_step
+        self._periods = periods
+        self._need = 0 if math.isinf(start_room) else periods
         self._start_room = start_room
         self._rested = 0
 
@@ -75,6 +60,14 @@ class Engagement:
     def ready(self) -> bool:
         """Whether the wall may come on now."""
         return self._rested >= self._need
+
+    def room(self, stiffness: float) -> float:
+        """Return the largest penetration [rad] at which a spring [N·m/rad] counts as unloaded."""
+        return self.most_torque(stiffness) / stiffness if stiffness > 0.0 else math.inf
+
+    def most_torque(self, stiffness: float) -> float:
+        """Return the elastic torque [N·m] up to which a spring [N·m/rad] counts as unloaded."""
+        return max(self._torque, stiffness * self._least)
 
     def sample(self, stiffness: float, penetration: float) -> None:
         """Record the shaft's position in a tick with the wall off.
@@ -96,15 +89,14 @@ class Engagement:
             penetration: Signed penetration of the shaft [rad]; 0 outside a one-sided wall. If it is
                 NaN, the stiffness may not rise.
         """
-        limits = self.limits
         away = abs(penetration)
         # Without a division: this runs in every tick.
-        return rise * away <= limits.torque or away <= LEAST_STEPS * limits.position_step
+        return rise * away <= self._torque or away <= self._least
 
     def restart(self) -> None:
         """Record that the wall went off; it comes on again after a time with an unloaded spring."""
         self._start_room = 0.0
-        self._need = self.limits.periods
+        self._need = self._periods
         self._rested = 0
 
 
@@ -133,7 +125,7 @@ def waiting_text(
     side: str,
     position: float,
     stiffness: float,
-    limits: EngageLimits,
+    gate: Engagement,
     torque_limit: float,
 ) -> str:
     """Say why the wall does not come on, where the shaft is, and where it must go.
@@ -143,14 +135,14 @@ def waiting_text(
         side: Its side, as in the configuration.
         position: Position of the shaft [rad].
         stiffness: Stiffness that would come on [N·m/rad].
-        limits: The criterion for its spring.
+        gate: Decides when it may come on.
         torque_limit: Largest torque of the servo [N·m].
     """
-    away, room = abs(law.elongation(position)), limits.room(stiffness)
+    away, room = abs(law.elongation(position)), gate.room(stiffness)
     text = (
         f"at {place_text(position)} {_law_text(law, side)} would push with up to "
         f"{min(stiffness * away, torque_limit):.3g} N·m; it comes on when that has stayed below "
-        f"{limits.most_torque(stiffness):.2g} N·m for {1e3 * REST_S:g} ms"
+        f"{gate.most_torque(stiffness):.2g} N·m for {1e3 * REST_S:g} ms"
     )
     if away <= room or not law.linear:
         return text

@@ -62,12 +62,9 @@ def key_reader(
     return look
 
 
-def gone_texts(why: str) -> tuple[str, str]:
-    """Return what is told at once of a source that is gone, and what the report notes."""
-    return (
-        f"--hold: {why}; the wall is off and stays off: end the run with Ctrl-C",
-        f"--hold: {why}; from then on the wall was off",
-    )
+def gone_text(why: str) -> str:
+    """Return what a person and the report are told of a source that is gone."""
+    return f"--hold: {why}; the wall stays off until the run ends"
 
 
 def opened(path: str) -> int:

@@ -52,7 +52,7 @@ def run_inline(plan: Plan, telemetry: Telemetry, tell: Tell = lambda _text: None
     finally:
         if recorder is not None:
             try:
-                recorder.close()
+                recorder.log.close()
             except OSError as error:
                 lost = True
                 if not warnings:

@@ -57,6 +57,9 @@ class Recorder:
         force: Replace a file; else one that exists is refused.
         events: Source of the changes of the running wall; None: it takes none.
 
+    Attributes:
+        log: The log; the caller closes it.
+
     Raises:
         OSError: As ``LogWriter``.
     """
@@ -82,7 +85,7 @@ class Recorder:
         if log is None:
             log = LogWriter(path, metadata, axes, force=force or ours, begun=self._note_file)
             self._words[Word.LACKING] = self._words[Word.TAIL] = 0
-        self._log = log
+        self.log = log
         self._tail = self._words[Word.TAIL]
         # The writer of the last block may have died before it updated the control words.
         self._count(log.seqs_from(self._tail))
@@ -101,7 +104,7 @@ class Recorder:
         begin, end = self._tail, self._words[Word.HEAD]
         while self._tail < end:
             block, _ = self._telemetry.read(self._tail, self._most)
-            self._log.append(block)
+            self.log.append(block)
             self._count(block[:, 0]["seq"])
         return self._tail > begin
 
@@ -112,22 +115,6 @@ class Recorder:
         words = self._words
         words[Word.LACKING] += int(seqs[-1]) + 1 - words[Word.TAIL] - seqs.size
         words[Word.TAIL] = self._tail = int(seqs[-1]) + 1
-
-    def sync(self) -> None:
-        """Wait until the disk keeps the written rows; new rows wait in the ring.
-
-        Raises:
-            OSError: As ``LogWriter.sync``.
-        """
-        self._log.sync()
-
-    def close(self) -> None:
-        """Close the log.
-
-        Raises:
-            OSError: The file system has lost earlier data.
-        """
-        self._log.close()
 
 
 class _Attempts:
@@ -168,15 +155,15 @@ class _Attempts:
             return wrote
         self._trouble_is(None)
         if time.monotonic() - self._synced_s >= SYNC_S:
-            self._keep(self._recorder.sync)
+            self._keep(self._recorder.log.sync)
             self._synced_s = time.monotonic()
         return wrote
 
     def close(self) -> None:
         """Close the log, if it was ever open."""
         if self._recorder is not None:
-            self._keep(self._recorder.sync)
-            self._keep(self._recorder.close)
+            self._keep(self._recorder.log.sync)
+            self._keep(self._recorder.log.close)
 
     def _keep(self, keep: Callable[[], None]) -> None:
         """Call ``keep``, and report lost rows."""

@@ -81,17 +81,12 @@ def run(plan: Plan, tell: Tell, shown: Shown | None = None) -> Ended:
         PlatformError: This machine has no memory for its rows.
     """
     try:
-        memory = Telemetry.create(len(plan.axes))
+        telemetry = Telemetry.create(len(plan.axes))
     except OSError as error:
         raise PlatformError(
             f"there is no memory for the rows ({error.strerror})",
             advice="raise the limits of this shell, ulimit -f and ulimit -v",
         ) from error
-    with closing(memory) as telemetry:
-        return _run(plan, tell, telemetry, shown)
-
-
-def _run(plan: Plan, tell: Tell, telemetry: Telemetry, shown: Shown | None) -> Ended:
     asked = False
 
     def stop(_signal: int, _frame: FrameType | None) -> None:
@@ -103,7 +98,12 @@ def _run(plan: Plan, tell: Tell, telemetry: Telemetry, shown: Shown | None) -> E
         telemetry.words[Word.RAISE] += 1
 
     # The display changes the terminal, which must be restored after any signal.
-    with on_signals(stop), on_signals(raise_again, (signal.SIGUSR1,)), ExitStack() as stack:
+    with (
+        closing(telemetry),
+        on_signals(stop),
+        on_signals(raise_again, (signal.SIGUSR1,)),
+        ExitStack() as stack,
+    ):
         if shown is not None:
             stack.enter_context(shown(telemetry))
         if plan.config.loop.clock == "simulated":

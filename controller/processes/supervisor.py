@@ -17,7 +17,7 @@ from haptic_wall.controller.live.log_events import event_sockets
 from haptic_wall.controller.processes.children import Child, on_cores
 from haptic_wall.controller.processes.door_monitor import Door
 from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments, failure_of
-from haptic_wall.controller.processes.hold import PAGE, gone_texts, opened
+from haptic_wall.controller.processes.hold import PAGE, gone_text, opened
 from haptic_wall.controller.processes.loop_process import Orders
 from haptic_wall.controller.processes.loop_watch import END_S, LoopWatch
 from haptic_wall.controller.processes.plan import Ended, Plan, Tell
@@ -291,8 +291,7 @@ class Supervisor:
                 case "tell":
                     self._tell(event["text"])
                 case "key_gone":
-                    told, noted = gone_texts(event["why"])
-                    self._warnings.append(noted)
-                    self._tell(told)
+                    self._warnings.append(gone_text(event["why"]))
+                    self._tell(self._warnings[-1])
                 case "ended":
                     self._result = event["result"]

@@ -12,7 +12,6 @@ from haptic_wall.controller.detector.backstop import Shared
 from haptic_wall.controller.detector.settings import WatchSettings
 from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.guard.bins import Bins
-from haptic_wall.controller.guard.guard import Decision, Situation
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.schedule import (
     RUN,
@@ -23,9 +22,10 @@ from haptic_wall.controller.guard.schedule import (
     age_bins_ns,
     interval_bins_ns,
 )
+from haptic_wall.controller.guard.types import Decision, Situation
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.laws.delay import DelayRing
-from haptic_wall.controller.laws.engagement import REST_S, EngageLimits, Engagement, engage_torque
+from haptic_wall.controller.laws.engagement import REST_S, Engagement, engage_torque
 from haptic_wall.controller.laws.passivity_control import PassivityControl
 from haptic_wall.controller.laws.program import Phase, Program
 from haptic_wall.controller.laws.velocity import Biquad, velocity_estimator
@@ -103,7 +103,8 @@ def bins_of(
     """
     situation = situation_of(config, servo)
     intervals_ns = interval_bins_ns(config.period_ns, situation.belief.is_flexible)
-    inside = servo.simulated and servo.traffic is None  # the same process: samples have zero age
+    # A servo in the same process: samples have zero age.
+    inside = config.loop.clock == "simulated" and servo.traffic is None
     least_ns = round(config.guard.sample_age * 1e9)
     ages_ns = [0] if inside else age_bins_ns(config.period_ns, least_ns)
     if inside and program:
@@ -306,11 +307,9 @@ def assembled(
         torque_limit=facts.torque_limit,
         wall_from_start=law.guarded and wall.reference == "start",
         engagement=Engagement(
-            EngageLimits(
-                torque=rest_torque,
-                position_step=facts.position_step,
-                periods=max(1, math.ceil(REST_S / period - 1e-6)),
-            ),
+            torque=rest_torque,
+            position_step=facts.position_step,
+            periods=max(1, math.ceil(REST_S / period - 1e-6)),
             # A program comes on wherever the shaft is: it starts there.
             start_room=config.start_room if law.guarded else math.inf,
         ),

@@ -17,7 +17,7 @@ from haptic_wall.controller.guard.belief import Bounded
 from haptic_wall.controller.guard.schedule import GainTable
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.runtime.changeover import Obstacle
-from haptic_wall.controller.runtime.telemetry import Telemetry, Word
+from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.hw.servo import Facts, Traffic
 
 _OFFERED, _WITHDRAWN = int(Word.OFFERED), int(Word.WITHDRAWN)
@@ -30,8 +30,6 @@ class KnownServo:
     facts: Facts
     traffic: Traffic | None
     """Of its bus; None: no reply travels"""
-    simulated: bool
-    """Whether the loop runs on the simulated clock"""
     lag: Bounded | None = None
     """The longest device delay that is believed of any servo on its bus, bounded below by the
     shortest one [s]; None: it is alone"""
@@ -84,8 +82,8 @@ class Offers:
         self._words = telemetry.words
 
     def servos(self) -> list[KnownServo] | None:
-        """Return the servo of each axis, once the loop's process has told them."""
-        if not self._words[Word.KNOWN]:
+        """Return the servo of each axis while the loop runs."""
+        if self._words[Word.STATE] != LoopState.RUNNING:
             return None
         servos: list[KnownServo] = pickle.loads(self._halves[0])
         return servos
@@ -139,7 +137,6 @@ class Inbox:
     def tell(self, servos: list[KnownServo]) -> None:
         """Tell the other side the facts of the servos, before the loop runs."""
         _put(self._halves[0], servos)
-        self._words[Word.KNOWN] = 1
 
     def take(self) -> Change | None:
         """Return the offered change; None: one is at hand."""

@@ -12,7 +12,7 @@ from typing import Any
 from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.detector.watch import oscillation_report
 from haptic_wall.controller.guard.decision_report import assumed, decision_report
-from haptic_wall.controller.guard.guard import Decision, Situation
+from haptic_wall.controller.guard.types import Decision, Situation
 from haptic_wall.controller.milliseconds import ms
 from haptic_wall.controller.runtime.assembly import bins_of
 from haptic_wall.controller.runtime.axis import Axis

@@ -24,7 +24,7 @@ from haptic_wall.controller.runtime.loop import Loop
 from haptic_wall.controller.runtime.realtime import freeze_garbage
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.hw.clock import Clock, SimulatedClock
+from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.elastic import ElasticClock
 from haptic_wall.hw.errors import GivenUpError, ServoError
 from haptic_wall.hw.open import open_bus
@@ -87,7 +87,6 @@ class Session:
         self._telemetry = telemetry
         self._program = program
         self._around = surroundings
-        self._simulated = isinstance(clock, SimulatedClock)
         self.torque_asked = False
         self.work = Work()
         self.decided: list[Decided] = []
@@ -123,11 +122,10 @@ class Session:
 
         From the shortest of all on: on a flexible transmission that may be the less safe one.
         """
-        traffic, simulated = self.bus.traffic, self._simulated
         delays = [config.belief().delay for config in self.configs.values()]
         lag = max(delays, key=lambda delay: delay.high)
         lag = replace(lag, low=min(delay.low for delay in delays))
-        self.servos = [KnownServo(each, traffic, simulated, lag) for each in self.bus.facts]
+        self.servos = [KnownServo(each, self.bus.traffic, lag) for each in self.bus.facts]
 
     def _each(self) -> Iterator[tuple[Config, KnownServo]]:
         """Return configuration and servo of each axis."""

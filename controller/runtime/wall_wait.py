@@ -102,17 +102,16 @@ class WallWait:
             return f"{name}reading", f"{name}the wall waits for the first reading"
         if not self._loop.cycle.held():
             return "dead man", "the dead man is not held; the wall comes on when it is"
-        stiffness = axis.gains.schedule.allowed.stiffness
-        limits = axis.engagement.limits
+        stiffness, gate = axis.gains.schedule.allowed.stiffness, axis.engagement
         text = waiting_text(
             axis.law,
             config.wall.acting_side,
             axis.position,
             stiffness,
-            limits,
+            gate,
             axis.torque_limit,
         )
         if len(self._axes) > 1 and not axis.wall_from_start:
-            servo, room = config.servo, limits.room(stiffness)
+            servo, room = config.servo, gate.room(stiffness)
             text += sign_text(axis.law, axis.position, servo.sign, servo.offset, room)
         return f"{name}place", name + text

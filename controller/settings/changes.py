@@ -76,7 +76,7 @@ def with_changes(config: Config, new: Mapping[str, Any]) -> dict[str, Any]:
 
 def moved(old: Config, new: Config) -> bool:
     """Whether law or position differ, so that the torque changes by more than a factor."""
-    names = ("position", *NUMBERS)
+    names = (*NUMBERS, "position")
     return any(getattr(old.wall, name) != getattr(new.wall, name) for name in names)
 
 

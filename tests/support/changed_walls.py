@@ -114,7 +114,7 @@ class ChangedRun:
         bus = open_bus(servos, clock, port)
         if self.hand is not None:
             bus.take_hand(self.hand)  # type: ignore[attr-defined]
-        self._servo = KnownServo(bus.facts[0], None, True)
+        self._servo = KnownServo(bus.facts[0], None)
         return _Asking(bus, self)
 
     def tick(self, position: float) -> None:

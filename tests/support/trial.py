@@ -178,7 +178,7 @@ def run_trial(
     servo = TrialServo(truth, clock, operator, position=position, velocity=velocity, struck=struck)
     telemetry = Telemetry(-1, _CHUNK + 8)
     telemetry.words[Word.HELD_NS] = NO_DEAD_MAN
-    known = KnownServo(servo.facts[0], None, simulated=True)
+    known = KnownServo(servo.facts[0], None)
     decided, inbox = _decided(config, known, tuple(sets), wall), Inbox(telemetry)
     axis = assembled(config, known, telemetry, inbox, Shared(), decided, ())
     cycle = Cycle(clock, servo, [axis], telemetry.words, inbox, config.period_ns, pipelined=False)
@@ -245,6 +245,6 @@ def _decided(config: Config, servo: KnownServo, sets: tuple[str, ...], wall: Wal
 @lru_cache(maxsize=64)
 def _decision(sets: tuple[str, ...], torque_limit: float, counts_per_rev: int) -> Decision:
     """Return any decision with this belief; its delay, reasons and limits are not used."""
-    servo = KnownServo(Facts("a servo", counts_per_rev, torque_limit, 0.0), None, simulated=True)
+    servo = KnownServo(Facts("a servo", counts_per_rev, torque_limit, 0.0), None)
     config = trial_config(sets)
     return bins_of(config, servo).explained(0)

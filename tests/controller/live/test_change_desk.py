@@ -32,7 +32,7 @@ class Side:
     @classmethod
     @contextlib.contextmanager
     def of(cls, *sets: str) -> Iterator[Self]:
-        config = load_config("simulated", ("servo.hand=none", *sets)).config
+        config = load_config("simulated", ("servo.hand=none", "loop.clock=simulated", *sets)).config
         telemetry = Telemetry.create(len(config.each))
         told: list[dict[str, Any]] = []
         desk = ChangeDesk(config, telemetry, Offers(telemetry), told.append, lambda: made.over)
@@ -55,7 +55,7 @@ class Side:
 
     def start(self) -> None:
         """Start the servos."""
-        servo = KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, True)
+        servo = KnownServo(Facts("a servo", 4096, 4.1, 0.0), None)
         self.inbox.tell([servo] * len(self.desk._names))
         self.telemetry.words[Word.STATE] = LoopState.RUNNING
 

@@ -43,7 +43,7 @@ class Child:
     def end(self, code: int) -> None:
         if self.code is None:
             self.code = code
-            self._recorder.close()
+            self._recorder.log.close()
 
     def said(self) -> list[dict[str, object]]:
         said, self._said = self._said, []

@@ -57,7 +57,7 @@ def test_each_accepted_belief_about_a_rigid_servo_has_limits(seed: int) -> None:
     if config is None:
         return
     bus = open_bus(config.servos(), SimulatedClock(), None)
-    known = KnownServo(bus.facts[0], bus.traffic, simulated=False)
+    known = KnownServo(bus.facts[0], bus.traffic)
     decided = guard_decisions(config, known)
     bins = decided.bins
     indices = range(len(bins.ages_ns) * len(bins.intervals_ns))
