@@ -98,7 +98,8 @@ class Supervisor:
             reason = self._watch(loop, emulator, log)
             # First: its last events go into the log.
             told = "; ".join(filter(None, (str(reason), self._cause)))
-            self._door.close("" if self._was_given_up(reason) else told)
+            given_up = reason is End.INTERRUPTED and not self._words[Word.HEAD]
+            self._door.close("" if given_up else told)
             self._warnings += log.end()
             if self._door.trouble:
                 self._warnings.append(self._door.trouble)
@@ -237,10 +238,6 @@ class Supervisor:
             return End.REFUSED
         self._cause = self._cut.take_from(loop)
         return Trip.LOOP_DIED
-
-    def _was_given_up(self, reason: StopReason) -> bool:
-        """Whether the run was interrupted before its first tick: nothing of it is to be kept."""
-        return reason is End.INTERRUPTED and not self._words[Word.HEAD]
 
     def _tell(self, text: str) -> None:
         """Tell a person, at the terminal and on the page."""

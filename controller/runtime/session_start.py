@@ -134,14 +134,14 @@ class Session:
     def start(self) -> None:
         """Check the servo, switch its torque on, and build the cycle; the loop then runs."""
         config, bus, telemetry = self.config, self.bus, self._telemetry
-        limits, asked = [servo.facts.torque_limit for servo in self.servos], config.servo.schedule
+        asked = config.servo.schedule
         telemetry.words[Word.STATE] = LoopState.STARTING  # first: see Supervisor
         if not telemetry.words[Word.STOP]:  # no torque is switched on for a session that is to stop
             self.torque_asked = True
             if isinstance(self._clock, ElasticClock):
                 self._clock.engage()
             with suppress(GivenUpError):
-                self._start_bus(limits)
+                self._start_bus()
         self.pipelined = is_pipelined(asked, bus.traffic, config.period_ns * 1e-9)
         if self.pipelined and asked == "auto" and bus.traffic is not None:
             held_ms = bus.traffic.longest_s * 1e3
@@ -166,13 +166,13 @@ class Session:
         telemetry.words[Word.HEARTBEAT_NS] = self._clock.now_ns()
         telemetry.words[Word.STATE] = LoopState.RUNNING
 
-    def _start_bus(self, limits: list[float]) -> None:
-        """Switch the torques on; decide again if a torque limit is none of ``limits`` [N·m].
+    def _start_bus(self) -> None:
+        """Switch the torques on; decide again if the torque limits are others than known.
 
         Raises:
             GivenUpError: The session is to stop; all torques are off.
         """
-        bus = self.bus
+        bus, limits = self.bus, [servo.facts.torque_limit for servo in self.servos]
         try:
             self.checks = self._named(bus.start())
         except ServoError as error:

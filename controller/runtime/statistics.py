@@ -78,7 +78,6 @@ class RunStatistics:
         self.age = TimeStatistics()
         self.max_torque = np.zeros(axes)
         self.saturated, self.acted, self.limp = np.zeros((3, axes), np.int64)
-        self.rows = 0
         self.unread = 0
         """Rows that were overwritten before they were read."""
         self._next_seq = 0
@@ -94,7 +93,6 @@ class RunStatistics:
         on = (ticks["flags"] & FLAG_WARM_UP) == 0
         if not on.any():
             return
-        self.rows += int(np.count_nonzero(on))
         self.lateness.add(ticks["lateness_ns"][on])
         after_first = on & (ticks["seq"] > 0)
         self.work.add(ticks["work_ns"][after_first])
