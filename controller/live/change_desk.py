@@ -9,12 +9,13 @@ from typing import Any, Final
 
 from haptic_wall.controller.errors import ConfigError, HapticWallError, UserError
 from haptic_wall.controller.guard.decision_report import decision_report
-from haptic_wall.controller.guard.types import Decision
 from haptic_wall.controller.live.log_events import send_event
 from haptic_wall.controller.live.run_socket import NOT_MADE, OVER
+from haptic_wall.controller.runtime import handover
+from haptic_wall.controller.runtime.assembly import Decided
 from haptic_wall.controller.runtime.changeover import MOST_J, Obstacle
 from haptic_wall.controller.runtime.changes import change_of
-from haptic_wall.controller.runtime.handover import Change, KnownServo, Offers
+from haptic_wall.controller.runtime.handover import Change, KnownServo, Settled
 from haptic_wall.controller.runtime.safety import REASONS
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.axis_names import split_path
@@ -41,7 +42,6 @@ class ChangeDesk:
     Args:
         config: Configuration in force at the start of the run.
         telemetry: Telemetry of the run.
-        offers: To the loop.
         tell: Called with each change, for report and log.
         ends: Returns whether the run is over, also where the loop does not tell it.
     """
@@ -50,14 +50,12 @@ class ChangeDesk:
         self,
         config: Config,
         telemetry: Telemetry,
-        offers: Offers,
         tell: Callable[[dict[str, Any]], None],
         ends: Callable[[], bool],
     ) -> None:
         self._names = list(config.each)
         self._telemetry = telemetry
         self._words = telemetry.words
-        self._offers = offers
         self._tell = tell
         self._ends = ends
         self._configs = list(config.each.values())
@@ -82,7 +80,7 @@ class ChangeDesk:
         def told(change: dict[str, Any]) -> None:
             tell({"change": change, "logged": send_event(to_log, change)})
 
-        return cls(config, telemetry, Offers(telemetry), told, ends)
+        return cls(config, telemetry, told, ends)
 
     def change(
         self,
@@ -115,18 +113,17 @@ class ChangeDesk:
                 wait_s = until_s - time.monotonic()
             self._number += 1
             change, decided = change_of(self._number, configs[axis], new, self._servos[axis], axis)
-            self._offers.send(change)
+            handover.offer(self._telemetry, change)
         except ExplainedError as error:
             return self._refused(sets, error)
         began_ns, until_s = self._now_ns(), time.monotonic() + max(wait_s, LEAST_S)
         why = self._wait(lambda: self._is_made(change), until_s, tell_wait, gone)
         if why:
             self._withdraw(change)
-        settled = self._offers.settled(change.number)
+        settled = handover.settled(self._words, change.number)
         if settled is None or settled.row < 0:
             return self._not_made(sets, why)
-        decision = decided.bins.explained(settled.bin)
-        return self._made(sets, axis, new, settled.row, decision, began_ns)
+        return self._made(sets, axis, new, decided, settled, began_ns)
 
     def _addressed(self, sets: list[str]) -> tuple[int, list[str]]:
         """Return the index of the axis that changes are for, and the changes as for it alone.
@@ -183,11 +180,11 @@ class ChangeDesk:
     def _is_known(self) -> bool:
         """Whether the servos are known; the loop's process tells them once, as it starts them."""
         if not self._servos:
-            self._servos = self._offers.servos() or []
+            self._servos = handover.known_servos(self._telemetry) or []
         return bool(self._servos)
 
     def _is_made(self, change: Change) -> bool:
-        settled = self._offers.settled(change.number)
+        settled = handover.settled(self._words, change.number)
         return settled is not None and settled.row >= 0
 
     def _is_over(self) -> bool:
@@ -199,13 +196,13 @@ class ChangeDesk:
     def _obstacle(self) -> str:
         if not self._servos:
             return "the servo has not been started yet"
-        return obstacle_text(*self._offers.obstacle)
+        return obstacle_text(*handover.obstacle(self._words))
 
     def _withdraw(self, change: Change) -> None:
         """Give a change up, and wait until the loop has settled it; it may have made it already."""
-        self._offers.withdraw(change.number)
+        handover.withdraw(self._words, change.number)
         until_s = time.monotonic() + LOOP_S
-        while self._offers.settled(change.number) is None and not self._is_over():
+        while handover.settled(self._words, change.number) is None and not self._is_over():
             if time.monotonic() > until_s:
                 return  # the loop is dead or hangs
             time.sleep(_LOOK_S)
@@ -215,19 +212,20 @@ class ChangeDesk:
         sets: list[str],
         axis: int,
         new: Config,
-        row: int,
-        decision: Decision,
+        decided: Decided,
+        settled: Settled,
         began_ns: int,
     ) -> dict[str, Any]:
-        prefix, guard = self._prefix(axis), decision_report(decision)
+        prefix = self._prefix(axis)
         differing = difference(self._configs[axis], new)
         self._configs[axis] = new
-        made_ns = self._made_ns(row)
+        guard = decision_report(decided.bins.explained(settled.bin))
+        made_ns = self._made_ns(settled.row)
         answer = {
             "applied": True,
             "changed": {f"{prefix}{path}": value for path, value in differing.items()},
             "waited_s": max(0.0, (made_ns - began_ns) * 1e-9),
-            "row": row,
+            "row": settled.row,
             "guard": {
                 name: guard[name] for name in ("requested", "commanded", "binding", "reasons")
             },

@@ -18,7 +18,6 @@ from haptic_wall.controller.processes.children import Child, on_cores
 from haptic_wall.controller.processes.door_monitor import Door
 from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments, failure_of
 from haptic_wall.controller.processes.hold import PAGE, gone_text, opened
-from haptic_wall.controller.processes.loop_process import Orders
 from haptic_wall.controller.processes.loop_watch import END_S, LoopWatch
 from haptic_wall.controller.processes.plan import Ended, Plan, Tell
 from haptic_wall.controller.processes.recorder_monitor import RecorderMonitor, recorder_starter
@@ -153,29 +152,29 @@ class Supervisor:
         Raises:
             UserError: The dead man's device cannot be opened any more.
         """
-        plan, key = self._plan, None
+        plan, inherited, key = self._plan, [self._telemetry.descriptor], None
+        inherited += [each for each in (self._cut.port, self._hand()) if each is not None]
         if plan.hold is not None:
             self._words[Word.HELD_NS] = 0
-        if plan.hold not in (None, PAGE):
-            key = opened(plan.hold), plan.hold
-            children.callback(os.close, key[0])
-        orders = Orders(
-            config=plan.config.model_dump_json(),
-            telemetry=self._telemetry.descriptor,
-            port=self._cut.port,
-            parent=os.getpid(),
-            core=self._core,
-            duration_s=plan.duration_s,
-            program=[asdict(phase) for phase in plan.program],
-            hand=self._hand(),
-            key=key,
-            elastic=plan.elastic,
-        )
-        passed = (orders.telemetry, orders.hand, orders.port, key and key[0])
+            if plan.hold != PAGE:
+                key = opened(plan.hold), plan.hold  # named for messages
+                children.callback(os.close, key[0])
+                inherited.append(key[0])
+        orders = {
+            "telemetry": self._telemetry.descriptor,
+            "port": self._cut.port,
+            "hand": self._hand(),
+            "key": key,
+            "config": plan.config.model_dump_json(),
+            "parent": os.getpid(),
+            "core": self._core,
+            "duration_s": plan.duration_s,
+            "program": [asdict(phase) for phase in plan.program],
+            "elastic": plan.elastic,
+        }
         # On its core from the first: on two cores the other one is busy with the other starts.
         module = "haptic_wall.controller.processes.loop_process"
-        descriptors = [each for each in passed if each is not None]
-        loop = Child("loop", [module], asdict(orders), descriptors, {self._core})
+        loop = Child("loop", [module], orders, inherited, {self._core})
         children.callback(self._force_end, loop)
         return loop
 
