@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import math
 
-from haptic_wall.controller.laws.wall import NONE, Law
-
 MOST_TORQUE = 0.1
 """Largest elastic torque at which any wall may come on [N·m]: 1 N at the tip of a 10 cm horn"""
 STALL_SHARE = 0.05
@@ -21,8 +19,6 @@ LEAST_STEPS = 2.0
 """
 REST_S = 0.05
 """How long the spring must stay unloaded before the wall comes on [s]"""
-FAR = 0.5
-"""Distance inside a wall from which the servo's sign is doubted [rad]"""
 
 
 def engage_torque(asked: float | None, stall_torque: float) -> float:
@@ -104,76 +100,3 @@ def place_text(position: float) -> str:
     """Format a position [rad] in degrees and turns."""
     degrees, turns = round(math.degrees(position), 1), round(position / math.tau, 2)
     return f"{degrees + 0.0:.1f}° ({turns + 0.0:.2f} turns)"  # + 0.0: never -0.0
-
-
-def start_text(law: Law, side: str, position: float) -> str:
-    """Say where the wall and the shaft are before the wall comes on.
-
-    Args:
-        law: The wall.
-        side: Its side, as in the configuration.
-        position: Position of the shaft [rad].
-    """
-    if law.name == NONE:
-        return f"no torque is sent, the shaft is at {place_text(position)}"
-    where = f"is at {place_text(law.position)}, the shaft at {place_text(position)}"
-    return f"{_law_text(law, side)} {where}"
-
-
-def waiting_text(
-    law: Law,
-    side: str,
-    position: float,
-    stiffness: float,
-    gate: Engagement,
-    torque_limit: float,
-) -> str:
-    """Say why the wall does not come on, where the shaft is, and where it must go.
-
-    Args:
-        law: The wall.
-        side: Its side, as in the configuration.
-        position: Position of the shaft [rad].
-        stiffness: Stiffness that would come on [N·m/rad].
-        gate: Decides when it may come on.
-        torque_limit: Largest torque of the servo [N·m].
-    """
-    away, room = abs(law.elongation(position)), gate.room(stiffness)
-    text = (
-        f"at {place_text(position)} {_law_text(law, side)} would push with up to "
-        f"{min(stiffness * away, torque_limit):.3g} N·m; it comes on when that has stayed below "
-        f"{gate.most_torque(stiffness):.2g} N·m for {1e3 * REST_S:g} ms"
-    )
-    if away <= room or not law.linear:
-        return text
-    surface = place_text(law.position)
-    goal = {
-        "above": f"below {surface}",
-        "below": f"above {surface}",
-    }.get(side, f"to within {math.degrees(room):.2g}° of {surface}")
-    return f"{text}: turn the shaft {goal}"
-
-
-def _law_text(law: Law, side: str) -> str:
-    return f"the wall ({side})" if law.name == "wall" else f"the law {law.name}"
-
-
-def sign_text(law: Law, position: float, sign: int, offset: float, room: float) -> str:
-    """Return a hint for ``waiting_text`` at a shaft that only the other sign puts outside the wall.
-
-    Empty where it is not far inside, as a hand may have left it, or where the sign is no help.
-
-    Args:
-        law: The wall.
-        position: Position of the shaft [rad].
-        sign: ``servo.sign``.
-        offset: ``servo.offset`` [rad].
-        room: As of ``waiting_text`` [rad].
-    """
-    other = 2.0 * offset - position
-    if abs(law.elongation(position)) < FAR or abs(law.elongation(other)) > room:
-        return ""
-    return (
-        f"; or the sign of the servo is wrong: with servo.sign={-sign} the shaft would be at "
-        f"{place_text(other)}, where the wall may come on"
-    )

@@ -19,7 +19,7 @@ from haptic_wall.controller.runtime.axis import Axis
 from haptic_wall.controller.runtime.safety import StopReason, Trip
 from haptic_wall.controller.runtime.session_start import Session
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.hw.servo import Check, Facts, Traffic
+from haptic_wall.hw.servo import Check
 
 NOTED_S = 0.005
 """Sum of the stalls from which they are noted [s]"""
@@ -136,10 +136,14 @@ def loop_warnings(session: Session, stalled_s: float | None) -> Iterator[str]:
 def _known(session: Session, index: int) -> dict[str, Any]:
     """Return the report's part on an axis, without what has to be computed."""
     axis, servo = session.axes[index], session.servos[index]
+    replies = servo.traffic
     return {
-        "bus": _counts(servo.traffic, index, axis.safety.refused),
+        "bus": replies and asdict(replies.counts[index]) | {"refused": axis.safety.refused},
         "wall_came_on": axis.came_on,
-        "servo": _facts(servo.facts),
+        "servo": {
+            name: value if math.isfinite(value := getattr(servo.facts, name)) else None
+            for name in ("counts_per_rev", "torque_step", "torque_limit", "stall_torque")
+        },
     }
 
 
@@ -156,20 +160,6 @@ def _computed(session: Session, index: int, known: dict[str, Any]) -> dict[str, 
         "guard": guard_report(config, decision, axis, missed, situation, known["bus"]),
         "oscillation": oscillation_report(axis.watch),
         "delay_s": delay_report(situation, decision),
-    }
-
-
-def _counts(traffic: Traffic | None, index: int, refused: int) -> dict[str, int] | None:
-    """Return the counts of a servo's replies."""
-    return None if traffic is None else asdict(traffic.counts[index]) | {"refused": refused}
-
-
-def _facts(facts: Facts) -> dict[str, float | None]:
-    return {
-        "counts_per_rev": facts.counts_per_rev,
-        "torque_step": facts.torque_step,
-        "torque_limit": facts.torque_limit if math.isfinite(facts.torque_limit) else None,
-        "stall_torque": facts.stall_torque if math.isfinite(facts.stall_torque) else None,
     }
 
 

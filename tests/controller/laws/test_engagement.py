@@ -5,13 +5,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from haptic_wall.controller.laws.engagement import (
-    Engagement,
-    engage_torque,
-    sign_text,
-    waiting_text,
-)
-from haptic_wall.controller.laws.wall import Wall
+from haptic_wall.controller.laws.engagement import Engagement, engage_torque
 
 COUNT = math.tau / 4096
 
@@ -77,30 +71,3 @@ def test_only_the_rise_of_the_stiffness_counts() -> None:
 def test_the_torque_is_small_beside_the_servos(stall: float, torque: float) -> None:
     assert engage_torque(None, stall) == pytest.approx(torque)
     assert engage_torque(0.3, stall) == 0.3
-
-
-def test_the_text_says_where_the_shaft_is_and_where_it_must_go() -> None:
-    two_sided = waiting_text(Wall(8.0, 0.0, 0.0, "both"), "both", 18.8, 8.0, gate_of(), 4.1)
-    assert two_sided == (
-        "at 1077.2° (2.99 turns) the wall (both) would push with up to 4.1 N·m; it comes on when "
-        "that has stayed below 0.1 N·m for 50 ms: turn the shaft to within 0.72° of 0.0° (0.00 "
-        "turns)"
-    )
-    below = waiting_text(Wall(8.0, 0.0, -6.3, "below"), "below", -12.6, 8.0, gate_of(), 99.0)
-    assert "would push with up to 50.4 N·m" in below
-    assert "turn the shaft above -361.0° (-1.00 turns)" in below
-    for position, torque in ((0.05, "0.06"), (-0.1, "0")):
-        stays = waiting_text(Wall(1.2, 0.0, 0.0, "above"), "above", position, 1.2, gate_of(), 0.5)
-        assert f"up to {torque} N·m" in stays
-        assert stays.endswith("below 0.1 N·m for 50 ms"), "it needs no turn"
-
-
-def test_a_sign_that_alone_puts_the_shaft_outside_is_doubted() -> None:
-    wall = Wall(8.0, 0.0, 3.0, "below")
-    assert sign_text(wall, -3.1, 1, 0.0, 0.01) == (
-        "; or the sign of the servo is wrong: with servo.sign=-1 the shaft would be at 177.6° (0.49"
-        " turns), where the wall may come on"
-    )
-    assert "servo.sign=1 the shaft would be at 194.8°" in sign_text(wall, -3.1, -1, 0.15, 0.01)
-    assert sign_text(wall, 2.6, 1, 4.0, 0.01) == "", "not far inside"
-    assert sign_text(wall, -2.9, 1, 0.0, 0.01) == "", "inside with either sign"
