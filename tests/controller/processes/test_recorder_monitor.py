@@ -37,9 +37,6 @@ class Child:
     def say(self, trouble: str | None, *, full: bool = True) -> None:
         self._said.append({"trouble": trouble, "full": full})
 
-    def lose(self, lost: str) -> None:
-        self._said.append({"lost": lost})
-
     def end(self, code: int) -> None:
         if self.code is None:
             self.code = code
