@@ -12,7 +12,8 @@ from typing import Protocol
 
 import numpy as np
 
-from haptic_wall.controller.guard.evaluation import UNBOUND, Evaluation, count_torque
+from haptic_wall.controller.guard.evaluation import Evaluation, count_torque
+from haptic_wall.controller.guard.fast_vibration import UNBOUND
 from haptic_wall.controller.theory import linear_limit, passive_limit
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.harmonic import backlash_limit

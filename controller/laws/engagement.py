@@ -9,9 +9,6 @@ same criterion holds for a stiffness that rises while the wall is on: ΔK |p|.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-
-from haptic_wall.controller.laws.wall import NONE, Law
 
 MOST_TORQUE = 0.1
 """Largest elastic torque at which any wall may come on [N·m]: 1 N at the tip of a 10 cm horn"""
@@ -22,28 +19,6 @@ LEAST_STEPS = 2.0
 """
 REST_S = 0.05
 """How long the spring must stay unloaded before the wall comes on [s]"""
-FAR = 0.5
-"""Distance inside a wall from which the servo's sign is doubted [rad]"""
-
-
-@dataclass(frozen=True, slots=True)
-class EngageLimits:
-    """The criterion for an unloaded spring."""
-
-    torque: float
-    """Largest elastic torque [N·m]"""
-    position_step: float
-    """Encoder step [rad]; 0: the position is not quantised"""
-    periods: int
-    """Ticks for which the spring must stay unloaded, >= 1"""
-
-    def room(self, stiffness: float) -> float:
-        """Return the largest penetration [rad] at which a spring [N·m/rad] counts as unloaded."""
-        return self.most_torque(stiffness) / stiffness if stiffness > 0.0 else math.inf
-
-    def most_torque(self, stiffness: float) -> float:
-        """Return the elastic torque [N·m] up to which a spring [N·m/rad] counts as unloaded."""
-        return max(self.torque, stiffness * LEAST_STEPS * self.position_step)
 
 
 def engage_torque(asked: float | None, stall_torque: float) -> float:
@@ -60,14 +35,20 @@ class Engagement:
     """Decides, tick by tick, whether the wall may come on; O(1).
 
     Args:
-        limits: The criterion for an unloaded spring.
+        torque: Largest elastic torque of an unloaded spring [N·m].
+        position_step: Encoder step [rad]; 0: the position is not quantised.
+        periods: Ticks for which the spring must stay unloaded, >= 1.
         start_room: Penetration up to which the wall may come on at the start even if its spring is
             loaded [rad]; infinite: it comes on at once, at any position of the shaft.
     """
 
-    def __init__(self, limits: EngageLimits, *, start_room: float = 0.0) -> None:
-        self.limits = limits
-        self._need = 0 if math.isinf(start_room) else limits.periods
+    def __init__(
+        self, torque: float, position_step: float, periods: int, *, start_room: float = 0.0
+    ) -> None:
+        self._torque = torque
+        self._least = LEAST_STEPS * position_step
+        self._periods = periods
+        self._need = 0 if math.isinf(start_room) else periods
         self._start_room = start_room
         self._rested = 0
 
@@ -75,6 +56,14 @@ class Engagement:
     def ready(self) -> bool:
         """Whether the wall may come on now."""
         return self._rested >= self._need
+
+    def room(self, stiffness: float) -> float:
+        """Return the largest penetration [rad] at which a spring [N·m/rad] counts as unloaded."""
+        return self.most_torque(stiffness) / stiffness if stiffness > 0.0 else math.inf
+
+    def most_torque(self, stiffness: float) -> float:
+        """Return the elastic torque [N·m] up to which a spring [N·m/rad] counts as unloaded."""
+        return max(self._torque, stiffness * self._least)
 
     def sample(self, stiffness: float, penetration: float) -> None:
         """Record the shaft's position in a tick with the wall off.
@@ -96,15 +85,14 @@ class Engagement:
             penetration: Signed penetration of the shaft [rad]; 0 outside a one-sided wall. If it is
                 NaN, the stiffness may not rise.
         """
-        limits = self.limits
         away = abs(penetration)
         # Without a division: this runs in every tick.
-        return rise * away <= limits.torque or away <= LEAST_STEPS * limits.position_step
+        return rise * away <= self._torque or away <= self._least
 
     def restart(self) -> None:
         """Record that the wall went off; it comes on again after a time with an unloaded spring."""
         self._start_room = 0.0
-        self._need = self.limits.periods
+        self._need = self._periods
         self._rested = 0
 
 
@@ -112,76 +100,3 @@ def place_text(position: float) -> str:
     """Format a position [rad] in degrees and turns."""
     degrees, turns = round(math.degrees(position), 1), round(position / math.tau, 2)
     return f"{degrees + 0.0:.1f}° ({turns + 0.0:.2f} turns)"  # + 0.0: never -0.0
-
-
-def start_text(law: Law, side: str, position: float) -> str:
-    """Say where the wall and the shaft are before the wall comes on.
-
-    Args:
-        law: The wall.
-        side: Its side, as in the configuration.
-        position: Position of the shaft [rad].
-    """
-    if law.name == NONE:
-        return f"no torque is sent, the shaft is at {place_text(position)}"
-    where = f"is at {place_text(law.position)}, the shaft at {place_text(position)}"
-    return f"{_law_text(law, side)} {where}"
-
-
-def waiting_text(
-    law: Law,
-    side: str,
-    position: float,
-    stiffness: float,
-    limits: EngageLimits,
-    torque_limit: float,
-) -> str:
-    """Say why the wall does not come on, where the shaft is, and where it must go.
-
-    Args:
-        law: The wall.
-        side: Its side, as in the configuration.
-        position: Position of the shaft [rad].
-        stiffness: Stiffness that would come on [N·m/rad].
-        limits: The criterion for its spring.
-        torque_limit: Largest torque of the servo [N·m].
-    """
-    away, room = abs(law.elongation(position)), limits.room(stiffness)
-    text = (
-        f"at {place_text(position)} {_law_text(law, side)} would push with up to "
-        f"{min(stiffness * away, torque_limit):.3g} N·m; it comes on when that has stayed below "
-        f"{limits.most_torque(stiffness):.2g} N·m for {1e3 * REST_S:g} ms"
-    )
-    if away <= room or not law.linear:
-        return text
-    surface = place_text(law.position)
-    goal = {
-        "above": f"below {surface}",
-        "below": f"above {surface}",
-    }.get(side, f"to within {math.degrees(room):.2g}° of {surface}")
-    return f"{text}: turn the shaft {goal}"
-
-
-def _law_text(law: Law, side: str) -> str:
-    return f"the wall ({side})" if law.name == "wall" else f"the law {law.name}"
-
-
-def sign_text(law: Law, position: float, sign: int, offset: float, room: float) -> str:
-    """Return a hint for ``waiting_text`` at a shaft that only the other sign puts outside the wall.
-
-    Empty where it is not far inside, as a hand may have left it, or where the sign is no help.
-
-    Args:
-        law: The wall.
-        position: Position of the shaft [rad].
-        sign: ``servo.sign``.
-        offset: ``servo.offset`` [rad].
-        room: As of ``waiting_text`` [rad].
-    """
-    other = 2.0 * offset - position
-    if abs(law.elongation(position)) < FAR or abs(law.elongation(other)) > room:
-        return ""
-    return (
-        f"; or the sign of the servo is wrong: with servo.sign={-sign} the shaft would be at "
-        f"{place_text(other)}, where the wall may come on"
-    )

@@ -11,10 +11,11 @@ from haptic_wall.controller.errors import ConfigError, HapticWallError, UserErro
 from haptic_wall.controller.guard.decision_report import decision_report
 from haptic_wall.controller.live.log_events import send_event
 from haptic_wall.controller.live.run_socket import NOT_MADE, OVER
-from haptic_wall.controller.runtime.assembly import decision_in_force
+from haptic_wall.controller.runtime import handover
+from haptic_wall.controller.runtime.assembly import Decided
 from haptic_wall.controller.runtime.changeover import MOST_J, Obstacle
-from haptic_wall.controller.runtime.changes import Changes
-from haptic_wall.controller.runtime.handover import Change, Offers, Settled
+from haptic_wall.controller.runtime.changes import change_of
+from haptic_wall.controller.runtime.handover import Change, KnownServo, Settled
 from haptic_wall.controller.runtime.safety import REASONS
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.axis_names import split_path
@@ -41,7 +42,6 @@ class ChangeDesk:
     Args:
         config: Configuration in force at the start of the run.
         telemetry: Telemetry of the run.
-        offers: To the loop.
         tell: Called with each change, for report and log.
         ends: Returns whether the run is over, also where the loop does not tell it.
     """
@@ -50,17 +50,20 @@ class ChangeDesk:
         self,
         config: Config,
         telemetry: Telemetry,
-        offers: Offers,
         tell: Callable[[dict[str, Any]], None],
         ends: Callable[[], bool],
     ) -> None:
         self._names = list(config.each)
         self._telemetry = telemetry
         self._words = telemetry.words
-        self._offers = offers
         self._tell = tell
         self._ends = ends
-        self._changes = Changes(list(config.each.values()), [])
+        self._configs = list(config.each.values())
+        """Of each axis, in force now"""
+        self._servos: list[KnownServo] = []
+        """Of each axis; empty until they are known"""
+        self._number = 0
+        """Of the last change"""
 
     @classmethod
     def of(
@@ -77,7 +80,7 @@ class ChangeDesk:
         def told(change: dict[str, Any]) -> None:
             tell({"change": change, "logged": send_event(to_log, change)})
 
-        return cls(config, telemetry, Offers(telemetry), told, ends)
+        return cls(config, telemetry, told, ends)
 
     def change(
         self,
@@ -98,7 +101,7 @@ class ChangeDesk:
         Returns:
             The answer.
         """
-        configs, until_s = self._changes.configs, time.monotonic() + max(wait_s, START_S)
+        configs, until_s = self._configs, time.monotonic() + max(wait_s, START_S)
         try:
             axis, own = self._addressed(sets)
             new = changed(configs[axis], own)
@@ -108,18 +111,19 @@ class ChangeDesk:
                 if why := self._wait(self._is_known, until_s, tell_wait, gone):
                     return self._not_made(sets, why)
                 wait_s = until_s - time.monotonic()
-            change = self._changes.computed(new, axis)
-            self._offers.send(change)
+            self._number += 1
+            change, decided = change_of(self._number, configs[axis], new, self._servos[axis], axis)
+            handover.offer(self._telemetry, change)
         except ExplainedError as error:
             return self._refused(sets, error)
         began_ns, until_s = self._now_ns(), time.monotonic() + max(wait_s, LEAST_S)
         why = self._wait(lambda: self._is_made(change), until_s, tell_wait, gone)
         if why:
             self._withdraw(change)
-        settled = self._offers.settled(change.number)
+        settled = handover.settled(self._words, change.number)
         if settled is None or settled.row < 0:
             return self._not_made(sets, why)
-        return self._made(sets, axis, new, settled, began_ns)
+        return self._made(sets, axis, new, decided, settled, began_ns)
 
     def _addressed(self, sets: list[str]) -> tuple[int, list[str]]:
         """Return the index of the axis that changes are for, and the changes as for it alone.
@@ -175,12 +179,12 @@ class ChangeDesk:
 
     def _is_known(self) -> bool:
         """Whether the servos are known; the loop's process tells them once, as it starts them."""
-        if not self._changes.servos:
-            self._changes.servos = self._offers.servos() or []
-        return bool(self._changes.servos)
+        if not self._servos:
+            self._servos = handover.known_servos(self._telemetry) or []
+        return bool(self._servos)
 
     def _is_made(self, change: Change) -> bool:
-        settled = self._offers.settled(change.number)
+        settled = handover.settled(self._words, change.number)
         return settled is not None and settled.row >= 0
 
     def _is_over(self) -> bool:
@@ -190,28 +194,32 @@ class ChangeDesk:
         return bool(ended) or self._ends()
 
     def _obstacle(self) -> str:
-        if not self._changes.servos:
+        if not self._servos:
             return "the servo has not been started yet"
-        return obstacle_text(*self._offers.obstacle)
+        return obstacle_text(*handover.obstacle(self._words))
 
     def _withdraw(self, change: Change) -> None:
         """Give a change up, and wait until the loop has settled it; it may have made it already."""
-        self._offers.withdraw(change.number)
+        handover.withdraw(self._words, change.number)
         until_s = time.monotonic() + LOOP_S
-        while self._offers.settled(change.number) is None and not self._is_over():
+        while handover.settled(self._words, change.number) is None and not self._is_over():
             if time.monotonic() > until_s:
                 return  # the loop is dead or hangs
             time.sleep(_LOOK_S)
 
     def _made(
-        self, sets: list[str], axis: int, new: Config, settled: Settled, began_ns: int
+        self,
+        sets: list[str],
+        axis: int,
+        new: Config,
+        decided: Decided,
+        settled: Settled,
+        began_ns: int,
     ) -> dict[str, Any]:
-        changes, prefix = self._changes, self._prefix(axis)
-        assert changes.decided is not None
-        differing = difference(changes.configs[axis], new)
-        changes.configs[axis] = new
-        told = decision_in_force(new, changes.servos[axis], changes.decided, settled.bin)
-        guard = decision_report(told)
+        prefix = self._prefix(axis)
+        differing = difference(self._configs[axis], new)
+        self._configs[axis] = new
+        guard = decision_report(decided.bins.explained(settled.bin))
         made_ns = self._made_ns(settled.row)
         answer = {
             "applied": True,

@@ -15,7 +15,7 @@ from typing import Any, Final
 from haptic_wall.controller.live.log_events import change_text
 from haptic_wall.controller.live.run_socket import MODULE, remove_if_dead, socket_of
 from haptic_wall.controller.processes.children import Child
-from haptic_wall.controller.processes.hold import PAGE, gone_texts
+from haptic_wall.controller.processes.hold import PAGE, gone_text
 from haptic_wall.controller.processes.loop_watch import END_S
 from haptic_wall.controller.processes.plan import Plan, Tell
 from haptic_wall.controller.runtime.telemetry import Telemetry
@@ -116,8 +116,8 @@ class Door:
     def _release(self, why: str) -> None:
         """Note that the page that holds the dead man is gone, if one does."""
         if self._plan.hold == PAGE and not self.trouble:
-            told, self.trouble = gone_texts(why)
-            self._tell(told)
+            self.trouble = gone_text(why)
+            self._tell(self.trouble)
 
     def pass_on(self, text: str) -> None:
         """Pass on a message for a person to the page."""

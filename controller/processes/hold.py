@@ -62,12 +62,9 @@ def key_reader(
     return look
 
 
-def gone_texts(why: str) -> tuple[str, str]:
-    """Return what is told at once of a source that is gone, and what the report notes."""
-    return (
-        f"--hold: {why}; the wall is off and stays off: end the run with Ctrl-C",
-        f"--hold: {why}; from then on the wall was off",
-    )
+def gone_text(why: str) -> str:
+    """Return what a person and the report are told of a source that is gone."""
+    return f"--hold: {why}; the wall stays off until the run ends"
 
 
 def opened(path: str) -> int:
@@ -81,7 +78,11 @@ def opened(path: str) -> int:
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY)
     except (OSError, ValueError) as error:
-        raise _unusable(path, error) from error
+        reason = error.strerror if isinstance(error, OSError) else error
+        denied = isinstance(error, PermissionError)
+        hint = "; devices under /dev/input are open to members of the group input" if denied else ""
+        what = f"{path} cannot be opened ({reason}){hint}"
+        raise UserError(what, field="--hold", advice=_ADVICE) from error
     try:
         has_keys = _has_any(descriptor, _EVIOCGBIT_KEY)
     except OSError:
@@ -101,14 +102,3 @@ def _has_any(descriptor: int, request: int) -> bool:
     bits = bytearray(_KEY_BYTES)
     fcntl.ioctl(descriptor, request, bits)
     return any(bits)
-
-
-def _unusable(path: str, error: Exception) -> UserError:
-    reason = error.strerror if isinstance(error, OSError) else error
-    denied = isinstance(error, PermissionError)
-    hint = "; devices under /dev/input are open to members of the group input" if denied else ""
-    return UserError(
-        f"{path} cannot be opened ({reason}){hint}",
-        field="--hold",
-        advice=_ADVICE,
-    )

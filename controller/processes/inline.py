@@ -24,13 +24,11 @@ def run_inline(plan: Plan, telemetry: Telemetry, tell: Tell = lambda _text: None
     recorder: Recorder | None = None
     warnings: list[str] = []
     lost = False
-    counted = 0
 
     def on_block() -> None:
-        nonlocal counted, recorder
-        rows, counted = telemetry.read(counted)
-        statistics.add(rows)
-        if counted and not warnings:
+        nonlocal recorder
+        statistics.add(telemetry.read(statistics.next_seq)[0])
+        if statistics.next_seq and not warnings:
             try:
                 if recorder is None:
                     files = plan.log, plan.metadata, plan.axes
@@ -52,7 +50,7 @@ def run_inline(plan: Plan, telemetry: Telemetry, tell: Tell = lambda _text: None
     finally:
         if recorder is not None:
             try:
-                recorder.close()
+                recorder.log.close()
             except OSError as error:
                 lost = True
                 if not warnings:

@@ -9,9 +9,8 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import partial
-from typing import Any
 
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.laws.program import Phase
@@ -29,43 +28,17 @@ from haptic_wall.hw.elastic import PLACE, WORDS, ElasticClock
 from haptic_wall.hw.errors import Problem, ServoError
 from haptic_wall.hw.hand import SharedHand
 from haptic_wall.hw.open import open_bus
-from haptic_wall.hw.servo import Check
 
 LAST_S = 5
 """Longest life of this process after a signal told it to end [s]. The kernel then ends it; the
 torque goes off by the servo's Bus Watchdog only."""
 
 
-@dataclass(frozen=True, slots=True)
-class Orders:
-    """The supervisor's orders to the loop."""
-
-    config: str
-    """The effective configuration as JSON"""
-    telemetry: int
-    """Descriptor of the shared memory"""
-    axes: int
-    """Number of axes"""
-    port: int | None
-    """Descriptor of the open serial port"""
-    parent: int
-    """Process id of the supervisor"""
-    core: int
-    duration_s: float | None
-    program: list[dict[str, Any]]
-    """Phases in place of the wall; empty: the wall"""
-    hand: int | None = None
-    """Descriptor of the memory of a person's hand on the simulated servo"""
-    key: tuple[int, str] | None = None
-    """The dead man's device: descriptor and path; None: no device"""
-    elastic: bool = False
-    """Whether the loop and its emulated bus wait for each other"""
-
-
 def main() -> None:
     """Run one session as ordered; at its end the torque is off, or the control words deny it."""
-    orders = Orders(**read_orders())
-    telemetry = Telemetry(orders.telemetry, axes=orders.axes)
+    orders = read_orders()
+    config = Config.model_validate_json(orders["config"], context=RUNS)
+    telemetry = Telemetry(orders["telemetry"], axes=len(config.each))
 
     def stop(_signal: int, _frame: object) -> None:
         telemetry.words[Word.STOP] = 1
@@ -75,53 +48,53 @@ def main() -> None:
         signal.signal(number, stop)
     # The parent blocked these signals until this process had a group of its own and handlers.
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGHUP})
-    realtime.die_with_parent(orders.parent, signal.SIGTERM)
-    config = Config.model_validate_json(orders.config, context=RUNS)
-    os.sched_setaffinity(0, {orders.core})
+    realtime.die_with_parent(orders["parent"], signal.SIGTERM)
+    os.sched_setaffinity(0, {orders["core"]})
     clock: Clock = MonotonicClock()
-    if orders.elastic:
+    if orders["elastic"]:
         clock = ElasticClock(telemetry.words[PLACE : PLACE + WORDS], config.period_ns)
     try:
-        hand = None if orders.hand is None else SharedHand(orders.hand)
+        hand = None if orders["hand"] is None else SharedHand(orders["hand"])
         result = run_session(
             config,
             clock,
             telemetry,
-            orders.duration_s,
-            [Phase(**phase) for phase in orders.program],
+            orders["duration_s"],
+            [Phase(**phase) for phase in orders["program"]],
             Surroundings(
-                port=orders.port,
+                port=orders["port"],
                 tell=lambda text: _tell("tell", text=text),
-                take_real_time=lambda: _prepare(config, orders.core),
+                take_real_time=lambda: _prepare(config, orders["core"]),
                 open_bus=partial(open_bus, hand=hand),
-                read_key=_key(orders, telemetry),
+                read_key=orders["key"] and _key_reader(orders["key"], telemetry.words),
             ),
         )
     except (ServoError, PlatformError) as error:
-        _tell("refused", problem=asdict(error.problem))
-        return
+        problem = error.problem
     except Exception as error:  # noqa: BLE001 - whatever it was, it must be said
         # The session has tried to switch the torque off; the supervisor checks whether that was
         # read back. Report the error.
-        what = defect_text(error)
-        problem = Problem(
-            what, advice="this is a defect of haptic-wall, please report it", mark=": "
-        )
-        _tell("refused", problem=asdict(problem))
+        advice = "this is a defect of haptic-wall, please report it"
+        problem = Problem(defect_text(error), advice=advice, mark=": ")
+    else:
+        _tell("ended", result=asdict(result))
         return
-    _tell("ended", result=asdict(result))
+    _tell("refused", problem=asdict(problem))
 
 
-def _key(orders: Orders, telemetry: Telemetry) -> Callable[[int], float] | None:
-    """Return what reads the dead man's key; None: there is none."""
-    if orders.key is None:
-        return None
-    descriptor, path = orders.key
+def _key_reader(key: tuple[int, str], words: memoryview[int]) -> Callable[[int], float]:
+    """Return what reads the dead man's key; the supervisor is told if its device is gone.
+
+    Args:
+        key: Descriptor and path of the device.
+        words: The control words.
+    """
+    descriptor, path = key
 
     def gone(error: OSError) -> None:
         _tell("key_gone", why=f"{path} is gone ({error.strerror or error})")
 
-    return key_reader(descriptor, telemetry.words, gone)
+    return key_reader(descriptor, words, gone)
 
 
 def _prepare(config: Config, core: int) -> None:
@@ -136,16 +109,13 @@ def _prepare(config: Config, core: int) -> None:
     _tell("tell", text=start_text(settings, machine_setup(core)))
     missing = realtime.missing_for_strict(settings)
     if missing and wishes.profile == "strict":
-        raise PlatformError(_strict(missing))
-
-
-def _strict(missing: list[Check]) -> Problem:
-    wishes = "; ".join(f"{s.name}: wanted {s.wanted}, {s.found}; {s.fix}" for s in missing)
-    return Problem(
-        field="realtime.profile",
-        given=f"is strict, but the system did not grant all settings ({wishes})",
-        advice="or run with --set realtime.profile=best-effort to use the granted ones",
-    )
+        lacking = "; ".join(f"{s.name}: wanted {s.wanted}, {s.found}; {s.fix}" for s in missing)
+        problem = Problem(
+            field="realtime.profile",
+            given=f"is strict, but the system did not grant all settings ({lacking})",
+            advice="or run with --set realtime.profile=best-effort to use the granted ones",
+        )
+        raise PlatformError(problem)
 
 
 def _tell(event: str, **content: object) -> None:

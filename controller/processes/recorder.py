@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from haptic_wall.controller.errors import LogFormatError
 from haptic_wall.controller.live.log_events import take_events
 from haptic_wall.controller.logs.writer import LogWriter, identity
-from haptic_wall.controller.runtime.idle_window import pause_until_idle_window
+from haptic_wall.controller.runtime.idle_window import until_idle_window
 from haptic_wall.controller.runtime.realtime import die_with_parent, stand_back
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.system.files import is_full
@@ -57,6 +57,9 @@ class Recorder:
         force: Replace a file; else one that exists is refused.
         events: Source of the changes of the running wall; None: it takes none.
 
+    Attributes:
+        log: The log; the caller closes it.
+
     Raises:
         OSError: As ``LogWriter``.
     """
@@ -82,7 +85,7 @@ class Recorder:
         if log is None:
             log = LogWriter(path, metadata, axes, force=force or ours, begun=self._note_file)
             self._words[Word.LACKING] = self._words[Word.TAIL] = 0
-        self._log = log
+        self.log = log
         self._tail = self._words[Word.TAIL]
         # The writer of the last block may have died before it updated the control words.
         self._count(log.seqs_from(self._tail))
@@ -97,11 +100,11 @@ class Recorder:
             OSError: The log cannot be written; the unwritten rows stay in the ring.
         """
         if self._events is not None:
-            take_events(self._events, self._log.event)
+            take_events(self._events, self.log.event)
         begin, end = self._tail, self._words[Word.HEAD]
         while self._tail < end:
             block, _ = self._telemetry.read(self._tail, self._most)
-            self._log.append(block)
+            self.log.append(block)
             self._count(block[:, 0]["seq"])
         return self._tail > begin
 
@@ -112,22 +115,6 @@ class Recorder:
         words = self._words
         words[Word.LACKING] += int(seqs[-1]) + 1 - words[Word.TAIL] - seqs.size
         words[Word.TAIL] = self._tail = int(seqs[-1]) + 1
-
-    def sync(self) -> None:
-        """Wait until the disk keeps the written rows; new rows wait in the ring.
-
-        Raises:
-            OSError: As ``LogWriter.sync``.
-        """
-        self._log.sync()
-
-    def close(self) -> None:
-        """Close the log.
-
-        Raises:
-            OSError: The file system has lost earlier data.
-        """
-        self._log.close()
 
 
 class _Attempts:
@@ -168,15 +155,15 @@ class _Attempts:
             return wrote
         self._trouble_is(None)
         if time.monotonic() - self._synced_s >= SYNC_S:
-            self._keep(self._recorder.sync)
+            self._keep(self._recorder.log.sync)
             self._synced_s = time.monotonic()
         return wrote
 
     def close(self) -> None:
         """Close the log, if it was ever open."""
         if self._recorder is not None:
-            self._keep(self._recorder.sync)
-            self._keep(self._recorder.close)
+            self._keep(self._recorder.log.sync)
+            self._keep(self._recorder.log.close)
 
     def _keep(self, keep: Callable[[], None]) -> None:
         """Call ``keep``, and report lost rows."""
@@ -208,7 +195,7 @@ def main() -> None:
         # Without a supervisor the loop stops soon: continue until no more rows come.
         if finished or (orphaned() and not wrote):
             break
-        pause_until_idle_window(telemetry.words, orders["period_ns"], PAUSE_S)
+        time.sleep(until_idle_window(telemetry.words, orders["period_ns"], PAUSE_S))
     attempts.close()
 
 

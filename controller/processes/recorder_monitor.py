@@ -155,8 +155,10 @@ class RecorderMonitor:
     def _hear(self) -> None:
         """Process the recorder's messages about its trouble with the disk."""
         for said in [] if self._recorder is None else self._recorder.said():
-            if "lost" in said:
-                self._note_loss(said["lost"])
+            if "lost" in said:  # for good
+                if self._lost is None and not self._words[Word.FINISHED]:
+                    self._tell(f"part of the log is lost ({said['lost']}); the run goes on")
+                self._lost = self._lost or said["lost"]
                 continue
             trouble = said["trouble"]
             if trouble is not None and self._trouble is None:
@@ -168,13 +170,6 @@ class RecorderMonitor:
             elif trouble is None and self._trouble is not None:
                 self._tell("the log is written again")
             self._trouble = trouble
-
-    def _note_loss(self, lost: str) -> None:
-        """Record a permanent loss, and report the first one."""
-        if self._lost is None:
-            self._lost = lost
-            if not self._words[Word.FINISHED]:
-                self._tell(f"part of the log is lost ({lost}); the run goes on")
 
     def _notes(self) -> list[str]:
         head, tail = self._words[Word.HEAD], self._words[Word.TAIL]

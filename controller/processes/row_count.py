@@ -39,7 +39,6 @@ class RowCount:
         self._reduces = plan.config.safety.on_oscillation == "reduce"
         self._silent = bool(plan.program)  # an experiment judges oscillations itself
         self._looked_at = 0
-        self._counted = 0
         self._oscillates = False
         self._held = plan.hold is not None
         self._told = ""
@@ -52,7 +51,7 @@ class RowCount:
             self._tell_of_oscillation(rows)
         if rows.size and self._held:
             self._tell_of_hold(max(rows[-1], key=lambda row: row["flags"] & FLAG_OFF))
-        if self._looked_at - self._counted >= BATCH:
+        if self._looked_at - self.statistics.next_seq >= BATCH:
             self._count()
 
     def end(self) -> None:
@@ -61,8 +60,7 @@ class RowCount:
         self._count()
 
     def _count(self) -> None:
-        rows, self._counted = self._telemetry.read(self._counted)
-        self.statistics.add(rows)
+        self.statistics.add(self._telemetry.read(self.statistics.next_seq)[0])
 
     def _tell_of_oscillation(self, rows: NDArray[np.void]) -> None:
         seen = rows["oscillation"].max(axis=0) >= State.SUSTAINED

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import signal
-import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, closing
-from queue import SimpleQueue
 from types import FrameType
 
 from haptic_wall.controller.errors import LogFormatError, PlatformError
@@ -21,44 +20,22 @@ from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.system.signals import on_signals
 
 
-class Notifier:
-    """Takes messages without waiting, and passes them on in order.
+@contextlib.contextmanager
+def told_later(tell: Tell) -> Iterator[Tell]:
+    """Yield what takes messages without waiting, and passes them on in order, all before the end.
 
     Args:
-        tell: Passes a message on, and may block; an OSError (no reader) is ignored.
+        tell: Passes a message on, and may block; an error (no reader) is ignored.
     """
+    # The thread starts with the first message: by then the caller has left the loop's core, and the
+    # thread inherits that.
+    with ThreadPoolExecutor(1) as thread:
 
-    def __init__(self, tell: Tell) -> None:
-        self._tell = tell
-        self._texts: SimpleQueue[str | None] = SimpleQueue()
-        # Started with the first message: by then the caller has left the loop's core, and the
-        # thread inherits that.
-        self._thread: threading.Thread | None = None
+        def told(text: str) -> None:
+            with contextlib.suppress(RuntimeError):  # no thread to be had
+                thread.submit(tell, text)
 
-    def __call__(self, text: str) -> None:
-        """Queue ``text``; never waits."""
-        self._texts.put(text)
-        if self._thread is None:
-            thread = threading.Thread(target=self._say, daemon=True)
-            with contextlib.suppress(RuntimeError):  # no thread to be had: passed on at the end
-                thread.start()
-                self._thread = thread
-
-    def __enter__(self) -> Notifier:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Wait until all messages are passed on."""
-        self._texts.put(None)
-        if self._thread is None:
-            self._say()
-        else:
-            self._thread.join()
-
-    def _say(self) -> None:
-        while (text := self._texts.get()) is not None:
-            with contextlib.suppress(OSError):
-                self._tell(text)
+        yield told
 
 
 Shown = Callable[[Telemetry], AbstractContextManager[object]]
@@ -81,17 +58,12 @@ def run(plan: Plan, tell: Tell, shown: Shown | None = None) -> Ended:
         PlatformError: This machine has no memory for its rows.
     """
     try:
-        memory = Telemetry.create(len(plan.axes))
+        telemetry = Telemetry.create(len(plan.axes))
     except OSError as error:
         raise PlatformError(
             f"there is no memory for the rows ({error.strerror})",
             advice="raise the limits of this shell, ulimit -f and ulimit -v",
         ) from error
-    with closing(memory) as telemetry:
-        return _run(plan, tell, telemetry, shown)
-
-
-def _run(plan: Plan, tell: Tell, telemetry: Telemetry, shown: Shown | None) -> Ended:
     asked = False
 
     def stop(_signal: int, _frame: FrameType | None) -> None:
@@ -103,7 +75,12 @@ def _run(plan: Plan, tell: Tell, telemetry: Telemetry, shown: Shown | None) -> E
         telemetry.words[Word.RAISE] += 1
 
     # The display changes the terminal, which must be restored after any signal.
-    with on_signals(stop), on_signals(raise_again, (signal.SIGUSR1,)), ExitStack() as stack:
+    with (
+        closing(telemetry),
+        on_signals(stop),
+        on_signals(raise_again, (signal.SIGUSR1,)),
+        ExitStack() as stack,
+    ):
         if shown is not None:
             stack.enter_context(shown(telemetry))
         if plan.config.loop.clock == "simulated":
@@ -112,9 +89,9 @@ def _run(plan: Plan, tell: Tell, telemetry: Telemetry, shown: Shown | None) -> E
             with (
                 on_signals(stop, (signal.SIGTSTP,)),  # stopped, it could not watch
                 on_signals(signal.SIG_IGN, (signal.SIGTTOU,)),  # nor may output stop it
-                Notifier(tell) as notifier,
+                told_later(tell) as told,
             ):
-                ended = Supervisor(plan, telemetry, notifier).run()
+                ended = Supervisor(plan, telemetry, told).run()
         ended.log = _finished_log(plan, ended, telemetry.words)
     ended.asked = asked
     return ended

@@ -29,6 +29,8 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
     result = ended.result or {}
     statistics = ended.statistics
     elapsed = result.get("elapsed_s") or ended.ticks / config.loop.rate_hz
+    simulated, real_s = config.loop.clock == "simulated", result.get("real_s")
+    counts = result.get("bus")
     # A loop that died has told nothing of them.
     parts: dict[str, dict[str, Any]] = result.get("axes") or {name: {} for name in config.axes}
     axes = {
@@ -42,12 +44,13 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
         "missed_ticks": ended.missed,
         "rate_hz": ended.ticks / elapsed if elapsed else None,
         "grid_hz": result.get("grid_hz"),
-        "real_time_factor": _speed(config, result),
+        # Speed of the simulated clock relative to real time.
+        "real_time_factor": elapsed / real_s if simulated and real_s else None,
         "stalled_s": result.get("stalled_s"),
         "lateness_us": statistics.lateness.as_report(50, 99, 99.9),
         "work_us": statistics.work.as_report(50, 99, 99.9),
         "bus_us": statistics.bus.as_report(50, 99, 99.9),
-        "bus": _bus(result.get("bus"), ended),
+        "bus": counts and {**counts, "sample_age_us": statistics.age.as_report(50, 99)},
         "delay_s": result.get("delay"),
         "guard": result.get("guard"),
         "oscillation": result.get("oscillation"),
@@ -165,19 +168,6 @@ def exit_status(
     if stop_reason != End.DURATION:
         return 3
     return 5 if log in (LogState.INCOMPLETE, LogState.MISSING) else 0
-
-
-def _speed(config: Config, result: dict[str, Any]) -> float | None:
-    """Return the speed of the simulated clock relative to real time."""
-    if config.loop.clock != "simulated" or not result.get("real_s"):
-        return None
-    return float(result["elapsed_s"] / result["real_s"])
-
-
-def _bus(counts: dict[str, Any] | None, ended: Ended) -> dict[str, Any] | None:
-    if counts is None:
-        return None
-    return {**counts, "sample_age_us": ended.statistics.age.as_report(50, 99)}
 
 
 def warnings_of(ended: Ended) -> list[str]:

@@ -17,8 +17,7 @@ from haptic_wall.controller.live.log_events import event_sockets
 from haptic_wall.controller.processes.children import Child, on_cores
 from haptic_wall.controller.processes.door_monitor import Door
 from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments, failure_of
-from haptic_wall.controller.processes.hold import PAGE, gone_texts, opened
-from haptic_wall.controller.processes.loop_process import Orders
+from haptic_wall.controller.processes.hold import PAGE, gone_text, opened
 from haptic_wall.controller.processes.loop_watch import END_S, LoopWatch
 from haptic_wall.controller.processes.plan import Ended, Plan, Tell
 from haptic_wall.controller.processes.recorder_monitor import RecorderMonitor, recorder_starter
@@ -67,7 +66,6 @@ class Supervisor:
         self._refused: Problem | None = None
         self._servos = plan.config.servos()
         self._cut = TorqueCut(self._servos, self._words)
-        self._key: int | None = None
         self._core, self._others = pick_cores(plan.config.realtime.core)
 
     def run(self) -> Ended:
@@ -95,12 +93,12 @@ class Supervisor:
                 time.monotonic(),
             )
             children.callback(log.close)
-            self._open_key(children)
             loop = self._start_loop(children)
             reason = self._watch(loop, emulator, log)
             # First: its last events go into the log.
             told = "; ".join(filter(None, (str(reason), self._cause)))
-            self._door.close("" if self._was_given_up(reason) else told)
+            given_up = reason is End.INTERRUPTED and not self._words[Word.HEAD]
+            self._door.close("" if given_up else told)
             self._warnings += log.end()
             if self._door.trouble:
                 self._warnings.append(self._door.trouble)
@@ -148,41 +146,35 @@ class Supervisor:
         """Return the descriptor of the memory of a person's hand; None: the servo has none."""
         return None if self._door.hand is None else self._door.hand.descriptor
 
-    def _open_key(self, children: contextlib.ExitStack) -> None:
-        """Open the dead man's device; the dead man counts as released until the loop reads it.
+    def _start_loop(self, children: contextlib.ExitStack) -> Child:
+        """Start the loop; the dead man counts as released until its device or page is read.
 
         Raises:
-            UserError: It cannot be opened any more.
+            UserError: The dead man's device cannot be opened any more.
         """
-        if self._plan.hold is None:
-            return
-        self._words[Word.HELD_NS] = 0
-        if self._plan.hold != PAGE:
-            self._key = opened(self._plan.hold)
-            children.callback(os.close, self._key)
-
-    def _start_loop(self, children: contextlib.ExitStack) -> Child:
-        plan, key = self._plan, None
-        if self._key is not None and plan.hold is not None:
-            key = self._key, plan.hold
-        orders = Orders(
-            config=plan.config.model_dump_json(),
-            telemetry=self._telemetry.descriptor,
-            axes=self._telemetry.axes,
-            port=self._cut.port,
-            parent=os.getpid(),
-            core=self._core,
-            duration_s=plan.duration_s,
-            program=[asdict(phase) for phase in plan.program],
-            hand=self._hand(),
-            key=key,
-            elastic=plan.elastic,
-        )
-        passed = (orders.telemetry, orders.hand, self._cut.port, self._key)
+        plan, inherited, key = self._plan, [self._telemetry.descriptor], None
+        inherited += [each for each in (self._cut.port, self._hand()) if each is not None]
+        if plan.hold is not None:
+            self._words[Word.HELD_NS] = 0
+            if plan.hold != PAGE:
+                key = opened(plan.hold), plan.hold  # named for messages
+                children.callback(os.close, key[0])
+                inherited.append(key[0])
+        orders = {
+            "telemetry": self._telemetry.descriptor,
+            "port": self._cut.port,
+            "hand": self._hand(),
+            "key": key,
+            "config": plan.config.model_dump_json(),
+            "parent": os.getpid(),
+            "core": self._core,
+            "duration_s": plan.duration_s,
+            "program": [asdict(phase) for phase in plan.program],
+            "elastic": plan.elastic,
+        }
         # On its core from the first: on two cores the other one is busy with the other starts.
         module = "haptic_wall.controller.processes.loop_process"
-        descriptors = [each for each in passed if each is not None]
-        loop = Child("loop", [module], asdict(orders), descriptors, {self._core})
+        loop = Child("loop", [module], orders, inherited, {self._core})
         children.callback(self._force_end, loop)
         return loop
 
@@ -246,10 +238,6 @@ class Supervisor:
         self._cause = self._cut.take_from(loop)
         return Trip.LOOP_DIED
 
-    def _was_given_up(self, reason: StopReason) -> bool:
-        """Whether the run was interrupted before its first tick: nothing of it is to be kept."""
-        return reason is End.INTERRUPTED and not self._words[Word.HEAD]
-
     def _tell(self, text: str) -> None:
         """Tell a person, at the terminal and on the page."""
         self._tell_person(text)
@@ -299,8 +287,7 @@ class Supervisor:
                 case "tell":
                     self._tell(event["text"])
                 case "key_gone":
-                    told, noted = gone_texts(event["why"])
-                    self._warnings.append(noted)
-                    self._tell(told)
+                    self._warnings.append(gone_text(event["why"]))
+                    self._tell(self._warnings[-1])
                 case "ended":
                     self._result = event["result"]

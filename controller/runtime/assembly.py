@@ -25,7 +25,7 @@ from haptic_wall.controller.guard.schedule import (
 from haptic_wall.controller.guard.types import Decision, Situation
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.laws.delay import DelayRing
-from haptic_wall.controller.laws.engagement import REST_S, EngageLimits, Engagement, engage_torque
+from haptic_wall.controller.laws.engagement import REST_S, Engagement, engage_torque
 from haptic_wall.controller.laws.passivity_control import PassivityControl
 from haptic_wall.controller.laws.program import Phase, Program
 from haptic_wall.controller.laws.velocity import Biquad, velocity_estimator
@@ -59,12 +59,9 @@ SLOWEST = 0.05
 class Decided:
     """The guard's decisions for every served interval and every sample age."""
 
-    ages_ns: list[int]
-    """Upper ends of the bins of the sample age [ns]"""
-    intervals_ns: list[int]
-    """Upper ends of the bins of the interval [ns]"""
+    bins: Bins
     table: GainTable
-    """The numbers of each: interval by interval, one for each age; last those for all beyond"""
+    """The numbers of each bin, as ``Bins.decide`` orders them"""
 
 
 def guard_decisions(
@@ -76,6 +73,27 @@ def guard_decisions(
 ) -> Decided:
     """Compute the guard's decisions for every sample age and every served interval.
 
+    Args: As of ``bins_of``.
+    """
+    bins = bins_of(config, servo, program=program, work=work)
+    decisions = bins.decide()
+    most = most_injected(config, bins.situation, decisions)
+    table = GainTable(
+        Allowed(each.stiffness, each.damping, each.delay, each.damping_ceiling, injected)
+        for each, injected in zip(decisions, most, strict=True)
+    )
+    return Decided(bins, table)
+
+
+def bins_of(
+    config: Config,
+    servo: KnownServo,
+    *,
+    program: bool = False,
+    work: Work | None = None,
+) -> Bins:
+    """Return the bins of sample age and served interval that the guard decides for.
+
     Args:
         config: The effective configuration.
         servo: The servo, opened.
@@ -85,43 +103,13 @@ def guard_decisions(
     """
     situation = situation_of(config, servo)
     intervals_ns = interval_bins_ns(config.period_ns, situation.belief.is_flexible)
-    inside = servo.simulated and servo.traffic is None  # the same process: samples have zero age
+    # A servo in the same process: samples have zero age.
+    inside = config.loop.clock == "simulated" and servo.traffic is None
     least_ns = round(config.guard.sample_age * 1e9)
     ages_ns = [0] if inside else age_bins_ns(config.period_ns, least_ns)
     if inside and program:
         intervals_ns = intervals_ns[:1]
     ages_ns = [max(age, least_ns) for age in ages_ns]
-    decisions = _bins(config, situation, ages_ns, intervals_ns, work).decide()
-    table = GainTable(
-        Allowed(each.stiffness, each.damping, each.delay, each.damping_ceiling, most)
-        for each, most in zip(decisions, most_injected(config, situation, decisions), strict=True)
-    )
-    return Decided(ages_ns, intervals_ns, table)
-
-
-def decision_in_force(
-    config: Config, servo: KnownServo, decided: Decided, index: int, work: Work | None = None
-) -> Decision:
-    """Return a decision of the gain schedule, with its reasons.
-
-    Args:
-        config: The effective configuration.
-        servo: The servo that renders the wall.
-        decided: The bins.
-        index: Of the decision in the table.
-        work: What was evaluated before for the same run; None: nothing.
-    """
-    bins = (decided.ages_ns, decided.intervals_ns)
-    return _bins(config, situation_of(config, servo), *bins, work).explained(index)
-
-
-def _bins(
-    config: Config,
-    situation: Situation,
-    ages_ns: list[int],
-    intervals_ns: list[int],
-    work: Work | None,
-) -> Bins:
     request, settings = config.request(situation.position_step), config.guard_settings()
     asked = (request, settings, situation, config.delay.steps, ages_ns, intervals_ns)
     return Bins(*asked, Work() if work is None else work)
@@ -266,8 +254,8 @@ def assembled(
     law: Law = Program(program, period, facts.torque_limit) if program else law_of(config, facts)
     schedule = GainSchedule(
         decided.table,
-        decided.ages_ns,
-        decided.intervals_ns,
+        decided.bins.ages_ns,
+        decided.bins.intervals_ns,
         AGE_PERCENTILE,
         max(1, round(AGE_WINDOW_S / period)),
         max(RUN, round(RUN_S / period)),
@@ -319,11 +307,9 @@ def assembled(
         torque_limit=facts.torque_limit,
         wall_from_start=law.guarded and wall.reference == "start",
         engagement=Engagement(
-            EngageLimits(
-                torque=rest_torque,
-                position_step=facts.position_step,
-                periods=max(1, math.ceil(REST_S / period - 1e-6)),
-            ),
+            torque=rest_torque,
+            position_step=facts.position_step,
+            periods=max(1, math.ceil(REST_S / period - 1e-6)),
             # A program comes on wherever the shaft is: it starts there.
             start_room=config.start_room if law.guarded else math.inf,
         ),

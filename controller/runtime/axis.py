@@ -214,7 +214,13 @@ class Axis:
                 elif watch.failed:
                     self.trip = self.trip or Trip.OSCILLATION
                 if self.passivity is not None:
-                    law.injected = self._injected(self.passivity, position)
+                    law.injected = self.passivity.update(
+                        position,
+                        law.elongation(position),
+                        law.stiffness * law.derating.scale,
+                        watch.acted - law.held,
+                        watch.spanned,
+                    )
             else:
                 watch.passed(1 + missed)
             wall_torque = law.torque(position, self.damped)
@@ -296,17 +302,6 @@ class Axis:
             self._delay_s,
             self.measured_torque,
             law.held,
-        )
-
-    def _injected(self, passivity: PassivityControl, position: float) -> float:
-        """Return the damping that the energy of the motion asks for [N·m·s/rad]."""
-        watch, law = self.watch, self.law
-        return passivity.update(
-            position,
-            law.elongation(position),
-            law.stiffness * law.derating.scale,
-            watch.acted - law.held,
-            watch.spanned,
         )
 
     def _change(self, change: Change) -> int:

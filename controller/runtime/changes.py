@@ -1,8 +1,6 @@
-"""Computes changes of a running wall, outside of the loop: validated, decided, tabulated."""
+"""Computes a change of a running wall, outside of the loop: validated, decided, tabulated."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 from haptic_wall.controller.runtime.assembly import (
     Decided,
@@ -15,47 +13,35 @@ from haptic_wall.controller.settings.changes import moved
 from haptic_wall.controller.settings.config import Config
 
 
-@dataclass(slots=True)
-class Changes:
-    """Computes the changes of a run, one after the other.
+def change_of(
+    number: int, old: Config, new: Config, servo: KnownServo, axis: int = 0
+) -> tuple[Change, Decided]:
+    """Return a change, and the guard's decisions for it; takes milliseconds to seconds.
 
-    Attributes:
-        configs: Configuration of each axis in force now.
-        servos: Of each axis; empty until they are known.
-        decided: The decisions for the configuration that was computed last.
+    Args:
+        number: Counts the changes of a run, from 1.
+        old: The configuration of the axis in force.
+        new: That with the change.
+        servo: Of the axis.
+        axis: Its index.
+
+    Raises:
+        ExplainedError: See ``law_of``.
     """
-
-    configs: list[Config]
-    servos: list[KnownServo]
-    number: int = 0
-    decided: Decided | None = None
-
-    def computed(self, new: Config, axis: int = 0) -> Change:
-        """Return the change to ``new``; takes milliseconds to seconds.
-
-        Args:
-            new: The configuration of the axis with the change.
-            axis: Its index.
-
-        Raises:
-            ExplainedError: See ``law_of``.
-        """
-        old, servo = self.configs[axis], self.servos[axis]
-        self.number += 1
-        self.decided = guard_decisions(new, servo)
-        law = law_of(new, servo.facts)
-        elsewhere = moved(old, new)
-        return Change(
-            number=self.number,
-            config=new.model_dump_json(),
-            law=law if elsewhere or not law.linear else None,
-            watch=watch_settings(new, servo.facts, law),
-            moved=elsewhere,
-            softer=not elsewhere
-            and old.wall.damping == new.wall.damping
-            and old.delay.steps == new.delay.steps
-            and old.wall.stiffness >= new.wall.stiffness,
-            table=self.decided.table,
-            steps=new.delay.steps,
-            axis=axis,
-        )
+    decided = guard_decisions(new, servo)
+    law, elsewhere = law_of(new, servo.facts), moved(old, new)
+    change = Change(
+        number=number,
+        config=new.model_dump_json(),
+        law=law if elsewhere or not law.linear else None,
+        watch=watch_settings(new, servo.facts, law),
+        moved=elsewhere,
+        softer=not elsewhere
+        and old.wall.damping == new.wall.damping
+        and old.delay.steps == new.delay.steps
+        and old.wall.stiffness >= new.wall.stiffness,
+        table=decided.table,
+        steps=new.delay.steps,
+        axis=axis,
+    )
+    return change, decided

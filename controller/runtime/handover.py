@@ -17,7 +17,7 @@ from haptic_wall.controller.guard.belief import Bounded
 from haptic_wall.controller.guard.schedule import GainTable
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.runtime.changeover import Obstacle
-from haptic_wall.controller.runtime.telemetry import Telemetry, Word
+from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.hw.servo import Facts, Traffic
 
 _OFFERED, _WITHDRAWN = int(Word.OFFERED), int(Word.WITHDRAWN)
@@ -30,8 +30,6 @@ class KnownServo:
     facts: Facts
     traffic: Traffic | None
     """Of its bus; None: no reply travels"""
-    simulated: bool
-    """Whether the loop runs on the simulated clock"""
     lag: Bounded | None = None
     """The longest device delay that is believed of any servo on its bus, bounded below by the
     shortest one [s]; None: it is alone"""
@@ -72,49 +70,39 @@ class Settled(NamedTuple):
     """Index of the decision that it came into force with"""
 
 
-class Offers:
-    """The side of the process that computes changes.
+def known_servos(telemetry: Telemetry) -> list[KnownServo] | None:
+    """Return the servo of each axis while the loop runs; None: it does not."""
+    if telemetry.words[Word.STATE] != LoopState.RUNNING:
+        return None
+    servos: list[KnownServo] = pickle.loads(telemetry.halves[0])
+    return servos
 
-    Args:
-        telemetry: The shared memory.
+
+def offer(telemetry: Telemetry, change: Change) -> None:
+    """Offer a change to the loop; the one before is settled, or is given up.
+
+    Raises:
+        UserError: Its law has too many numbers for a running loop.
     """
+    _put(telemetry.halves[change.number & 1], change)
+    telemetry.words[_OFFERED] = change.number
 
-    def __init__(self, telemetry: Telemetry) -> None:
-        self._halves = telemetry.halves
-        self._words = telemetry.words
 
-    def servos(self) -> list[KnownServo] | None:
-        """Return the servo of each axis, once the loop's process has told them."""
-        if not self._words[Word.KNOWN]:
-            return None
-        servos: list[KnownServo] = pickle.loads(self._halves[0])
-        return servos
+def withdraw(words: memoryview[int], number: int) -> None:
+    """Ask for a change not to be made any more; ``settled`` says whether it was too late."""
+    words[_WITHDRAWN] = number
 
-    def send(self, change: Change) -> None:
-        """Offer a change; the one before is settled, or is given up.
 
-        Raises:
-            UserError: Its law has too many numbers for a running loop.
-        """
-        _put(self._halves[change.number & 1], change)
-        self._words[_OFFERED] = change.number
+def settled(words: memoryview[int], number: int) -> Settled | None:
+    """Return the outcome of a change; None: it still waits."""
+    if words[Word.SETTLED] < number:
+        return None
+    return Settled(words[Word.CHANGED_AT], words[Word.CHANGED_BIN])
 
-    def withdraw(self, number: int) -> None:
-        """Ask for the change not to be made any more; ``settled`` says whether it was too late."""
-        self._words[_WITHDRAWN] = number
 
-    def settled(self, number: int) -> Settled | None:
-        """Return the outcome of a change; None: it still waits."""
-        words = self._words
-        if words[Word.SETTLED] < number:
-            return None
-        return Settled(words[Word.CHANGED_AT], words[Word.CHANGED_BIN])
-
-    @property
-    def obstacle(self) -> tuple[Obstacle, float]:
-        """Return why the change at hand waits, and the size of that."""
-        words = self._words
-        return Obstacle(words[Word.OBSTACLE]), 1e-6 * words[Word.OBSTACLE_SIZE]
+def obstacle(words: memoryview[int]) -> tuple[Obstacle, float]:
+    """Return why the change at hand waits, and the size of that."""
+    return Obstacle(words[Word.OBSTACLE]), 1e-6 * words[Word.OBSTACLE_SIZE]
 
 
 class Inbox:
@@ -139,7 +127,6 @@ class Inbox:
     def tell(self, servos: list[KnownServo]) -> None:
         """Tell the other side the facts of the servos, before the loop runs."""
         _put(self._halves[0], servos)
-        self._words[Word.KNOWN] = 1
 
     def take(self) -> Change | None:
         """Return the offered change; None: one is at hand."""

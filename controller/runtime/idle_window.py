@@ -34,8 +34,3 @@ def until_idle_window(words: memoryview[int], period_ns: int, pause_s: float) ->
     if abs(now_ns - ended_ns) <= _SILENT * period_ns:
         pause_ns += (ended_ns + _SETTLED_NS - now_ns - pause_ns) % period_ns
     return pause_ns * 1e-9
-
-
-def pause_until_idle_window(words: memoryview[int], period_ns: int, pause_s: float) -> None:
-    """Sleep for the pause of ``until_idle_window``."""
-    time.sleep(until_idle_window(words, period_ns, pause_s))

@@ -8,7 +8,13 @@ from collections.abc import Sequence
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.runtime.loop import Loop
 from haptic_wall.controller.runtime.safety import REASONS, End, StopReason, Trip
-from haptic_wall.controller.runtime.session_result import Ended, Result, defect_text, outcome
+from haptic_wall.controller.runtime.session_result import (
+    Result,
+    add_reports,
+    defect_text,
+    loop_warnings,
+    trouble_text,
+)
 from haptic_wall.controller.runtime.session_start import Session, Surroundings
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.runtime.wall_wait import WallWait
@@ -55,7 +61,7 @@ def run_session(
     try:
         session.prepare()
         session.start()
-        ended = _run(session, clock, telemetry, duration_s, around)
+        result = _run(session, clock, telemetry, duration_s, around)
     except BaseException as error:
         # A servo that never replied was never driven.
         if session.torque_asked and not isinstance(error, (ServoMissingError, StrangeServoError)):
@@ -63,7 +69,8 @@ def run_session(
         raise
     finally:
         session.bus.close()
-    return outcome(session, ended, around.on_block)
+    add_reports(result, session, around.on_block)
+    return result
 
 
 def _run(
@@ -72,8 +79,8 @@ def _run(
     telemetry: Telemetry,
     duration_s: float | None,
     around: Surroundings,
-) -> Ended:
-    """Run the loop until the end, and switch the torque off."""
+) -> Result:
+    """Run the loop until the end, and switch the torque off; return the outcome so far."""
     began_s, loop = time.monotonic(), session.loop
     waiting = WallWait(loop, session.configs, around.tell)
     ages = session.bus.traffic is not None or session.config.loop.clock == "monotonic"
@@ -89,15 +96,22 @@ def _run(
     if isinstance(clock, ElasticClock):
         clock.release()
         stalled_s = loop.stalled_s
-    return Ended(
-        reason=reason,
-        message=message,
-        number=telemetry.words[Word.STOP_AXIS],
+    number = telemetry.words[Word.STOP_AXIS]
+    return Result(
+        stop_reason=reason,
+        message=trouble_text(session, message, number),
+        ticks=loop.cycle.ticks,
+        missed=loop.missed,
+        elapsed_s=loop.elapsed_s,
         real_s=real_s,
-        stall_s=stall_s,
-        stalled_s=stalled_s,
+        grid_hz=1e9 / loop.period_ns,
         torque_off=torque_off,
+        stop_axis=list(session.configs)[number - 1] if number else None,
+        checks=session.checks,
         waited_for=waiting.lacking(),
+        warnings=list(loop_warnings(session, stalled_s)),
+        stalled=f"this computer stalled for {stall_s * 1e3:.0f} ms" if stall_s else "",
+        stalled_s=stalled_s,
     )
 
 

@@ -4,27 +4,28 @@ from __future__ import annotations
 
 import math
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from haptic_wall.controller.detector.state import State
 from haptic_wall.controller.detector.watch import oscillation_report
-from haptic_wall.controller.runtime.assembly import decision_in_force, situation_of
+from haptic_wall.controller.guard.decision_report import assumed, decision_report
+from haptic_wall.controller.guard.types import Decision, Situation
+from haptic_wall.controller.milliseconds import ms
+from haptic_wall.controller.runtime.assembly import bins_of
+from haptic_wall.controller.runtime.axis import Axis
 from haptic_wall.controller.runtime.safety import StopReason, Trip
-from haptic_wall.controller.runtime.session_report import (
-    all_axes,
-    delay_report,
-    guard_report,
-    missed_warnings,
-    stall_warnings,
-)
 from haptic_wall.controller.runtime.session_start import Session
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.hw.servo import Check, Facts, Traffic
+from haptic_wall.hw.servo import Check
+
+NOTED_S = 0.005
+"""Sum of the stalls from which they are noted [s]"""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Result:
     """The outcome of a session; all of it can be sent as JSON."""
 
@@ -37,64 +38,42 @@ class Result:
     real_s: float
     """Duration of the run in real time, without the start-up [s]"""
     grid_hz: float
-    guard: dict[str, Any] | None
-    """None, as the next one: there are several axes, or a defect occurred before it was reported"""
-    oscillation: dict[str, Any] | None
-    """Of the worst axis"""
-    delay: dict[str, float] | None
-    """The longest one"""
-    bus: dict[str, Any] | None
     torque_off: bool
-    stop_axis: str | None = None
+    stop_axis: str | None
     """The axis that ended the run; None: none did, or there is only one"""
+    checks: list[Check]
+    waited_for: str
+    """The unmet condition of a wall that never came on; empty: it came on, or the run ended before
+    """
+    warnings: list[str]
+    """Warnings of the loop itself"""
+    stalled: str
+    """A stall of this computer just before the end, which may explain it; empty: none"""
+    stalled_s: float | None
+    """How long loop and emulated bus waited for this computer [s]; None: they do not wait"""
+    guard: dict[str, Any] | None = None
+    """None, as the next one: there are several axes, or a defect occurred before it was reported"""
+    oscillation: dict[str, Any] | None = None
+    """Of the worst axis"""
+    delay: dict[str, float] | None = None
+    """The longest one"""
+    bus: dict[str, Any] | None = None
     axes: dict[str, dict[str, Any]] = field(default_factory=dict)
     """The parts of several axes: guard, oscillation, delay_s, bus, wall_came_on, servo"""
-    checks: list[Check] = field(default_factory=list)
     facts: dict[str, float | None] | None = None
     """The servo's values that the oscillation watch uses; None: there are several"""
     wall_came_on: bool = False
     """All have"""
-    waited_for: str = ""
-    """The unmet condition of a wall that never came on; empty: it came on, or the run ended before
-    """
-    warnings: list[str] = field(default_factory=list)
-    """Warnings of the loop itself"""
-    stalled: str = ""
-    """A stall of this computer just before the end, which may explain it; empty: none"""
-    stalled_s: float | None = None
-    """How long loop and emulated bus waited for this computer [s]; None: they do not wait"""
 
 
-@dataclass(frozen=True, slots=True)
-class Ended:
-    """How the loop of a session ended."""
-
-    reason: StopReason
-    message: str
-    """The cause, as far as the loop knows it; empty: the servos' own trouble says it"""
-    number: int
-    """Of the axis that ended it, from 1; 0: none did, or there is only one"""
-    real_s: float
-    """Duration in real time [s]"""
-    stall_s: float
-    """A stall of this computer just before [s]; 0: none"""
-    stalled_s: float | None
-    """As of ``Result``"""
-    torque_off: bool
-    """It was read back"""
-    waited_for: str
-    """As of ``Result``"""
-
-
-def outcome(session: Session, ended: Ended, on_block: Callable[[], None]) -> Result:
-    """Return the outcome of a session, whose bus is closed.
+def add_reports(result: Result, session: Session, on_block: Callable[[], None]) -> None:
+    """Add what the axes of a session report, whose bus is closed.
 
     Args:
+        result: The outcome so far.
         session: The session.
-        ended: Its end.
         on_block: Called before the guard's reasons are computed.
     """
-    reason, defect, loop = ended.reason, "", session.loop
     indices = range(len(session.axes))
     parts = [_known(session, index) for index in indices]
     try:
@@ -102,85 +81,187 @@ def outcome(session: Session, ended: Ended, on_block: Callable[[], None]) -> Res
         parts = [parts[index] | _computed(session, index, parts[index]) for index in indices]
     except Exception as error:  # noqa: BLE001 - it must not cost what is known of the run
         defect = f"after the run: {defect_text(error)}"
-        reason = reason if isinstance(reason, Trip) else Trip.INTERNAL_ERROR
+        result.message = "; ".join(filter(None, (result.message, defect)))
+        if not isinstance(result.stop_reason, Trip):
+            result.stop_reason = Trip.INTERNAL_ERROR
     told, names = all_axes(parts), list(session.configs)
-    if (bus := told["bus"]) is not None:
-        bus = bus | {"schedule": "pipelined" if session.pipelined else "immediate"}
-    worst_missed = max(axis.safety.worst_missed for axis in session.axes)
-    stalled = f"this computer stalled for {ended.stall_s * 1e3:.0f} ms" if ended.stall_s else ""
-    return Result(
-        stop_reason=reason,
-        stop_axis=names[ended.number - 1] if ended.number else None,
-        message="; ".join(filter(None, (_told(session, ended), defect))),
-        ticks=loop.cycle.ticks,
-        missed=loop.missed,
-        elapsed_s=loop.elapsed_s,
-        real_s=ended.real_s,
-        grid_hz=1e9 / loop.period_ns,
-        guard=told.get("guard"),
-        oscillation=told.get("oscillation"),
-        delay=told.get("delay_s"),
-        bus=bus,
-        torque_off=ended.torque_off,
-        axes={} if "" in names else dict(zip(names, parts, strict=True)),
-        checks=session.checks,
-        facts=told.get("servo"),
-        wall_came_on=told["wall_came_on"],
-        waited_for=ended.waited_for,
-        warnings=[*missed_warnings(session.config, worst_missed), *stall_warnings(ended.stalled_s)],
-        stalled=stalled,
-        stalled_s=ended.stalled_s,
-    )
+    result.guard, result.oscillation = told.get("guard"), told.get("oscillation")
+    result.delay, result.facts = told.get("delay_s"), told.get("servo")
+    result.wall_came_on = told["wall_came_on"]
+    if told["bus"] is not None:
+        schedule = "pipelined" if session.pipelined else "immediate"
+        result.bus = told["bus"] | {"schedule": schedule}
+    result.axes = {} if "" in names else dict(zip(names, parts, strict=True))
 
 
-def _told(session: Session, ended: Ended) -> str:
-    """Return why the run ended, as loop, safety and bus say it."""
-    trouble, number = session.bus.trouble, ended.number
+def trouble_text(session: Session, message: str, number: int) -> str:
+    """Return why the run ended, as loop, safety and bus say it.
+
+    Args:
+        session: The session.
+        message: The cause, as far as the loop knows it; empty: the servos' own trouble says it.
+        number: Of the axis that ended it, from 1; 0: none did, or there is only one.
+    """
+    trouble = session.bus.trouble
     axes = [session.axes[number - 1]] if number else session.axes
-    found = next(filter(None, (axis.safety.found for axis in axes)), "")
-    message = ended.message or found or trouble
+    message = message or next(filter(None, (axis.safety.found for axis in axes)), "") or trouble
     if trouble and trouble != message and len(session.axes) > 1:  # of another one perhaps
         message += f"; {trouble}"
     return message
 
 
+def loop_warnings(session: Session, stalled_s: float | None) -> Iterator[str]:
+    """Yield the warnings of the loop.
+
+    Args:
+        session: The session.
+        stalled_s: As of ``Result``.
+    """
+    most = session.config.safety.max_missed
+    worst = max(axis.safety.worst_missed for axis in session.axes)
+    if worst > most:
+        yield (
+            f"in the worst half second the loop missed {worst:.0%} of its periods, more than "
+            f"safety.max_missed ({most:.0%}); stiffness and damping follow the served interval "
+            "(guard.interval_s)"
+        )
+    if stalled_s and stalled_s >= NOTED_S:
+        yield (
+            f"the loop and its emulated bus waited {1e3 * stalled_s:.0f} ms for this computer; a"
+            " real servo does not wait: its torque would have been late, or a trip had ended the"
+            " run"
+        )
+
+
 def _known(session: Session, index: int) -> dict[str, Any]:
     """Return the report's part on an axis, without what has to be computed."""
     axis, servo = session.axes[index], session.servos[index]
+    replies = servo.traffic
     return {
-        "bus": _counts(servo.traffic, index, axis.safety.refused),
+        "bus": replies and asdict(replies.counts[index]) | {"refused": axis.safety.refused},
         "wall_came_on": axis.came_on,
-        "servo": _facts(servo.facts),
+        "servo": {
+            name: value if math.isfinite(value := getattr(servo.facts, name)) else None
+            for name in ("counts_per_rev", "torque_step", "torque_limit", "stall_torque")
+        },
     }
 
 
 def _computed(session: Session, index: int, known: dict[str, Any]) -> dict[str, Any]:
     """Return the rest of the report's part on an axis."""
-    axis, servo, decided = session.axes[index], session.servos[index], session.decided[index]
+    axis, bins = session.axes[index], session.decided[index].bins
     config = list(session.configs.values())[index]
     if axis.made is not None:
         config = Config.model_validate_json(axis.made.config)
-    situation, bin_in_force = situation_of(config, servo), axis.gains.schedule.index
-    decision = decision_in_force(config, servo, decided, bin_in_force, session.work)
+        bins = bins_of(config, session.servos[index], work=session.work)
+    decision = bins.explained(axis.gains.schedule.index)
+    situation, missed = bins.situation, session.loop.missed
     return {
-        "guard": guard_report(config, decision, axis, session.loop.missed, situation, known["bus"]),
+        "guard": guard_report(config, decision, axis, missed, situation, known["bus"]),
         "oscillation": oscillation_report(axis.watch),
         "delay_s": delay_report(situation, decision),
     }
 
 
-def _counts(traffic: Traffic | None, index: int, refused: int) -> dict[str, int] | None:
-    """Return the counts of a servo's replies."""
-    return None if traffic is None else asdict(traffic.counts[index]) | {"refused": refused}
+def delay_report(situation: Situation, decision: Decision) -> dict[str, float]:
+    """Return the parts of the delay that the guard used, and their sum [s]."""
+    inserted, device, total = decision.inserted, situation.belief.delay.high, decision.delay
+    # Several bins may share a decision, whose age is that of the oldest; ages are whole ns.
+    measured = max(0.0, round(total - inserted - device, 9))
+    return {"inserted": inserted, "device": device, "measured": measured, "total": total}
 
 
-def _facts(facts: Facts) -> dict[str, float | None]:
+def guard_report(
+    config: Config,
+    decision: Decision,
+    axis: Axis,
+    missed: int,
+    situation: Situation,
+    bus: Mapping[str, Any] | None,
+) -> dict[str, Any]:
+    """Return the guard's decision, the commanded values at the end, and why they differ.
+
+    Args:
+        config: The effective configuration.
+        decision: The decision at the end.
+        axis: The axis.
+        missed: Whole periods skipped.
+        situation: Servo and loop.
+        bus: Counts of the servo's replies; None: none travels.
+    """
+    if not axis.law.guarded:
+        return decision_report(decision) | {"assumed": None}
+    model, belief = config.model, situation.belief
+    unknown = model.flexible_hz is None and (
+        config.servo.kind == "hardware" or belief.transmission_stiffness.high > 0.0
+    )
+    reasons = list(_reasons(config, decision, axis, missed, bus))
     return {
-        "counts_per_rev": facts.counts_per_rev,
-        "torque_step": facts.torque_step,
-        "torque_limit": facts.torque_limit if math.isfinite(facts.torque_limit) else None,
-        "stall_torque": facts.stall_torque if math.isfinite(facts.stall_torque) else None,
+        **decision_report(decision, reasons, now=axis.commanded),
+        "assumed": assumed(belief, decision) if unknown else None,
     }
+
+
+def _reasons(
+    config: Config, decision: Decision, axis: Axis, missed: int, bus: Mapping[str, Any] | None
+) -> Iterator[str]:
+    """Say why less is commanded than requested: an oscillation first, then the guard's reasons."""
+    watch, (stiffness, damping) = axis.watch, axis.commanded
+    reduced = watch.backstop.wall.reduced[0] < 1.0 and math.isfinite(watch.first_alarm_s)
+    if reduced:
+        yield (
+            f"an oscillation of {watch.frequency_hz:.3g} Hz was found after "
+            f"{watch.first_alarm_s:.3g} s: the stiffness is reduced to "
+            f"{100 * _share(stiffness, decision.stiffness):.3g} % and the damping to "
+            f"{100 * _share(damping, decision.damping):.3g} % of what the guard allows, until "
+            "`kill -USR1` requests the full wall; model.delay or another value of model.* may be "
+            "wrong"
+        )
+    yield from decision.reasons
+    if decision.period > config.period_ns * 1e-9:
+        yield _slower(config, decision, missed, bus)
+    if stiffness < decision.stiffness and not reduced:
+        yield (
+            f"{decision.stiffness:.4g} N·m/rad are allowed, but K rises only at positions where "
+            "this adds at most safety.engage_torque, and the shaft has not been there since"
+        )
+
+
+def _slower(config: Config, decision: Decision, missed: int, bus: Mapping[str, Any] | None) -> str:
+    """Say that the guard counts a longer period than the grid's, and why."""
+    failed, causes = bus["lost"] + bus["corrupt"] + bus["refused"] if bus else 0, []
+    if bus and failed:
+        causes.append(f"{failed} of {bus['cycles']} replies were lost or broken")
+    if missed or not failed:
+        causes.append("ticks were late")
+    return (
+        f"the guard counts a period of {ms(decision.period)} instead of "
+        f"{ms(config.period_ns * 1e-9)}, because {' and '.join(causes)}"
+    )
+
+
+def _share(part: float, whole: float) -> float:
+    return part / whole if whole else 1.0
+
+
+def all_axes(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return what the parts of a report on each axis say together; of one they are its own."""
+    if len(parts) == 1:
+        return dict(parts[0])
+    watched = [part["oscillation"] for part in parts if "oscillation" in part]
+    delays = [part["delay_s"] for part in parts if "delay_s" in part]
+    counts = [part["bus"] for part in parts if part["bus"] is not None]
+    return {
+        "oscillation": max(watched, key=_severity, default=None),
+        "delay_s": max(delays, key=lambda delay: delay["total"], default=None),
+        "wall_came_on": all(part["wall_came_on"] for part in parts),
+        "bus": {key: sum(each[key] for each in counts) for key in counts[0]} if counts else None,
+    }
+
+
+def _severity(seen: Mapping[str, Any]) -> tuple[int, float, int]:
+    """Return the rank of what a watch has seen."""
+    return State[seen["state"].upper()], seen["amplitude_rad"] or 0.0, seen["probes"]
 
 
 def defect_text(error: Exception) -> str:

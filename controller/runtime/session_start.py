@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -24,7 +24,7 @@ from haptic_wall.controller.runtime.loop import Loop
 from haptic_wall.controller.runtime.realtime import freeze_garbage
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.hw.clock import Clock, SimulatedClock
+from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.elastic import ElasticClock
 from haptic_wall.hw.errors import GivenUpError, ServoError
 from haptic_wall.hw.open import open_bus
@@ -87,9 +87,9 @@ class Session:
         self._telemetry = telemetry
         self._program = program
         self._around = surroundings
-        self._simulated = isinstance(clock, SimulatedClock)
         self.torque_asked = False
         self.work = Work()
+        self.decided: list[Decided] = []
         self.checks: list[Check] = []
         self._inbox = Inbox(telemetry)
         self.bus = surroundings.open_bus(config.servos(), clock, surroundings.port)
@@ -106,20 +106,26 @@ class Session:
         self._wait = waiter_for(self._clock, self.config.period_ns)
 
     def _decide(self) -> None:
-        """Compute the guard's decisions from the servos' known values."""
+        """Compute the guard's decisions from the servos' known values, of equal axes once."""
         self._know()
-        self.decided = decisions(self._each(), self.work, program=bool(self._program))
+        known: dict[str, Decided] = {}
+        self.decided = []
+        for config, servo in self._each():
+            asked = repr((config.request(servo.facts.position_step), situation_of(config, servo)))
+            if asked not in known:
+                program = bool(self._program)
+                known[asked] = guard_decisions(config, servo, program=program, work=self.work)
+            self.decided.append(known[asked])
 
     def _know(self) -> None:
         """Take the facts of the servos, and the longest of their delays.
 
         From the shortest of all on: on a flexible transmission that may be the less safe one.
         """
-        traffic, simulated = self.bus.traffic, self._simulated
         delays = [config.belief().delay for config in self.configs.values()]
         lag = max(delays, key=lambda delay: delay.high)
         lag = replace(lag, low=min(delay.low for delay in delays))
-        self.servos = [KnownServo(each, traffic, simulated, lag) for each in self.bus.facts]
+        self.servos = [KnownServo(each, self.bus.traffic, lag) for each in self.bus.facts]
 
     def _each(self) -> Iterator[tuple[Config, KnownServo]]:
         """Return configuration and servo of each axis."""
@@ -128,14 +134,14 @@ class Session:
     def start(self) -> None:
         """Check the servo, switch its torque on, and build the cycle; the loop then runs."""
         config, bus, telemetry = self.config, self.bus, self._telemetry
-        limits, asked = [servo.facts.torque_limit for servo in self.servos], config.servo.schedule
+        asked = config.servo.schedule
         telemetry.words[Word.STATE] = LoopState.STARTING  # first: see Supervisor
         if not telemetry.words[Word.STOP]:  # no torque is switched on for a session that is to stop
             self.torque_asked = True
             if isinstance(self._clock, ElasticClock):
                 self._clock.engage()
             with suppress(GivenUpError):
-                self._start_bus(limits)
+                self._start_bus()
         self.pipelined = is_pipelined(asked, bus.traffic, config.period_ns * 1e-9)
         if self.pipelined and asked == "auto" and bus.traffic is not None:
             held_ms = bus.traffic.longest_s * 1e3
@@ -160,13 +166,13 @@ class Session:
         telemetry.words[Word.HEARTBEAT_NS] = self._clock.now_ns()
         telemetry.words[Word.STATE] = LoopState.RUNNING
 
-    def _start_bus(self, limits: list[float]) -> None:
-        """Switch the torques on; decide again if a torque limit is none of ``limits`` [N·m].
+    def _start_bus(self) -> None:
+        """Switch the torques on; decide again if the torque limits are others than known.
 
         Raises:
             GivenUpError: The session is to stop; all torques are off.
         """
-        bus = self.bus
+        bus, limits = self.bus, [servo.facts.torque_limit for servo in self.servos]
         try:
             self.checks = self._named(bus.start())
         except ServoError as error:
@@ -205,23 +211,3 @@ class Session:
             self._telemetry.words[Word.TEMPERATURE_MC] = round(1e3 * celsius)
             self._telemetry.words[Word.SUPPLY_MV] = round(1e3 * volts)
         self._around.on_block()
-
-
-def decisions(
-    axes: Iterable[tuple[Config, KnownServo]], work: Work, *, program: bool = False
-) -> list[Decided]:
-    """Return the guard's decisions for each axis of a run; equal axes are decided once.
-
-    Args:
-        axes: Configuration and servo of each.
-        work: What the guard has evaluated; takes what it evaluates now.
-        program: As of ``guard_decisions``.
-    """
-    known: dict[str, Decided] = {}
-    decided = []
-    for config, servo in axes:
-        asked = repr((config.request(servo.facts.position_step), situation_of(config, servo)))
-        if asked not in known:
-            known[asked] = guard_decisions(config, servo, program=program, work=work)
-        decided.append(known[asked])
-    return decided

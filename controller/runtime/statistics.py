@@ -69,6 +69,7 @@ class RunStatistics:
         saturated: Ticks in which the torque of each axis was limited, shape (axes,).
         acted: Ticks in which the wall of each axis was on, shape (axes,).
         limp: Those of them in which it had no stiffness, shape (axes,).
+        next_seq: Sequence number after the last row.
     """
 
     def __init__(self, axes: int = 1) -> None:
@@ -78,23 +79,21 @@ class RunStatistics:
         self.age = TimeStatistics()
         self.max_torque = np.zeros(axes)
         self.saturated, self.acted, self.limp = np.zeros((3, axes), np.int64)
-        self.rows = 0
         self.unread = 0
         """Rows that were overwritten before they were read."""
-        self._next_seq = 0
+        self.next_seq = 0
 
     def add(self, rows: NDArray[np.void]) -> None:
         """Count a batch of rows, shape (ticks, axes), dtype ``telemetry.ROW``."""
         if rows.size == 0:
             return
         ticks = rows[:, 0]
-        self.unread += int(ticks["seq"][-1]) + 1 - self._next_seq - ticks.size
-        self._next_seq = int(ticks["seq"][-1]) + 1
+        self.unread += int(ticks["seq"][-1]) + 1 - self.next_seq - ticks.size
+        self.next_seq = int(ticks["seq"][-1]) + 1
         # Column by column: selecting whole rows would copy them field by field.
         on = (ticks["flags"] & FLAG_WARM_UP) == 0
         if not on.any():
             return
-        self.rows += int(np.count_nonzero(on))
         self.lateness.add(ticks["lateness_ns"][on])
         after_first = on & (ticks["seq"] > 0)
         self.work.add(ticks["work_ns"][after_first])

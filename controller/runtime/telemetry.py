@@ -141,11 +141,9 @@ class Word(IntEnum):
     """Supply of the servo, of several the hottest one [mV]; 0: not known (loop)."""
     TEMPERATURE_MC = 22
     """Its temperature [m°C], known with the supply (loop)."""
-    KNOWN = 23
-    """Not 0: the servos have been told to the door (loop)."""
-    STOP_AXIS = 24
+    STOP_AXIS = 23
     """Number of the axis that ended the run, from 1; 0: none did (loop)."""
-    REASON = 25
+    REASON = 24
     """Number of the stop reason in ``safety.REASONS``, from 1; 0: the loop goes on (loop)."""
     OFFSET_NS = elastic.PLACE + elastic.OFFSET
     """Time that the loop has taken out of its clock [ns]; see ``hw.elastic`` (loop)."""

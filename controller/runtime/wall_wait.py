@@ -5,12 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
-from haptic_wall.controller.laws.engagement import (
-    REST_S,
-    sign_text,
-    start_text,
-    waiting_text,
-)
+from haptic_wall.controller.laws.engagement import REST_S, place_text
+from haptic_wall.controller.laws.wall import NONE, Law
 from haptic_wall.controller.runtime.axis import Axis
 from haptic_wall.controller.runtime.loop import Loop
 from haptic_wall.controller.runtime.safety import End, StopReason
@@ -18,6 +14,8 @@ from haptic_wall.controller.settings.config import Config
 
 LOOK_S = 0.01
 """Period of the checks whether the wall may come on [s]"""
+FAR = 0.5
+"""Distance inside a wall from which the servo's sign is doubted [rad]"""
 
 
 class WallWait:
@@ -102,17 +100,61 @@ class WallWait:
             return f"{name}reading", f"{name}the wall waits for the first reading"
         if not self._loop.cycle.held():
             return "dead man", "the dead man is not held; the wall comes on when it is"
-        stiffness = axis.gains.schedule.allowed.stiffness
-        limits = axis.engagement.limits
-        text = waiting_text(
-            axis.law,
-            config.wall.acting_side,
-            axis.position,
-            stiffness,
-            limits,
-            axis.torque_limit,
-        )
+        text = waiting_text(axis, config)
         if len(self._axes) > 1 and not axis.wall_from_start:
-            servo, room = config.servo, limits.room(stiffness)
-            text += sign_text(axis.law, axis.position, servo.sign, servo.offset, room)
+            text += sign_text(axis, config)
         return f"{name}place", name + text
+
+
+def start_text(law: Law, side: str, position: float) -> str:
+    """Say where the wall and the shaft are before the wall comes on.
+
+    Args:
+        law: The wall.
+        side: Its side, as in the configuration.
+        position: Position of the shaft [rad].
+    """
+    if law.name == NONE:
+        return f"no torque is sent, the shaft is at {place_text(position)}"
+    where = f"is at {place_text(law.position)}, the shaft at {place_text(position)}"
+    return f"{_law_text(law, side)} {where}"
+
+
+def waiting_text(axis: Axis, config: Config) -> str:
+    """Say why a wall does not come on, where the shaft is, and where it must go."""
+    law, position, side = axis.law, axis.position, config.wall.acting_side
+    stiffness, gate = axis.gains.schedule.allowed.stiffness, axis.engagement
+    away, room = abs(law.elongation(position)), gate.room(stiffness)
+    text = (
+        f"at {place_text(position)} {_law_text(law, side)} would push with up to "
+        f"{min(stiffness * away, axis.torque_limit):.3g} N·m; it comes on when that has stayed "
+        f"below {gate.most_torque(stiffness):.2g} N·m for {1e3 * REST_S:g} ms"
+    )
+    if away <= room or not law.linear:
+        return text
+    surface = place_text(law.position)
+    goal = {
+        "above": f"below {surface}",
+        "below": f"above {surface}",
+    }.get(side, f"to within {math.degrees(room):.2g}° of {surface}")
+    return f"{text}: turn the shaft {goal}"
+
+
+def sign_text(axis: Axis, config: Config) -> str:
+    """Return a hint for ``waiting_text`` at a shaft that only the other sign puts outside the wall.
+
+    Empty where it is not far inside, as a hand may have left it, or where the sign is no help.
+    """
+    law, servo = axis.law, config.servo
+    room = axis.engagement.room(axis.gains.schedule.allowed.stiffness)
+    other = 2.0 * servo.offset - axis.position
+    if abs(law.elongation(axis.position)) < FAR or abs(law.elongation(other)) > room:
+        return ""
+    return (
+        f"; or the sign of the servo is wrong: with servo.sign={-servo.sign} the shaft would be at "
+        f"{place_text(other)}, where the wall may come on"
+    )
+
+
+def _law_text(law: Law, side: str) -> str:
+    return f"the wall ({side})" if law.name == "wall" else f"the law {law.name}"

@@ -14,7 +14,6 @@ from haptic_wall.controller.cli import run as run_command
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.writer import LogWriter
 from haptic_wall.controller.processes.plan import LogState
-from haptic_wall.controller.processes.recorder import Recorder
 from haptic_wall.controller.processes.run_report import exit_status
 from haptic_wall.controller.report.run_text import report_text
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip
@@ -138,15 +137,15 @@ def test_files_are_replaced_when_it_is_said(cli: Cli, folder: Path) -> None:
 def test_a_log_that_is_gone_is_the_first_that_is_said(
     cli: Cli, folder: Path, monkeypatch: pytest.MonkeyPatch, how: str, json_wanted: bool
 ) -> None:
-    log, close = folder / "run.hwlog", Recorder.close
+    log, close = folder / "run.hwlog", LogWriter.close
 
-    def closed(recorder: Recorder) -> None:
-        close(recorder)
+    def closed(writer: LogWriter) -> None:
+        close(writer)
         log.rename(folder / "moved")
         if how == "another":
             log.write_text("mine")
 
-    monkeypatch.setattr(Recorder, "close", closed)
+    monkeypatch.setattr(LogWriter, "close", closed)
     words = ["--set=loop.clock=simulated", "--duration=0.1", "--log", str(log)]
     status, out, _ = cli("run", *words, *(["--json"] if json_wanted else []))
     assert status == 5

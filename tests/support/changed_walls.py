@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.runtime.changeover import Obstacle
-from haptic_wall.controller.runtime.changes import Changes
-from haptic_wall.controller.runtime.handover import KnownServo, Offers
+from haptic_wall.controller.runtime.changes import change_of
+from haptic_wall.controller.runtime.handover import KnownServo, obstacle, offer, settled, withdraw
 from haptic_wall.controller.runtime.session import run_session
 from haptic_wall.controller.runtime.session_result import Result
 from haptic_wall.controller.runtime.session_start import Surroundings
@@ -96,8 +96,8 @@ class ChangedRun:
 
     def run(self, seconds: float) -> tuple[Result, NDArray[np.void]]:
         """Run the wall; return the result, and the rows."""
+        self._now = self.config
         self._telemetry = telemetry = Telemetry.create()
-        self._offers = Offers(telemetry)
         result = run_session(
             self.config,
             SimulatedClock(),
@@ -113,7 +113,7 @@ class ChangedRun:
         bus = open_bus(servos, clock, port)
         if self.hand is not None:
             bus.take_hand(self.hand)  # type: ignore[attr-defined]
-        self._changes = Changes([self.config], [KnownServo(bus.facts[0], None, True)])
+        self._servo = KnownServo(bus.facts[0], None)
         return _Asking(bus, self)
 
     def tick(self, position: float) -> None:
@@ -122,24 +122,24 @@ class ChangedRun:
         self.truth.append(position)
         at_hand = self.asked[-1] if self.asked and not self.asked[-1].settled else None
         if at_hand is not None:
-            settled = self._offers.settled(at_hand.number)
-            if settled is None:
-                obstacle = self._offers.obstacle[0]
-                at_hand.obstacle = obstacle or at_hand.obstacle
+            words = self._telemetry.words
+            outcome = settled(words, at_hand.number)
+            if outcome is None:
+                at_hand.obstacle = obstacle(words)[0] or at_hand.obstacle
                 if row > at_hand.tick + self.wait and not at_hand.withdrawn:
                     at_hand.withdrawn = True
-                    self._offers.withdraw(at_hand.number)
+                    withdraw(words, at_hand.number)
                 return
-            at_hand.row, at_hand.settled = settled.row, True
-            if settled.row >= 0:
-                self._changes.configs[0] = at_hand.new
-        (config,) = self._changes.configs
+            at_hand.row, at_hand.settled = outcome.row, True
+            if outcome.row >= 0:
+                self._now = at_hand.new
+        config = self._now
         sets = tuple(self.ask(row, config, position))
         if sets:
             new = changed(config, sets)
-            change = self._changes.computed(new)
+            change, _ = change_of(len(self.asked) + 1, config, new, self._servo)
             self.asked.append(Asked(row, config, new, change.number))
-            self._offers.send(change)
+            offer(self._telemetry, change)
 
 
 def injected(run: ChangedRun, rows: NDArray[np.void], asked: Asked) -> float:

@@ -18,10 +18,9 @@ from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.runtime.assembly import (
     Decided,
     assembled,
-    decision_in_force,
+    bins_of,
     guard_decisions,
     most_injected,
-    situation_of,
 )
 from haptic_wall.controller.runtime.cycle import Cycle
 from haptic_wall.controller.runtime.handover import Inbox, KnownServo
@@ -179,7 +178,7 @@ def run_trial(
     servo = TrialServo(truth, clock, operator, position=position, velocity=velocity, struck=struck)
     telemetry = Telemetry(-1, _CHUNK + 8)
     telemetry.words[Word.HELD_NS] = NO_DEAD_MAN
-    known = KnownServo(servo.facts[0], None, simulated=True)
+    known = KnownServo(servo.facts[0], None)
     decided, inbox = _decided(config, known, tuple(sets), wall), Inbox(telemetry)
     axis = assembled(config, known, telemetry, inbox, Shared(), decided, ())
     cycle = Cycle(clock, servo, [axis], telemetry.words, inbox, config.period_ns, pipelined=False)
@@ -236,15 +235,16 @@ def _decided(config: Config, servo: KnownServo, sets: tuple[str, ...], wall: Wal
         return guard_decisions(config, servo)
     decision = _decision(sets, servo.facts.torque_limit, servo.facts.counts_per_rev)
     asked = replace(decision, stiffness=wall.stiffness, damping=wall.damping)
-    (most,) = most_injected(config, situation_of(config, servo), [asked])
+    bins = bins_of(config, servo)
+    (most,) = most_injected(config, bins.situation, [asked])
     gains = Allowed(asked.stiffness, asked.damping, asked.delay, injected=most)
-    return Decided([0], [config.period_ns], GainTable([gains, gains]))
+    bins = replace(bins, ages_ns=[0], intervals_ns=[config.period_ns])
+    return Decided(bins, GainTable([gains, gains]))
 
 
 @lru_cache(maxsize=64)
 def _decision(sets: tuple[str, ...], torque_limit: float, counts_per_rev: int) -> Decision:
     """Return any decision with this belief; its delay, reasons and limits are not used."""
-    servo = KnownServo(Facts("a servo", counts_per_rev, torque_limit, 0.0), None, simulated=True)
+    servo = KnownServo(Facts("a servo", counts_per_rev, torque_limit, 0.0), None)
     config = trial_config(sets)
-    decided = guard_decisions(config, servo)
-    return decision_in_force(config, servo, decided, 0)
+    return bins_of(config, servo).explained(0)

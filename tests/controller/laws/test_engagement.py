@@ -5,17 +5,13 @@ from collections.abc import Sequence
 
 import pytest
 
-from haptic_wall.controller.laws.engagement import (
-    EngageLimits,
-    Engagement,
-    engage_torque,
-    sign_text,
-    waiting_text,
-)
-from haptic_wall.controller.laws.wall import Wall
+from haptic_wall.controller.laws.engagement import Engagement, engage_torque
 
 COUNT = math.tau / 4096
-LIMITS = EngageLimits(torque=0.1, position_step=COUNT, periods=50)
+
+
+def gate_of(start_room: float = 0.0) -> Engagement:
+    return Engagement(torque=0.1, position_step=COUNT, periods=50, start_room=start_room)
 
 
 def ready_after(gate: Engagement, stiffness: float, penetrations: Sequence[float]) -> int | None:
@@ -32,37 +28,37 @@ def ready_after(gate: Engagement, stiffness: float, penetrations: Sequence[float
     [(0.0, 50), (0.0099, 50), (-0.0099, 50), (0.0101, None), (-0.0101, None), (18.8, None)],
 )
 def test_the_wall_comes_on_after_fifty_unloaded_ticks(penetration: float, tick: int | None) -> None:
-    assert ready_after(Engagement(LIMITS), 10.0, [penetration] * 1000) == tick
+    assert ready_after(gate_of(), 10.0, [penetration] * 1000) == tick
 
 
 def test_one_loaded_tick_begins_the_rest_anew() -> None:
-    assert ready_after(Engagement(LIMITS), 10.0, [*[0.0] * 49, 0.02, *[0.0] * 60]) == 100
+    assert ready_after(gate_of(), 10.0, [*[0.0] * 49, 0.02, *[0.0] * 60]) == 100
 
 
 def test_two_counts_of_any_stiffness_are_no_load() -> None:
     """Else a stiff wall could not come on at all: a reading may be a count off."""
-    assert ready_after(Engagement(LIMITS), 1e6, [2.0 * COUNT] * 50) == 50
-    assert ready_after(Engagement(LIMITS), 1e6, [2.01 * COUNT] * 50) is None
-    assert LIMITS.room(1e6) == 2.0 * COUNT
-    assert LIMITS.room(10.0) == pytest.approx(0.01)
-    assert LIMITS.room(0.0) == math.inf
+    assert ready_after(gate_of(), 1e6, [2.0 * COUNT] * 50) == 50
+    assert ready_after(gate_of(), 1e6, [2.01 * COUNT] * 50) is None
+    assert gate_of().room(1e6) == 2.0 * COUNT
+    assert gate_of().room(10.0) == pytest.approx(0.01)
+    assert gate_of().room(0.0) == math.inf
 
 
 @pytest.mark.parametrize("start_room", [0.0, 0.5])
 def test_an_unknown_position_is_no_rest(start_room: float) -> None:
-    assert ready_after(Engagement(LIMITS, start_room=start_room), 10.0, [math.nan] * 100) is None
+    assert ready_after(gate_of(start_room), 10.0, [math.nan] * 100) is None
 
 
 def test_a_kick_is_allowed_at_the_start_and_within_its_room_only() -> None:
-    assert ready_after(Engagement(LIMITS, start_room=0.5), 10.0, [0.6] * 100) is None
-    gate = Engagement(LIMITS, start_room=0.5)
+    assert ready_after(gate_of(0.5), 10.0, [0.6] * 100) is None
+    gate = gate_of(0.5)
     assert ready_after(gate, 10.0, [0.4] * 100) == 50
     gate.restart()
     assert ready_after(gate, 10.0, [0.4] * 100) is None
 
 
 def test_only_the_rise_of_the_stiffness_counts() -> None:
-    gate = Engagement(LIMITS)
+    gate = gate_of()
     assert gate.may_rise(1.0, 0.1)
     assert not gate.may_rise(1.1, 0.1)
     assert gate.may_rise(-5.0, 1.0), "a fall takes energy out"
@@ -75,30 +71,3 @@ def test_only_the_rise_of_the_stiffness_counts() -> None:
 def test_the_torque_is_small_beside_the_servos(stall: float, torque: float) -> None:
     assert engage_torque(None, stall) == pytest.approx(torque)
     assert engage_torque(0.3, stall) == 0.3
-
-
-def test_the_text_says_where_the_shaft_is_and_where_it_must_go() -> None:
-    two_sided = waiting_text(Wall(8.0, 0.0, 0.0, "both"), "both", 18.8, 8.0, LIMITS, 4.1)
-    assert two_sided == (
-        "at 1077.2° (2.99 turns) the wall (both) would push with up to 4.1 N·m; it comes on when "
-        "that has stayed below 0.1 N·m for 50 ms: turn the shaft to within 0.72° of 0.0° (0.00 "
-        "turns)"
-    )
-    below = waiting_text(Wall(8.0, 0.0, -6.3, "below"), "below", -12.6, 8.0, LIMITS, 99.0)
-    assert "would push with up to 50.4 N·m" in below
-    assert "turn the shaft above -361.0° (-1.00 turns)" in below
-    for position, torque in ((0.05, "0.06"), (-0.1, "0")):
-        stays = waiting_text(Wall(1.2, 0.0, 0.0, "above"), "above", position, 1.2, LIMITS, 0.5)
-        assert f"up to {torque} N·m" in stays
-        assert stays.endswith("below 0.1 N·m for 50 ms"), "it needs no turn"
-
-
-def test_a_sign_that_alone_puts_the_shaft_outside_is_doubted() -> None:
-    wall = Wall(8.0, 0.0, 3.0, "below")
-    assert sign_text(wall, -3.1, 1, 0.0, 0.01) == (
-        "; or the sign of the servo is wrong: with servo.sign=-1 the shaft would be at 177.6° (0.49"
-        " turns), where the wall may come on"
-    )
-    assert "servo.sign=1 the shaft would be at 194.8°" in sign_text(wall, -3.1, -1, 0.15, 0.01)
-    assert sign_text(wall, 2.6, 1, 4.0, 0.01) == "", "not far inside"
-    assert sign_text(wall, -2.9, 1, 0.0, 0.01) == "", "inside with either sign"

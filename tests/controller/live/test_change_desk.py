@@ -10,7 +10,7 @@ import pytest
 
 from haptic_wall.controller.live import change_desk as module
 from haptic_wall.controller.live.change_desk import ChangeDesk
-from haptic_wall.controller.runtime.handover import Inbox, KnownServo, Offers
+from haptic_wall.controller.runtime.handover import Inbox, KnownServo
 from haptic_wall.controller.runtime.safety import REASONS, Trip
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
@@ -32,10 +32,10 @@ class Side:
     @classmethod
     @contextlib.contextmanager
     def of(cls, *sets: str) -> Iterator[Self]:
-        config = load_config("simulated", ("servo.hand=none", *sets)).config
+        config = load_config("simulated", ("servo.hand=none", "loop.clock=simulated", *sets)).config
         telemetry = Telemetry.create(len(config.each))
         told: list[dict[str, Any]] = []
-        desk = ChangeDesk(config, telemetry, Offers(telemetry), told.append, lambda: made.over)
+        desk = ChangeDesk(config, telemetry, told.append, lambda: made.over)
         made = cls(desk, telemetry, Inbox(telemetry), told)
         yield made
         telemetry.close()
@@ -55,7 +55,7 @@ class Side:
 
     def start(self) -> None:
         """Start the servos."""
-        servo = KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, True)
+        servo = KnownServo(Facts("a servo", 4096, 4.1, 0.0), None)
         self.inbox.tell([servo] * len(self.desk._names))
         self.telemetry.words[Word.STATE] = LoopState.RUNNING
 
@@ -149,7 +149,7 @@ def test_it_is_withdrawn_with_whoever_asked(side: Side, monkeypatch: pytest.Monk
     answer = side.change("wall.stiffness=1", lambda: side.settle(-1), gone=True)
     assert answer["error"] == closed
     assert side.telemetry.words[Word.WITHDRAWN] == side.telemetry.words[Word.OFFERED] == 1
-    monkeypatch.setattr(side.desk._offers, "withdraw", lambda _: side.settle(0))
+    monkeypatch.setattr(module.handover, "withdraw", lambda *_: side.settle(0))
     assert side.change("wall.stiffness=1", gone=True)["applied"], "it was too late"
     monkeypatch.undo()
     monkeypatch.setattr(module, "LOOP_S", 0.0)

@@ -13,7 +13,7 @@ from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.writer import LogWriter
 from haptic_wall.controller.processes.inline import run_inline
 from haptic_wall.controller.processes.plan import Ended, Plan
-from haptic_wall.controller.processes.run import Notifier
+from haptic_wall.controller.processes.run import told_later
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 
@@ -48,13 +48,17 @@ def test_a_full_disk_leaves_out_what_it_did_not_take(
     assert f"{tmp_path / 'run.hwlog'} is incomplete: No space left on device" in warning
 
 
-def test_without_threads_messages_are_passed_on_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(_: threading.Thread) -> None:
-        raise RuntimeError("can't start new thread")
+def test_a_terminal_that_blocks_or_is_gone_holds_no_message_back() -> None:
+    read, heard = threading.Event(), list[str]()
 
-    monkeypatch.setattr(threading.Thread, "start", refuse)
-    heard: list[str] = []
-    with Notifier(heard.append) as notifier:
-        notifier("one")
-        notifier("two")
+    def tell(text: str) -> None:
+        assert read.wait(60.0)
+        heard.append(text)
+        raise BrokenPipeError
+
+    with told_later(tell) as told:
+        told("one")
+        told("two")
+        assert not heard
+        read.set()
     assert heard == ["one", "two"]

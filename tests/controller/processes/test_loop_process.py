@@ -23,12 +23,14 @@ def test_an_error_nobody_foresaw_is_told_once_and_named_a_defect() -> None:
     orders = {
         "config": load_config("simulated", []).config.model_dump_json(),
         "telemetry": telemetry.descriptor,
-        "axes": 1,
         "port": None,
+        "hand": None,
+        "key": None,
         "parent": os.getpid(),
         "core": min(os.sched_getaffinity(0)),
         "duration_s": 1.0,
         "program": [],
+        "elastic": False,
     }
     fds = [telemetry.descriptor]
     done = python("-c", BROKEN, input=json.dumps(orders) + "\n", pass_fds=fds, timeout=60)

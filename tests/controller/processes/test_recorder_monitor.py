@@ -37,13 +37,10 @@ class Child:
     def say(self, trouble: str | None, *, full: bool = True) -> None:
         self._said.append({"trouble": trouble, "full": full})
 
-    def lose(self, lost: str) -> None:
-        self._said.append({"lost": lost})
-
     def end(self, code: int) -> None:
         if self.code is None:
             self.code = code
-            self._recorder.close()
+            self._recorder.log.close()
 
     def said(self) -> list[dict[str, object]]:
         said, self._said = self._said, []

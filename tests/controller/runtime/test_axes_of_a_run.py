@@ -19,7 +19,7 @@ from haptic_wall.controller.processes.plan import LogState, Plan
 from haptic_wall.controller.processes.run import _finished_log
 from haptic_wall.controller.processes.run_report import run_report
 from haptic_wall.controller.runtime.safety import Trip
-from haptic_wall.controller.runtime.session_report import all_axes
+from haptic_wall.controller.runtime.session_result import all_axes
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config

@@ -14,7 +14,7 @@ from haptic_wall.controller.detector.settings import WatchSettings
 from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.guard.schedule import Allowed, GainSchedule, GainTable
 from haptic_wall.controller.laws.delay import DelayRing
-from haptic_wall.controller.laws.engagement import EngageLimits, Engagement
+from haptic_wall.controller.laws.engagement import Engagement
 from haptic_wall.controller.laws.friction import Friction
 from haptic_wall.controller.laws.shaped import ShapedLaw
 from haptic_wall.controller.laws.velocity import BackwardDifference
@@ -170,9 +170,7 @@ def made_axis(
         wall_from_start=wall.get("from_start", False),
         inbox=inbox,
         changeover=Changeover(0.1, math.inf, 1e-3),
-        engagement=Engagement(
-            EngageLimits(0.1, 0.0, 3), start_room=wall.get("start_room", math.inf)
-        ),
+        engagement=Engagement(0.1, 0.0, 3, start_room=wall.get("start_room", math.inf)),
     )
 
 

@@ -38,7 +38,6 @@ def test_a_run() -> None:
     statistics.add(rows[:4, None])
     statistics.add(rows[6:, None])
     assert statistics.unread == 2
-    assert statistics.rows == 5
     assert statistics.torque() == {"max": 2.0, "saturated_ticks": 0}
     assert statistics.lateness.as_report(50)["max"] == 1.0
 

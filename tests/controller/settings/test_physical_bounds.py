@@ -57,7 +57,8 @@ def test_each_accepted_belief_about_a_rigid_servo_has_limits(seed: int) -> None:
     if config is None:
         return
     bus = open_bus(config.servos(), SimulatedClock(), None)
-    known = KnownServo(bus.facts[0], bus.traffic, simulated=False)
+    known = KnownServo(bus.facts[0], bus.traffic)
     decided = guard_decisions(config, known)
-    bins = range(len(decided.ages_ns) * len(decided.intervals_ns))
-    assert all(0.0 <= decided.table.at(k).stiffness < math.inf for k in bins)
+    bins = decided.bins
+    indices = range(len(bins.ages_ns) * len(bins.intervals_ns))
+    assert all(0.0 <= decided.table.at(k).stiffness < math.inf for k in indices)
