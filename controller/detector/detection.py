@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,10 +48,11 @@ _ROUNDING: Final = 1e-9
 """Steps that are smaller than this fraction of the largest are rounding errors [1]"""
 
 
-@dataclass(frozen=True, slots=True)
-class DetectionRecord:
+class DetectionRecord(NamedTuple):
     """The detector's results at every sample; arrays of one length."""
 
+    times: Array
+    """On the record's own clock [s]"""
     state: NDArray[np.int8]
     """``State`` values"""
     frequency_hz: Array
@@ -62,38 +63,30 @@ class DetectionRecord:
     """[1/s]; NaN where there is no oscillation"""
     alarm: NDArray[np.bool_]
     """Whether the wall feeds a sustained or growing oscillation"""
-    worst: State
-    """The worst state"""
-    worst_at: int
-    """Sample of the largest amplitude in that state; a growing and a sustained one are one"""
-    first_alarm_s: float
-    """Time of the first alarm, on the record's own clock [s]; NaN: none"""
+
+    @property
+    def worst(self) -> State:
+        """Return the worst state."""
+        return State(int(self.state.max(initial=State.QUIET)))
+
+    @property
+    def worst_at(self) -> int:
+        """Return the sample of the largest amplitude in that state.
+
+        A growing and a sustained oscillation are one.
+        """
+        of_it = self.state >= min(self.worst, State.SUSTAINED)
+        return int(np.argmax(np.where(of_it, self.amplitude, -1.0)))
+
+    @property
+    def first_alarm_s(self) -> float:
+        """Return the time of the first alarm [s]; NaN: none."""
+        return float(self.times[np.argmax(self.alarm)]) if self.alarm.any() else math.nan
 
     @classmethod
-    def of(
-        cls,
-        times: Array,
-        state: NDArray[np.int8],
-        frequency_hz: Array,
-        amplitude: Array,
-        growth: Array,
-        alarm: NDArray[np.bool_],
-    ) -> DetectionRecord:
-        """Return the record, with the worst state and the first alarm found in the samples.
-
-        Args:
-            times: Times of the samples [s], shape (n,).
-            state: As the field of this name, shape (n,).
-            frequency_hz: [Hz]
-            amplitude: [rad]
-            growth: [1/s]
-            alarm: Shape (n,).
-        """
-        worst = State(int(state.max())) if state.size else State.QUIET
-        of_it = state >= min(worst, State.SUSTAINED)
-        largest = int(np.argmax(np.where(of_it, amplitude, -1.0))) if state.size else 0
-        first = float(times[np.argmax(alarm)]) if alarm.any() else math.nan
-        return cls(state, frequency_hz, amplitude, growth, alarm, worst, largest, first)
+    def joined(cls, records: Iterable[DetectionRecord]) -> DetectionRecord:
+        """Return records that follow each other as one."""
+        return cls(*map(np.concatenate, zip(*records, strict=True)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +169,7 @@ def detect(times: Array, positions: Array, torques: Array | None, known: Known) 
         large = size >= _ALARM_COUNTS * step
         alarm[inside] = large & (verdict >= State.SUSTAINED)
     growth[state == State.QUIET] = np.nan
-    return DetectionRecord.of(times, state, frequency, amplitude, growth, alarm)
+    return DetectionRecord(np.asarray(times, float), state, frequency, amplitude, growth, alarm)
 
 
 def _stretches(
