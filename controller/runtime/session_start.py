@@ -17,13 +17,14 @@ from haptic_wall.controller.runtime.assembly import (
     situation_of,
 )
 from haptic_wall.controller.runtime.axis import Axis
-from haptic_wall.controller.runtime.cycle import Cycle, is_pipelined
+from haptic_wall.controller.runtime.cycle import Cycle
 from haptic_wall.controller.runtime.deadlines import waiter_for
 from haptic_wall.controller.runtime.handover import Inbox, KnownServo
 from haptic_wall.controller.runtime.loop import Loop
 from haptic_wall.controller.runtime.realtime import freeze_garbage
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.shares import COLLECT_SHARE
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.elastic import ElasticClock
 from haptic_wall.hw.errors import GivenUpError, ServoError
@@ -142,10 +143,12 @@ class Session:
                 self._clock.engage()
             with suppress(GivenUpError):
                 self._start_bus()
-        self.pipelined = is_pipelined(asked, bus.traffic, config.period_ns * 1e-9)
-        if self.pipelined and asked == "auto" and bus.traffic is not None:
-            held_ms = bus.traffic.longest_s * 1e3
-            self._around.tell(f"schedule pipelined: the adapter holds replies for {held_ms:.2g} ms")
+        self.pipelined = asked == "pipelined"
+        longest_s = 0.0 if bus.traffic is None else bus.traffic.longest_s
+        if asked == "auto" and longest_s > COLLECT_SHARE * config.period_ns * 1e-9:
+            self.pipelined = True
+            told = f"the adapter holds replies for {longest_s * 1e3:.2g} ms"
+            self._around.tell(f"schedule pipelined: {told}")
         self._know()
         shared = Shared()
         self.axes = [
