@@ -31,7 +31,6 @@ from haptic_wall.controller.logs.file import (
     schema,
 )
 from haptic_wall.controller.system.files import would_be_lost
-from haptic_wall.controller.system.json_text import plain
 
 
 class LogWriter:
@@ -248,4 +247,4 @@ def _make(path: Path, *, force: bool) -> None:
 
 def _json(value: object) -> str:
     """Return a value as JSON, in which NaN is null."""
-    return json.dumps(plain(value))
+    return json.dumps(json.loads(json.dumps(value), parse_constant=lambda _: None))
