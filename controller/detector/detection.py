@@ -118,18 +118,8 @@ def detect(times: Array, positions: Array, torques: Array | None, known: Known) 
             the wall, if its stiffness is known.
         known: Known values of servo and wall; its period is the grid's. A missing position step is
             estimated from the record, if it has one.
-
-    Raises:
-        ValueError: The lengths differ, or times do not increase.
     """
     n = len(times)
-    if len(positions) != n or (torques is not None and len(torques) != n):
-        raise ValueError(
-            f"{n} times, {len(positions)} positions and"
-            f" {'no' if torques is None else len(torques)} torques; give one of each for a sample"
-        )
-    if n > 1 and not np.all(np.diff(times) > 0):
-        raise ValueError("times do not increase; give the samples in order of time")
     period, step = known.period, known.position_step
     if math.isnan(step):
         step = position_step(positions)
@@ -145,7 +135,8 @@ def detect(times: Array, positions: Array, torques: Array | None, known: Known) 
             if u is None:  # that of a known wall
                 pull = -(known.stiffness + known.virtual_damping * piece.rate)
             verdict = _judged(piece, moving, known, step, pull)
-            near = some[_near(piece, ticks)]
+            room = _NEAR * (piece.end - piece.start)
+            near = some[(ticks > piece.start - room) & (ticks < piece.end + room)]
             growth[near[np.isnan(growth[near])]] = piece.rate.real
             inside = some[(ticks > piece.start - 0.5) & (ticks < piece.end - 0.5)]
             growth[inside] = piece.rate.real
@@ -183,13 +174,6 @@ def _stretches(
         grid = np.arange(round(float(ticks[-1])) + 1.0)
         u = None if torques is None else _complete(grid, ticks, torques[some])
         yield some, ticks, np.interp(grid, ticks, positions[some]), u
-
-
-def _near(piece: Piece, ticks: Array) -> NDArray[np.bool_]:
-    """Return which samples belong to a piece's motion, some before and after it too."""
-    near = _NEAR * (piece.end - piece.start)
-    which: NDArray[np.bool_] = (ticks > piece.start - near) & (ticks < piece.end + near)
-    return which
 
 
 def _ticked(

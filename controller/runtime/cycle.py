@@ -11,7 +11,7 @@ from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.telemetry import Word
 from haptic_wall.controller.settings.shares import COLLECT_SHARE
 from haptic_wall.hw.clock import Clock
-from haptic_wall.hw.servo import Bus, Outcome, Reading, Traffic
+from haptic_wall.hw.servo import Bus, Outcome, Traffic
 
 LONGER_SHARE: Final = 1.05
 """``COLLECT_SHARE`` after a pipelined reply was lost, until another one is lost [1]. An adapter
@@ -121,7 +121,9 @@ class Cycle:
         tick.sent_ns = now()
         sent = bus.write(torques)
         if self._pipelined:
-            self._take_turns(readings)
+            if any(reading.outcome is _LOST for reading in readings):  # see ``LONGER_SHARE``
+                turned = self._other_collect_ns, self._collect_ns
+                self._collect_ns, self._other_collect_ns = turned
             bus.request()
 
         self._measure(tick)
@@ -159,8 +161,3 @@ class Cycle:
                 ended = False
         tick.age_ns = sent_ns - oldest_ns
         tick.interval_ns = longest_ns if ended else 0
-
-    def _take_turns(self, readings: Sequence[Reading]) -> None:
-        """After a lost reply wait for the next ones as long as the other fraction says."""
-        if any(reading.outcome is _LOST for reading in readings):
-            self._collect_ns, self._other_collect_ns = self._other_collect_ns, self._collect_ns
