@@ -7,13 +7,15 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from haptic_wall.controller.detector.backstop import Shared
+from haptic_wall.controller.guard.bins import Bins
+from haptic_wall.controller.guard.schedule import GainTable
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.runtime.assembly import (
-    Decided,
     assembled,
+    bins_of,
     clip_of,
-    guard_decisions,
+    gain_table,
     situation_of,
 )
 from haptic_wall.controller.runtime.axis import Axis
@@ -60,7 +62,7 @@ class Session:
         config: The effective configuration.
         configs: That of each axis, by its name; the name of a single one is empty.
         servos: Of each axis.
-        decided: The guard's decisions for each axis.
+        decided: The bins that the guard decides for, and its numbers, for each axis.
         axes: The axes; there are some after ``start``, like the next ones.
         loop: Serves their ticks.
         pipelined: Requests are sent in the period before.
@@ -90,7 +92,7 @@ class Session:
         self._around = surroundings
         self.torque_asked = False
         self.work = Work()
-        self.decided: list[Decided] = []
+        self.decided: list[tuple[Bins, GainTable]] = []
         self.checks: list[Check] = []
         self._inbox = Inbox(telemetry)
         self.bus = surroundings.open_bus(config.servos(), clock, surroundings.port)
@@ -109,13 +111,14 @@ class Session:
     def _decide(self) -> None:
         """Compute the guard's decisions from the servos' known values, of equal axes once."""
         self._know()
-        known: dict[str, Decided] = {}
+        known: dict[str, tuple[Bins, GainTable]] = {}
         self.decided = []
         for config, servo in self._each():
             asked = repr((config.request(servo.facts.position_step), situation_of(config, servo)))
             if asked not in known:
                 program = bool(self._program)
-                known[asked] = guard_decisions(config, servo, program=program, work=self.work)
+                bins = bins_of(config, servo, program=program, work=self.work)
+                known[asked] = bins, gain_table(config, bins)
             self.decided.append(known[asked])
 
     def _know(self) -> None:
@@ -152,7 +155,7 @@ class Session:
         self._know()
         shared = Shared()
         self.axes = [
-            assembled(one, servo, telemetry, self._inbox, shared, decided, self._program)
+            assembled(one, servo, telemetry, self._inbox, shared, *decided, self._program)
             for (one, servo), decided in zip(self._each(), self.decided, strict=True)
         ]
         self._inbox.tell(self.servos)
