@@ -102,6 +102,7 @@ def _judged(
     Raises:
         UserError: There is no stretch that can be judged, and a judgement is ``needed``.
     """
+    from haptic_wall.controller.detector.detection import DetectionRecord
     from haptic_wall.controller.logs.detected import detect_all, read_recording
 
     recording = read_recording(log, axis)
@@ -115,19 +116,20 @@ def _judged(
             given=log,
         )
     wall = {name: given[name] for name in ("stiffness", "virtual_damping") if name in given}
-    detected = detect_all(recording, {name: given.get(name) for name in _OF_SERVO}, **wall)
+    records, used = detect_all(recording, {name: given.get(name) for name in _OF_SERVO}, **wall)
     if plot is not None:
         from haptic_wall.controller.report.detect import plot_detection
 
-        draw = partial(plot_detection, recording.parts, detected.records)
+        draw = partial(plot_detection, recording.parts, records)
         plot = drawn_or_noted("--plot", plot, draw)
-    alarm = detected.first_alarm_s
-    known = {**detected.known, **{name: given.get(name) for name in _OF_WALL}}
+    whole = DetectionRecord.joined(records)
+    at, alarm = whole.worst_at, whole.first_alarm_s
+    known = {**used, **{name: given.get(name) for name in _OF_WALL}}
     return {
-        "state": detected.state.name.lower(),
-        "frequency_hz": detected.frequency_hz,
-        "amplitude_rad": detected.amplitude or None,
-        "growth_per_s": detected.growth,
+        "state": whole.worst.name.lower(),
+        "frequency_hz": float(whole.frequency_hz[at]),
+        "amplitude_rad": float(whole.amplitude[at]) or None,
+        "growth_per_s": float(whole.growth[at]),
         "first_alarm_s": None if math.isnan(alarm) else alarm,
         "samples": recording.samples,
         "parts": len(recording.parts),

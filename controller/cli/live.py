@@ -19,7 +19,7 @@ from haptic_wall.controller.cli.options import (
 )
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.live.place import live_at
-from haptic_wall.controller.logs.reader import LogReader, TimeSpan
+from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.walls import walls_of
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def command(log: Path, place: str, start_s: float | None, end_s: float | None) -
     The address is the first line on standard output. The page is that of `run --live` for a running
     wall: zoom, cursors, events.
     """
-    stretch = TimeSpan(*stretch_between(start_s, end_s))
+    stretch = stretch_between(start_s, end_s)
     live = live_at(place, field="--at")
     with socket.socket(fileno=live.descriptor) as listener:
         views = _views(log, stretch)
@@ -48,7 +48,7 @@ def command(log: Path, place: str, start_s: float | None, end_s: float | None) -
         return interrupt.status_after(came)
 
 
-def _views(log: Path, stretch: TimeSpan) -> dict[str, View]:
+def _views(log: Path, stretch: tuple[float, float]) -> dict[str, View]:
     """Return the view of each axis by name."""
     from haptic_wall.controller.live.source import LoggedSource
     from haptic_wall.controller.live.view import View

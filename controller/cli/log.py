@@ -22,7 +22,7 @@ from haptic_wall.controller.cli.places import FileToWrite, plot_option
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.columns import values
-from haptic_wall.controller.logs.reader import LogReader, TimeSpan, refusal
+from haptic_wall.controller.logs.reader import LogReader, refusal
 from haptic_wall.controller.report.run_text import entry, report_text
 from haptic_wall.controller.system.files import whole
 from haptic_wall.controller.system.printable import in_line
@@ -54,7 +54,7 @@ def command(
         reading("LOG", log, "a log of run"),
         working("reading the log", log.stat().st_size / _READ_BYTES_S),
     ):
-        read = LogReader.open(log, TimeSpan(*stretch_between(start_s, end_s)))
+        read = LogReader.open(log, stretch_between(start_s, end_s))
         if axis is not None:
             read = read.axis(axis)
         found = _found(read)

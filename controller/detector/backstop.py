@@ -29,10 +29,15 @@ from typing import Final
 from haptic_wall.controller.detector.motions import BOUNCED, ENDED, THROWN, Motions
 from haptic_wall.controller.detector.probe import Probe, Verdict
 from haptic_wall.controller.detector.reduction import Cause, Course, Reduction
-from haptic_wall.controller.detector.regularity import NEVER, Regularity, Sighting, sighting
+from haptic_wall.controller.detector.regularity import (
+    NEVER,
+    Regularity,
+    Sighting,
+    beyond_hands,
+    sighting,
+)
 from haptic_wall.controller.detector.settings import WatchSettings
 from haptic_wall.controller.detector.soft_wall import Phase, SoftWall
-from haptic_wall.controller.detector.suspicion import Suspicion, suspected, suspicion
 from haptic_wall.controller.detector.tuning import TUNING
 
 _WHOLE: Final = Phase.WHOLE  # looking up an enum member is slow
@@ -235,27 +240,40 @@ class Backstop:
     def _suspect(self, seen: Regularity) -> None:
         """React to a motion on the whole wall that does not decay: alarm, probe, or wait."""
         settings, probe = self._settings, self._probe
-        regular = suspected(seen, settings)
-        if not (regular or (not self._alone and seen.beats(self.wall.stiffness))):
+        if not (seen.suspect or (not self._alone and seen.beats(self.wall.stiffness))):
             self.alarm = self.alarm and seen is not self._asked
             return
         self._asked = seen
         probe.take_up(seen, self._time)
-        what = suspicion(
-            seen,
-            settings,
-            amplitude=probe.before.amplitude,
-            loaded=self._gives_way(0),
-            like_hand=probe.like_hand,
-            held_off=probe.held_off(self._time),
-            regular=regular,
-            alone=self._alone,
-        )
-        if what == Suspicion.PROBE:
-            self._ask()
-        elif what >= Suspicion.ALARM:
+        loaded, large = self._gives_way(0), probe.before.amplitude >= settings.threshold
+        if self._certain(seen):
             self._alarm(Cause.BEYOND_HANDS)
-            self.failed = what == Suspicion.END
+            self.failed = settings.acts and loaded
+        elif not settings.acts:
+            return
+        elif loaded:  # a probe would give way to the load
+            if large and (seen.steady or seen.streak >= TUNING.regular_long):
+                self._alarm(Cause.BEYOND_HANDS)
+                self.failed = True
+        elif seen.steady and probe.like_hand and large:
+            self._alarm(Cause.BEYOND_HANDS)  # a probe found a hand; no hand is so regular
+            self.failed = False
+        elif not (seen.nearly_steady or self._waits_for_hand(seen)):
+            self._ask()
+
+    def _certain(self, seen: Regularity) -> bool:
+        """Whether no hand makes this motion: of an arm's joint one at its tip may."""
+        large = seen.size >= self._settings.threshold and not seen.contacts
+        return self._alone and seen.suspect and large and beyond_hands(seen.motion.last)
+
+    def _waits_for_hand(self, seen: Regularity) -> bool:
+        """Whether a probe has just found a hand in such a motion: it seldom goes on so regularly.
+
+        After many regular half-cycles it is probed again.
+        """
+        if not (self._probe.held_off(self._time) and self._probe.like_hand):
+            return False
+        return not seen.streak or seen.streak % TUNING.regular_long != 0
 
     def _probe_what_throws(self) -> None:
         """Probe a wall that returns the shaft faster, contact by contact, regular or not."""

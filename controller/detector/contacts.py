@@ -15,9 +15,10 @@ _FINEST = 1e-6
 class Contacts:
     """The last four contacts with a one-sided wall, each from entry to exit.
 
-    Attributes as of ``Motion``, and ``gaining``: consecutive contacts that throw the shaft back.
-    A contact with unknown speeds counts as a gain of 0: an earlier, larger motion is no evidence
-    about one that stays within the gate.
+    Attributes as of ``HalfCycles``, ``gain``: smoothed logarithm of exit over entry speed, and
+    ``gaining``: consecutive contacts that throw the shaft back. A contact with unknown speeds
+    counts as a gain of 0: an earlier, larger motion is no evidence about one that stays within the
+    gate.
     """
 
     def __init__(self, position_step: float) -> None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,10 +48,11 @@ _ROUNDING: Final = 1e-9
 """Steps that are smaller than this fraction of the largest are rounding errors [1]"""
 
 
-@dataclass(frozen=True, slots=True)
-class DetectionRecord:
+class DetectionRecord(NamedTuple):
     """The detector's results at every sample; arrays of one length."""
 
+    times: Array
+    """On the record's own clock [s]"""
     state: NDArray[np.int8]
     """``State`` values"""
     frequency_hz: Array
@@ -62,38 +63,30 @@ class DetectionRecord:
     """[1/s]; NaN where there is no oscillation"""
     alarm: NDArray[np.bool_]
     """Whether the wall feeds a sustained or growing oscillation"""
-    worst: State
-    """The worst state"""
-    worst_at: int
-    """Sample of the largest amplitude in that state; a growing and a sustained one are one"""
-    first_alarm_s: float
-    """Time of the first alarm, on the record's own clock [s]; NaN: none"""
+
+    @property
+    def worst(self) -> State:
+        """Return the worst state."""
+        return State(int(self.state.max(initial=State.QUIET)))
+
+    @property
+    def worst_at(self) -> int:
+        """Return the sample of the largest amplitude in that state.
+
+        A growing and a sustained oscillation are one.
+        """
+        of_it = self.state >= min(self.worst, State.SUSTAINED)
+        return int(np.argmax(np.where(of_it, self.amplitude, -1.0)))
+
+    @property
+    def first_alarm_s(self) -> float:
+        """Return the time of the first alarm [s]; NaN: none."""
+        return float(self.times[np.argmax(self.alarm)]) if self.alarm.any() else math.nan
 
     @classmethod
-    def of(
-        cls,
-        times: Array,
-        state: NDArray[np.int8],
-        frequency_hz: Array,
-        amplitude: Array,
-        growth: Array,
-        alarm: NDArray[np.bool_],
-    ) -> DetectionRecord:
-        """Return the record, with the worst state and the first alarm found in the samples.
-
-        Args:
-            times: Times of the samples [s], shape (n,).
-            state: As the field of this name, shape (n,).
-            frequency_hz: [Hz]
-            amplitude: [rad]
-            growth: [1/s]
-            alarm: Shape (n,).
-        """
-        worst = State(int(state.max())) if state.size else State.QUIET
-        of_it = state >= min(worst, State.SUSTAINED)
-        largest = int(np.argmax(np.where(of_it, amplitude, -1.0))) if state.size else 0
-        first = float(times[np.argmax(alarm)]) if alarm.any() else math.nan
-        return cls(state, frequency_hz, amplitude, growth, alarm, worst, largest, first)
+    def joined(cls, records: Iterable[DetectionRecord]) -> DetectionRecord:
+        """Return records that follow each other as one."""
+        return cls(*map(np.concatenate, zip(*records, strict=True)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,18 +118,8 @@ def detect(times: Array, positions: Array, torques: Array | None, known: Known) 
             the wall, if its stiffness is known.
         known: Known values of servo and wall; its period is the grid's. A missing position step is
             estimated from the record, if it has one.
-
-    Raises:
-        ValueError: The lengths differ, or times do not increase.
     """
     n = len(times)
-    if len(positions) != n or (torques is not None and len(torques) != n):
-        raise ValueError(
-            f"{n} times, {len(positions)} positions and"
-            f" {'no' if torques is None else len(torques)} torques; give one of each for a sample"
-        )
-    if n > 1 and not np.all(np.diff(times) > 0):
-        raise ValueError("times do not increase; give the samples in order of time")
     period, step = known.period, known.position_step
     if math.isnan(step):
         step = position_step(positions)
@@ -152,7 +135,8 @@ def detect(times: Array, positions: Array, torques: Array | None, known: Known) 
             if u is None:  # that of a known wall
                 pull = -(known.stiffness + known.virtual_damping * piece.rate)
             verdict = _judged(piece, moving, known, step, pull)
-            near = some[_near(piece, ticks)]
+            room = _NEAR * (piece.end - piece.start)
+            near = some[(ticks > piece.start - room) & (ticks < piece.end + room)]
             growth[near[np.isnan(growth[near])]] = piece.rate.real
             inside = some[(ticks > piece.start - 0.5) & (ticks < piece.end - 0.5)]
             growth[inside] = piece.rate.real
@@ -176,7 +160,7 @@ def detect(times: Array, positions: Array, torques: Array | None, known: Known) 
         large = size >= _ALARM_COUNTS * step
         alarm[inside] = large & (verdict >= State.SUSTAINED)
     growth[state == State.QUIET] = np.nan
-    return DetectionRecord.of(times, state, frequency, amplitude, growth, alarm)
+    return DetectionRecord(np.asarray(times, float), state, frequency, amplitude, growth, alarm)
 
 
 def _stretches(
@@ -190,13 +174,6 @@ def _stretches(
         grid = np.arange(round(float(ticks[-1])) + 1.0)
         u = None if torques is None else _complete(grid, ticks, torques[some])
         yield some, ticks, np.interp(grid, ticks, positions[some]), u
-
-
-def _near(piece: Piece, ticks: Array) -> NDArray[np.bool_]:
-    """Return which samples belong to a piece's motion, some before and after it too."""
-    near = _NEAR * (piece.end - piece.start)
-    which: NDArray[np.bool_] = (ticks > piece.start - near) & (ticks < piece.end + near)
-    return which
 
 
 def _ticked(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from haptic_wall.controller.detector.tuning import TUNING
 
@@ -39,30 +39,15 @@ class HalfCycle(NamedTuple):
     """Second one [rad]"""
 
 
-class Motion(Protocol):
-    """The last half-cycles, or contacts, of a motion.
+class HalfCycles:
+    """The last four half-cycles of a motion.
 
     Attributes:
         last: The last four at most, the newest last.
         elapsed: Time since the last one ended [s].
         interval: Time between the ends of the last two [s].
-        load: Mean torque that the wall holds [N·m].
-        gain: Smoothed logarithm of exit over entry speed of contacts; 0 for half-cycles.
+        gain: 0; see ``Contacts``.
     """
-
-    last: deque[HalfCycle]
-    elapsed: float
-    interval: float
-    gain: float
-
-    @property
-    def load(self) -> float:
-        """See above."""
-        ...
-
-
-class HalfCycles:
-    """The last four half-cycles of a motion; attributes as of ``Motion``."""
 
     def __init__(self, period: float, position_step: float) -> None:
         """Start with no half-cycle.

@@ -40,7 +40,7 @@ class Motions:
     def __init__(self, settings: WatchSettings) -> None:
         """Start without a motion."""
         self.half_cycles = HalfCycles(settings.period, settings.position_step)
-        self.swings = Regularity(self.half_cycles, settings, contacts=False)
+        self.swings = Regularity(self.half_cycles, settings)
         self._at(settings)
 
     def update(self, away: float, torque: float, span: float) -> int:
@@ -95,4 +95,4 @@ class Motions:
         self._side, self._throws = settings.side, TUNING.throws
         self._inside, self._thrown = True, 0
         self._contacts = Contacts(settings.position_step)
-        self.bounces = Regularity(self._contacts, settings, contacts=True)
+        self.bounces = Regularity(self._contacts, settings)

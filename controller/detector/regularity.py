@@ -6,7 +6,8 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from haptic_wall.controller.detector.half_cycles import HalfCycle, Motion
+from haptic_wall.controller.detector.contacts import Contacts
+from haptic_wall.controller.detector.half_cycles import HalfCycle, HalfCycles
 from haptic_wall.controller.detector.settings import WatchSettings
 from haptic_wall.controller.detector.tuning import TUNING
 
@@ -117,9 +118,9 @@ class Regularity:
         grows: The believed servo makes it, and it becomes larger, evenly.
     """
 
-    def __init__(self, motion: Motion, settings: WatchSettings, *, contacts: bool) -> None:
+    def __init__(self, motion: HalfCycles | Contacts, settings: WatchSettings) -> None:
         """Start without a motion."""
-        self.motion, self.contacts = motion, contacts
+        self.motion, self.contacts = motion, isinstance(motion, Contacts)
         self._settings = settings
         self._streak_sizes: deque[float] = deque(maxlen=TUNING.loss_half_cycles + 2)
         self._sizes: deque[float] = deque(maxlen=_SIZES)
@@ -164,6 +165,15 @@ class Regularity:
     def pulled(self) -> bool:
         """Whether the wall had a part in the last half-cycles; not in a law's free range."""
         return any(one.pull > 0.0 for one in self.motion.last)
+
+    @property
+    def suspect(self) -> bool:
+        """Whether it does not decay, and is regular, saturates the torque, or is too fast."""
+        settings, suspect = self._settings, self.steady
+        if self.size >= settings.threshold:
+            full = saturates(self.motion.last, settings.torque_limit)
+            suspect = self.repeats or full or self.races
+        return suspect and self.motion.gain > TUNING.least_gain
 
     @property
     def repeats(self) -> bool:

@@ -116,10 +116,6 @@ class Watch:
                 self.first_alarm_s = (self._ticks - 1) * self._period
             self.failed = self.failed or backstop.failed or settings.answer == "trip"
 
-    def raise_again(self) -> None:
-        """Restore the guard's gains, and restart the watch."""
-        self.backstop.raise_again()
-
     def resume(self) -> None:
         """Restart the watch after a pause without torque; reductions stay."""
         self.backstop.resume()

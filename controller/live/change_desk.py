@@ -8,11 +8,11 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from haptic_wall.controller.errors import ConfigError, HapticWallError, UserError
+from haptic_wall.controller.guard.bins import Bins
 from haptic_wall.controller.guard.decision_report import decision_report
 from haptic_wall.controller.live.log_events import send_event
 from haptic_wall.controller.live.run_socket import NOT_MADE, OVER
 from haptic_wall.controller.runtime import handover
-from haptic_wall.controller.runtime.assembly import Decided
 from haptic_wall.controller.runtime.changeover import MOST_J, Obstacle
 from haptic_wall.controller.runtime.changes import change_of
 from haptic_wall.controller.runtime.handover import Change, KnownServo, Settled
@@ -112,7 +112,7 @@ class ChangeDesk:
                     return self._not_made(sets, why)
                 wait_s = until_s - time.monotonic()
             self._number += 1
-            change, decided = change_of(self._number, configs[axis], new, self._servos[axis], axis)
+            change, bins = change_of(self._number, configs[axis], new, self._servos[axis], axis)
             handover.offer(self._telemetry, change)
         except ExplainedError as error:
             return self._refused(sets, error)
@@ -123,7 +123,7 @@ class ChangeDesk:
         settled = handover.settled(self._words, change.number)
         if settled is None or settled.row < 0:
             return self._not_made(sets, why)
-        return self._made(sets, axis, new, decided, settled, began_ns)
+        return self._made(sets, axis, new, bins, settled, began_ns)
 
     def _addressed(self, sets: list[str]) -> tuple[int, list[str]]:
         """Return the index of the axis that changes are for, and the changes as for it alone.
@@ -212,14 +212,14 @@ class ChangeDesk:
         sets: list[str],
         axis: int,
         new: Config,
-        decided: Decided,
+        bins: Bins,
         settled: Settled,
         began_ns: int,
     ) -> dict[str, Any]:
         prefix = self._prefix(axis)
         differing = difference(self._configs[axis], new)
         self._configs[axis] = new
-        guard = decision_report(decided.bins.explained(settled.bin))
+        guard = decision_report(bins.explained(settled.bin))
         made_ns = self._made_ns(settled.row)
         answer = {
             "applied": True,

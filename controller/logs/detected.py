@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,26 +21,6 @@ WINDOW = 120_000
 """Samples that are analysed at once, without the overlap: it bounds the memory"""
 BEFORE_S = 10.0
 """Overlap with the window before [s]: the detector needs some half-cycles of an oscillation."""
-
-
-@dataclass(frozen=True, slots=True)
-class Detected:
-    """Result of the detector over a recording."""
-
-    records: tuple[DetectionRecord, ...]
-    """One for each part"""
-    known: Mapping[str, float]
-    """Servo parameters that the detector used; NaN: not known"""
-    state: State
-    """The worst state"""
-    frequency_hz: float
-    """In that state, at its largest amplitude; NaN: none"""
-    amplitude: float
-    """[rad]"""
-    growth: float
-    """[1/s]; NaN: none"""
-    first_alarm_s: float
-    """NaN: none"""
 
 
 _VERDICT = ("state", "frequency_hz", "amplitude_rad", "first_alarm_s")
@@ -73,7 +52,7 @@ def detect_all(
     *,
     stiffness: float = math.nan,
     virtual_damping: float = 0.0,
-) -> Detected:
+) -> tuple[list[DetectionRecord], dict[str, float]]:
     """Run the detector over a recording.
 
     Args:
@@ -82,6 +61,9 @@ def detect_all(
             None: use its own.
         stiffness: Of the wall, where its torque is not recorded [N·m/rad]; NaN: not known.
         virtual_damping: The same [N·m·s/rad].
+
+    Returns:
+        The results of each part, and the servo parameters that were used; NaN: not known.
     """
     known = {
         name: float(getattr(recording, name) if value is None else value)
@@ -97,19 +79,7 @@ def detect_all(
         stiffness,
         virtual_damping,
     )
-    records = tuple(_seen(part, settings) for part in recording.parts)
-    worst = max(records, key=lambda each: (each.worst, each.amplitude[each.worst_at]))
-    at, quiet = worst.worst_at, worst.worst == State.QUIET
-    alarms = [each.first_alarm_s for each in records if not math.isnan(each.first_alarm_s)]
-    return Detected(
-        records,
-        known,
-        worst.worst,
-        math.nan if quiet else float(worst.frequency_hz[at]),
-        0.0 if quiet else float(worst.amplitude[at]),
-        math.nan if quiet else float(worst.growth[at]),
-        alarms[0] if alarms else math.nan,
-    )
+    return [_seen(part, settings) for part in recording.parts], known
 
 
 def _seen(part: Part, settings: Known) -> DetectionRecord:
@@ -120,10 +90,8 @@ def _seen(part: Part, settings: Known) -> DetectionRecord:
         since = max(since, start - WINDOW)
         some = part.sliced(slice(since, start + WINDOW))
         found = detect(some.times, some.positions, some.torques, settings)
-        records.append((found, start - since))
-    names = ("state", "frequency_hz", "amplitude", "growth", "alarm")
-    columns = [[getattr(record, name)[skip:] for record, skip in records] for name in names]
-    return DetectionRecord.of(part.times, *map(np.concatenate, columns))
+        records.append(DetectionRecord._make(column[start - since :] for column in found))
+    return DetectionRecord.joined(records)
 
 
 def verdict_of(log: LogReader) -> Mapping[str, Any] | None:

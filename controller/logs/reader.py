@@ -7,7 +7,6 @@ view, trigger or generated column is ever evaluated.
 from __future__ import annotations
 
 import contextlib
-import errno
 import math
 import sqlite3
 import time
@@ -52,15 +51,8 @@ _STEPS: Final = 10_000
 """Steps of SQLite between two looks at the clock"""
 
 
-@dataclass(frozen=True, slots=True)
-class TimeSpan:
-    """The times t with ``start_s <= t < end_s``, counted from the log's first row [s]."""
-
-    start_s: float = -math.inf
-    end_s: float = math.inf
-
-
-ALL: Final = TimeSpan()
+ALL: Final = -math.inf, math.inf
+"""The stretch that is a whole log"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,14 +66,15 @@ class LogReader:
     """Each request to change the running wall, as in the report's ``changes``"""
     end: Mapping[str, Any] | None
     """The run's report; None: the run goes on, or was killed"""
-    stretch: TimeSpan
+    stretch: tuple[float, float]
+    """The times t with ``stretch[0] <= t < stretch[1]``, counted from the log's first row [s]"""
     axes: tuple[str, ...]
     """Names of the axes; one empty name: the log of one servo"""
     columns: Mapping[str, tuple[str, int]]
     """Columns that are read, as from ``columns_of``"""
 
     @classmethod
-    def open(cls, path: Path, stretch: TimeSpan = ALL) -> LogReader:
+    def open(cls, path: Path, stretch: tuple[float, float] = ALL) -> LogReader:
         """Read everything but the rows; a log that is being written is read as far as it is.
 
         Raises:
@@ -200,8 +193,8 @@ class LogReader:
         if self.stretch == ALL:
             return "", ()
         # Half a nanosecond, so that rounding of 0.003 s does not miss the row at 3 ms.
-        ends = self.stretch.start_s - 5e-10, self.stretch.end_s - 5e-10
-        return "WHERE time_s >= ? AND time_s < ?", ends
+        start_s, end_s = self.stretch
+        return "WHERE time_s >= ? AND time_s < ?", (start_s - 5e-10, end_s - 5e-10)
 
     def count(self) -> int:
         """Return the number of rows of the stretch, without looking at them.
@@ -309,60 +302,57 @@ def _opened(path: Path) -> Iterator[tuple[sqlite3.Connection, tuple[str, ...]]]:
         OSError: It cannot be read.
     """
     refuse_other(path)
-    try:
-        db, axes = _looked_at(path, "mode=ro")
-    except OSError as error:
-        if error.errno not in (errno.EACCES, errno.EROFS):
-            raise
-        db, axes = _looked_at(path, "mode=ro&immutable=1")  # in a folder that cannot be written
-    with contextlib.closing(db):
+    with _refused(path), contextlib.ExitStack() as stack:
         try:
-            yield db, axes
-        except FAILED as error:
-            raise refusal(path, str(error)) from None
-
-
-def _looked_at(path: Path, mode: str) -> tuple[sqlite3.Connection, tuple[str, ...]]:
-    """Return a connection to a file with the tables of a log, and the names of its axes."""
-    db = connected(path, mode)
-    try:
-        db.text_factory = bytes
-        db.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_BYTES)
-        db.setlimit(sqlite3.SQLITE_LIMIT_COLUMN, (1 + MOST_AXES) * len(COLUMNS))
-        db.set_progress_handler(_clock(), _STEPS)
-        for pragma in ("trusted_schema=OFF", "query_only=ON", "cell_size_check=ON"):
-            db.execute(f"PRAGMA {pragma}")
-        tables = {}
-        for name in schema(ONE_AXIS):
-            found = db.execute(
-                "SELECT sql FROM sqlite_master WHERE type = 'table' AND name = ? LIMIT 2", (name,)
-            )
-            tables[name] = [str(sql or b"", "utf-8", "replace") for (sql,) in found]
-        axes = axes_in("".join(tables["rows"]))
-        wanted = schema(axes)
-        wrong = [name for name, found in tables.items() if found != [wanted[name]]]
-        db.set_progress_handler(None, 0)
-    except sqlite3.OperationalError as error:
-        db.close()
-        if error.sqlite_errorcode & 0xFF in _CLOSED:
-            with as_os_error(path):
+            db, axes = _looked_at(path, "mode=ro", stack)
+        except sqlite3.OperationalError as error:
+            if error.sqlite_errorcode & 0xFF not in _NOT_WRITABLE:
                 raise
-        raise refusal(path, str(error)) from None
-    except FAILED as error:
-        db.close()
-        raise refusal(path, str(error)) from None
-    if wrong:
-        db.close()
-        raise refusal(path, f"its table {wrong[0]} is not one that this program makes")
+            db, axes = _looked_at(path, "mode=ro&immutable=1", stack)
+        yield db, axes
+
+
+def _looked_at(
+    path: Path, mode: str, stack: contextlib.ExitStack
+) -> tuple[sqlite3.Connection, tuple[str, ...]]:
+    """Return a connection to a file with the tables of a log, and the names of its axes."""
+    db = stack.enter_context(contextlib.closing(connected(path, mode)))
+    db.text_factory = bytes
+    db.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_BYTES)
+    db.setlimit(sqlite3.SQLITE_LIMIT_COLUMN, (1 + MOST_AXES) * len(COLUMNS))
+    db.set_progress_handler(_clock(), _STEPS)
+    for pragma in ("trusted_schema=OFF", "query_only=ON", "cell_size_check=ON"):
+        db.execute(f"PRAGMA {pragma}")
+    tables = {}
+    for name in schema(ONE_AXIS):
+        found = db.execute(
+            "SELECT sql FROM sqlite_master WHERE type = 'table' AND name = ? LIMIT 2", (name,)
+        )
+        tables[name] = [str(sql or b"", "utf-8", "replace") for (sql,) in found]
+    axes = axes_in("".join(tables["rows"]))
+    wanted = schema(axes)
+    for name, made in tables.items():
+        if made != [wanted[name]]:
+            raise refusal(path, f"its table {name} is not one that this program makes")
+    db.set_progress_handler(None, 0)
     return db, axes
 
 
-_CLOSED: Final = (
-    sqlite3.SQLITE_CANTOPEN,
-    sqlite3.SQLITE_READONLY,
-    sqlite3.SQLITE_BUSY,
-    sqlite3.SQLITE_IOERR,
-)
+@contextlib.contextmanager
+def _refused(path: Path) -> Iterator[None]:
+    """Turn an error of SQLite about the content into a refusal, about the file into an OSError."""
+    with as_os_error(path):
+        try:
+            yield
+        except FAILED as error:
+            if getattr(error, "sqlite_errorcode", 0) & 0xFF in _CLOSED:
+                raise
+            raise refusal(path, str(error)) from None
+
+
+_NOT_WRITABLE: Final = sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY
+"""Errors of a file in a folder that cannot be written"""
+_CLOSED: Final = (*_NOT_WRITABLE, sqlite3.SQLITE_BUSY, sqlite3.SQLITE_IOERR)
 
 
 def _clock() -> Any:  # noqa: ANN401 - a callable

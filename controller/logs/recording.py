@@ -6,7 +6,7 @@ A gap splits the record, because the motion in it is unknown.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -113,17 +113,17 @@ def recording_of_log(path: Path, axis: str | None = None) -> Recording:
         notes.append(f"{np.count_nonzero(~good)} readings failed or were late and are left out")
     age = float(np.median(ages[good])) * 1e-9 if good.any() else 0.0
     gain = belief.torque_gain.value
-    found = Recording(
+    parts = parted(whole, config.period_s, notes)
+    return Recording(
         config.period_s,
-        parted(whole, config.period_s, notes),
+        parts,
         position_step(positions),
-        (),
+        tuple(notes),
         inertia=belief.inertia.value / gain,
         damping=belief.damping.value / gain,
         coulomb=belief.coulomb.value / gain,
         lag=min(age + belief.delay.value, MOST_LAG_S),
     )
-    return replace(found, notes=tuple(notes))
 
 
 def parted(whole: Part, period: float, notes: list[str]) -> tuple[Part, ...]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.columns import COLUMNS, columns_of, values
-from haptic_wall.controller.logs.reader import LogReader, TimeSpan
+from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.runtime.telemetry import ROW
 
 
@@ -52,7 +52,7 @@ def read_log(
         UserError: It cannot be read.
     """
     try:
-        log = LogReader.open(Path(path), TimeSpan(start_s, end_s))
+        log = LogReader.open(Path(path), (start_s, end_s))
         blocks = [*log.ticks()]
     except OSError as error:
         raise UserError(

@@ -5,11 +5,10 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 from haptic_wall.controller.errors import ConfigError, LogFormatError
-from haptic_wall.controller.settings.changes import moved, with_changes
+from haptic_wall.controller.settings.changes import with_changes
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.fields import sections
 from haptic_wall.controller.settings.load import loaded
@@ -28,18 +27,9 @@ class Walls:
     """Sequence number of the first row of each; the first is 0"""
     configs: tuple[Config, ...]
 
-    def index(self, seq: int) -> int:
-        """Return the index of the configuration at a row."""
-        return bisect_right(self.since, seq) - 1
-
-    def moves(self) -> list[int]:
-        """Return the indices of the configurations with another law, or one elsewhere."""
-        pairs = enumerate(pairwise(self.configs), 1)
-        return [index for index, (old, new) in pairs if moved(old, new)]
-
     def at(self, seq: int) -> Config:
         """Return the configuration at a row."""
-        return self.configs[self.index(seq)]
+        return self.configs[bisect_right(self.since, seq) - 1]
 
 
 def walls_of(metadata: Mapping[str, Any], changes: Iterable[Mapping[str, Any]]) -> Walls:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -55,34 +55,14 @@ SLOWEST = 0.05
 """Least speed in passivity control's division by the speed [rad/s]"""
 
 
-@dataclass(frozen=True, slots=True)
-class Decided:
-    """The guard's decisions for every served interval and every sample age."""
-
-    bins: Bins
-    table: GainTable
-    """The numbers of each bin, as ``Bins.decide`` orders them"""
-
-
-def guard_decisions(
-    config: Config,
-    servo: KnownServo,
-    *,
-    program: bool = False,
-    work: Work | None = None,
-) -> Decided:
-    """Compute the guard's decisions for every sample age and every served interval.
-
-    Args: As of ``bins_of``.
-    """
-    bins = bins_of(config, servo, program=program, work=work)
+def gain_table(config: Config, bins: Bins) -> GainTable:
+    """Return the guard's numbers of each bin, as ``Bins.decide`` orders them."""
     decisions = bins.decide()
     most = most_injected(config, bins.situation, decisions)
-    table = GainTable(
+    return GainTable(
         Allowed(each.stiffness, each.damping, each.delay, each.damping_ceiling, injected)
         for each, injected in zip(decisions, most, strict=True)
     )
-    return Decided(bins, table)
 
 
 def bins_of(
@@ -234,7 +214,8 @@ def assembled(
     telemetry: Telemetry,
     inbox: Inbox,
     shared: Shared,
-    decided: Decided,
+    bins: Bins,
+    table: GainTable,
     program: Sequence[Phase],
 ) -> Axis:
     """Return the axis of a servo, with all of its parts.
@@ -245,7 +226,8 @@ def assembled(
         telemetry: Destination of the rows.
         inbox: Changes of the running wall.
         shared: What the watches of all axes share.
-        decided: The guard's decisions.
+        bins: The bins that the guard has decided for.
+        table: Its numbers of each.
         program: Rendered in place of the configuration's law; empty: none is.
     """
     period_ns = config.period_ns
@@ -253,9 +235,9 @@ def assembled(
     facts, wall, safety, kick = servo.facts, config.wall, config.safety, config.servo.kick
     law: Law = Program(program, period, facts.torque_limit) if program else law_of(config, facts)
     schedule = GainSchedule(
-        decided.table,
-        decided.bins.ages_ns,
-        decided.bins.intervals_ns,
+        table,
+        bins.ages_ns,
+        bins.intervals_ns,
         AGE_PERCENTILE,
         max(1, round(AGE_WINDOW_S / period)),
         max(RUN, round(RUN_S / period)),

@@ -272,7 +272,7 @@ class Axis:
             if tick.raises != self._raises:  # the return to the full wall is requested
                 self._raises = tick.raises
                 flags |= FLAG_RAISED
-                watch.raise_again()
+                watch.backstop.raise_again()
             may_raise = self._may_raise or self._may_rise()
             if self.gains.follow(tick.age_ns, tick.interval_ns, may_raise):
                 self._follow_gains()

@@ -59,8 +59,6 @@ class Changeover:
         size: Size of the obstacle found last, in its unit.
     """
 
-    __slots__ = ("_period", "_positions", "_torque", "_torque_limit", "size")
-
     def __init__(self, torque: float, torque_limit: float, period: float) -> None:
         self._torque, self._torque_limit, self._period = torque, torque_limit, period
         self.restart()

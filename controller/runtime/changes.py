@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from haptic_wall.controller.runtime.assembly import (
-    Decided,
-    guard_decisions,
-    law_of,
-    watch_settings,
-)
+from haptic_wall.controller.guard.bins import Bins
+from haptic_wall.controller.runtime.assembly import bins_of, gain_table, law_of, watch_settings
 from haptic_wall.controller.runtime.handover import Change, KnownServo
 from haptic_wall.controller.settings.changes import moved
 from haptic_wall.controller.settings.config import Config
@@ -15,8 +11,8 @@ from haptic_wall.controller.settings.config import Config
 
 def change_of(
     number: int, old: Config, new: Config, servo: KnownServo, axis: int = 0
-) -> tuple[Change, Decided]:
-    """Return a change, and the guard's decisions for it; takes milliseconds to seconds.
+) -> tuple[Change, Bins]:
+    """Return a change, and the bins that the guard has decided for; takes milliseconds to seconds.
 
     Args:
         number: Counts the changes of a run, from 1.
@@ -28,7 +24,7 @@ def change_of(
     Raises:
         ExplainedError: See ``law_of``.
     """
-    decided = guard_decisions(new, servo)
+    bins = bins_of(new, servo)
     law, elsewhere = law_of(new, servo.facts), moved(old, new)
     change = Change(
         number=number,
@@ -40,8 +36,8 @@ def change_of(
         and old.wall.damping == new.wall.damping
         and old.delay.steps == new.delay.steps
         and old.wall.stiffness >= new.wall.stiffness,
-        table=decided.table,
+        table=gain_table(new, bins),
         steps=new.delay.steps,
         axis=axis,
     )
-    return change, decided
+    return change, bins

@@ -107,32 +107,6 @@ class Safety:
         worst_missed: Largest fraction of the periods of half a second without a tick [1].
     """
 
-    __slots__ = (
-        "_at",
-        "_driving",
-        "_elapsed_ns",
-        "_failed",
-        "_gaps",
-        "_given",
-        "_heard_ns",
-        "_high",
-        "_holding",
-        "_in_row",
-        "_limits",
-        "_low",
-        "_missed",
-        "_moved",
-        "_position",
-        "_refused",
-        "_sampled_ns",
-        "_since",
-        "_since_ns",
-        "_window",
-        "found",
-        "refused",
-        "worst_missed",
-    )
-
     def __init__(self, limits: SafetyLimits) -> None:
         self.found = ""
         self._limits = limits

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, Literal
+from typing import Final
 
 from haptic_wall.controller.runtime.axis import Axis, Tick
 from haptic_wall.controller.runtime.handover import Inbox
@@ -11,8 +11,7 @@ from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.telemetry import Word
 from haptic_wall.controller.settings.shares import COLLECT_SHARE
 from haptic_wall.hw.clock import Clock
-from haptic_wall.hw.servo import Bus, Outcome, Reading, Traffic
-from haptic_wall.hw.settings import Schedule
+from haptic_wall.hw.servo import Bus, Outcome, Traffic
 
 LONGER_SHARE: Final = 1.05
 """``COLLECT_SHARE`` after a pipelined reply was lost, until another one is lost [1]. An adapter
@@ -24,21 +23,6 @@ _HEARTBEAT_NS, _CUT = int(Word.HEARTBEAT_NS), int(Word.CUT)
 _TICKS, _MISSED, _RAISE = int(Word.TICKS), int(Word.MISSED), int(Word.RAISE)
 _STOP_AXIS, _OFFERED = int(Word.STOP_AXIS), int(Word.OFFERED)
 _HELD_NS, _OFFSET_NS, _WAITED_NS = int(Word.HELD_NS), int(Word.OFFSET_NS), int(Word.WAITED_NS)
-
-
-def is_pipelined(
-    schedule: Schedule | Literal["auto"], traffic: Traffic | None, period_s: float
-) -> bool:
-    """Whether requests are sent in the period before.
-
-    Args:
-        schedule: As configured.
-        traffic: Of the bus after its start; None: there is none.
-        period_s: The sampling period [s].
-    """
-    if schedule == "auto":
-        return traffic is not None and traffic.longest_s > COLLECT_SHARE * period_s
-    return schedule == "pipelined"
 
 
 class Cycle:
@@ -137,7 +121,9 @@ class Cycle:
         tick.sent_ns = now()
         sent = bus.write(torques)
         if self._pipelined:
-            self._take_turns(readings)
+            if any(reading.outcome is _LOST for reading in readings):  # see ``LONGER_SHARE``
+                turned = self._other_collect_ns, self._collect_ns
+                self._collect_ns, self._other_collect_ns = turned
             bus.request()
 
         self._measure(tick)
@@ -175,8 +161,3 @@ class Cycle:
                 ended = False
         tick.age_ns = sent_ns - oldest_ns
         tick.interval_ns = longest_ns if ended else 0
-
-    def _take_turns(self, readings: Sequence[Reading]) -> None:
-        """After a lost reply wait for the next ones as long as the other fraction says."""
-        if any(reading.outcome is _LOST for reading in readings):
-            self._collect_ns, self._other_collect_ns = self._other_collect_ns, self._collect_ns

@@ -56,17 +56,6 @@ Wait = Callable[[int], int]
 """Waits for a deadline [ns] and returns the present time [ns], at once after it"""
 
 
-def sleeping(clock: Clock) -> Wait:
-    """Return what waits on a clock: on a simulated one it arrives exactly."""
-    wait_until, now_ns = clock.wait_until, clock.now_ns
-
-    def wait(deadline_ns: int) -> int:
-        wait_until(deadline_ns)
-        return now_ns()
-
-    return wait
-
-
 def spinning(margin_ns: int, clock: Clock) -> Wait:
     """Return what sleeps until a margin before the deadline, then spins: latency is spent early.
 
@@ -119,5 +108,10 @@ def waiter_for(clock: Clock, period_ns: int) -> Wait:
         period_ns: Between deadlines [ns]; the measured spin leaves a part of it for sleeping.
     """
     if isinstance(clock, SimulatedClock):
-        return sleeping(clock)
+
+        def arrive(deadline_ns: int) -> int:
+            clock.wait_until(deadline_ns)
+            return clock.now_ns()
+
+        return arrive
     return spinning(min(measured_spin_margin_ns(), int(SPIN_SHARE * period_ns)), clock)

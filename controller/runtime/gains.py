@@ -32,23 +32,6 @@ class Gains:
         schedule: The gain schedule.
     """
 
-    __slots__ = (
-        "_damping_left",
-        "_damping_step",
-        "_damping_wait",
-        "_law",
-        "_most",
-        "_pending",
-        "_ramp_left",
-        "_ramp_ticks",
-        "_stiffness_step",
-        "damping",
-        "highest",
-        "in_force",
-        "schedule",
-        "stiffness",
-    )
-
     def __init__(self, schedule: GainSchedule, law: Law, ramp_ticks: int) -> None:
         self.schedule = schedule
         self._law = law

@@ -116,8 +116,6 @@ class Inbox:
         taken: Number of the last change taken, to be compared with ``Word.OFFERED``.
     """
 
-    __slots__ = ("_halves", "_words", "change", "taken")
-
     def __init__(self, telemetry: Telemetry) -> None:
         self._halves = telemetry.halves
         self._words = telemetry.words

@@ -10,8 +10,6 @@ from haptic_wall.hw.servo import Check
 
 START = "real time:"
 """Beginning of what is told at the start"""
-_ENOUGH_SHARE = 0.9
-"""Fraction of each second for real-time processes: the loop sleeps longer than the rest"""
 
 
 def machine_setup(core: int, root: Path = Path("/")) -> list[Check]:
@@ -48,7 +46,6 @@ def machine_setup(core: int, root: Path = Path("/")) -> list[Check]:
     if governor:
         fix = "" if governor == "performance" else "`sudo cpupower frequency-set -g performance`"
         rows.append(Check("frequency scaling", True, governor, "performance", fix))
-    rows += _throttle(root / "proc/sys/kernel")
     lines = text_of(root / "proc/cpuinfo").splitlines()
     flags = next((line for line in lines if line.startswith("flags")), "")
     if "hypervisor" in flags.split() or text_of(root / "sys/hypervisor/type"):
@@ -83,19 +80,6 @@ def start_text(settings: Sequence[Check], setup: Sequence[Check]) -> str:
     if better := [each.found for each in setup if each.fix]:
         lines.append(f"  could be better: {'; '.join(better)}")
     return "\n".join(lines)
-
-
-def _throttle(kernel: Path) -> list[Check]:
-    runtime, period = (text_of(kernel / f"sched_rt_{name}_us") for name in ("runtime", "period"))
-    if not (runtime and period):
-        return []
-    share = int(runtime) / int(period)
-    found = "never" if share < 0 else f"after {100 * share:.3g} % of {int(period) / 1e6:g} s"
-    enough = share < 0 or share >= _ENOUGH_SHARE
-    fix = "" if enough else "`sudo sysctl kernel.sched_rt_runtime_us=950000`"
-    return [
-        Check("throttling", True, f"real-time processes are halted {found}", "95 % or never", fix)
-    ]
 
 
 def _cores(text: str) -> set[int]:

@@ -167,12 +167,8 @@ def emulator_late(*, granted: bool) -> Problem:
 
 def stall_advice(*, granted: bool) -> str:
     """Return what helps against stalls of the computer; ``granted`` as of ``emulator_late``."""
-    if granted:
-        return (
-            "end programs that keep the cores busy; without a real servo `--set"
-            " loop.clock=simulated` has no stalls"
-        )
+    rights = ", or give this program real-time rights (`sudo scripts/setup-testbed`)"
     return (
-        "end programs that keep the cores busy, or give this program real-time rights (`sudo"
-        " scripts/setup-testbed`); `--set loop.clock=simulated` needs none, without a real servo"
+        f"end programs that keep the cores busy{'' if granted else rights}; without a real servo"
+        " `--set loop.clock=simulated` has no stalls"
     )

@@ -149,15 +149,23 @@ def _known(session: Session, index: int) -> dict[str, Any]:
 
 def _computed(session: Session, index: int, known: dict[str, Any]) -> dict[str, Any]:
     """Return the rest of the report's part on an axis."""
-    axis, bins = session.axes[index], session.decided[index].bins
+    axis, (bins, _) = session.axes[index], session.decided[index]
     config = list(session.configs.values())[index]
     if axis.made is not None:
         config = Config.model_validate_json(axis.made.config)
         bins = bins_of(config, session.servos[index], work=session.work)
+    situation, model = bins.situation, config.model
     decision = bins.explained(axis.gains.schedule.index)
-    situation, missed = bins.situation, session.loop.missed
+    belief, guarded = situation.belief, axis.law.guarded
+    elastic = config.servo.kind == "hardware" or belief.transmission_stiffness.high > 0.0
+    unknown = guarded and model.flexible_hz is None and elastic
+    if guarded:
+        reasons = list(_reasons(config, decision, axis, session.loop.missed, known["bus"]))
+        guard = decision_report(decision, reasons, now=axis.commanded)
+    else:
+        guard = decision_report(decision)
     return {
-        "guard": guard_report(config, decision, axis, missed, situation, known["bus"]),
+        "guard": guard | {"assumed": assumed(belief, decision) if unknown else None},
         "oscillation": oscillation_report(axis.watch),
         "delay_s": delay_report(situation, decision),
     }
@@ -169,37 +177,6 @@ def delay_report(situation: Situation, decision: Decision) -> dict[str, float]:
     # Several bins may share a decision, whose age is that of the oldest; ages are whole ns.
     measured = max(0.0, round(total - inserted - device, 9))
     return {"inserted": inserted, "device": device, "measured": measured, "total": total}
-
-
-def guard_report(
-    config: Config,
-    decision: Decision,
-    axis: Axis,
-    missed: int,
-    situation: Situation,
-    bus: Mapping[str, Any] | None,
-) -> dict[str, Any]:
-    """Return the guard's decision, the commanded values at the end, and why they differ.
-
-    Args:
-        config: The effective configuration.
-        decision: The decision at the end.
-        axis: The axis.
-        missed: Whole periods skipped.
-        situation: Servo and loop.
-        bus: Counts of the servo's replies; None: none travels.
-    """
-    if not axis.law.guarded:
-        return decision_report(decision) | {"assumed": None}
-    model, belief = config.model, situation.belief
-    unknown = model.flexible_hz is None and (
-        config.servo.kind == "hardware" or belief.transmission_stiffness.high > 0.0
-    )
-    reasons = list(_reasons(config, decision, axis, missed, bus))
-    return {
-        **decision_report(decision, reasons, now=axis.commanded),
-        "assumed": assumed(belief, decision) if unknown else None,
-    }
 
 
 def _reasons(

@@ -7,23 +7,26 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from haptic_wall.controller.detector.backstop import Shared
+from haptic_wall.controller.guard.bins import Bins
+from haptic_wall.controller.guard.schedule import GainTable
 from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.runtime.assembly import (
-    Decided,
     assembled,
+    bins_of,
     clip_of,
-    guard_decisions,
+    gain_table,
     situation_of,
 )
 from haptic_wall.controller.runtime.axis import Axis
-from haptic_wall.controller.runtime.cycle import Cycle, is_pipelined
+from haptic_wall.controller.runtime.cycle import Cycle
 from haptic_wall.controller.runtime.deadlines import waiter_for
 from haptic_wall.controller.runtime.handover import Inbox, KnownServo
 from haptic_wall.controller.runtime.loop import Loop
 from haptic_wall.controller.runtime.realtime import freeze_garbage
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.shares import COLLECT_SHARE
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.elastic import ElasticClock
 from haptic_wall.hw.errors import GivenUpError, ServoError
@@ -59,7 +62,7 @@ class Session:
         config: The effective configuration.
         configs: That of each axis, by its name; the name of a single one is empty.
         servos: Of each axis.
-        decided: The guard's decisions for each axis.
+        decided: The bins that the guard decides for, and its numbers, for each axis.
         axes: The axes; there are some after ``start``, like the next ones.
         loop: Serves their ticks.
         pipelined: Requests are sent in the period before.
@@ -89,7 +92,7 @@ class Session:
         self._around = surroundings
         self.torque_asked = False
         self.work = Work()
-        self.decided: list[Decided] = []
+        self.decided: list[tuple[Bins, GainTable]] = []
         self.checks: list[Check] = []
         self._inbox = Inbox(telemetry)
         self.bus = surroundings.open_bus(config.servos(), clock, surroundings.port)
@@ -108,13 +111,14 @@ class Session:
     def _decide(self) -> None:
         """Compute the guard's decisions from the servos' known values, of equal axes once."""
         self._know()
-        known: dict[str, Decided] = {}
+        known: dict[str, tuple[Bins, GainTable]] = {}
         self.decided = []
         for config, servo in self._each():
             asked = repr((config.request(servo.facts.position_step), situation_of(config, servo)))
             if asked not in known:
                 program = bool(self._program)
-                known[asked] = guard_decisions(config, servo, program=program, work=self.work)
+                bins = bins_of(config, servo, program=program, work=self.work)
+                known[asked] = bins, gain_table(config, bins)
             self.decided.append(known[asked])
 
     def _know(self) -> None:
@@ -142,14 +146,16 @@ class Session:
                 self._clock.engage()
             with suppress(GivenUpError):
                 self._start_bus()
-        self.pipelined = is_pipelined(asked, bus.traffic, config.period_ns * 1e-9)
-        if self.pipelined and asked == "auto" and bus.traffic is not None:
-            held_ms = bus.traffic.longest_s * 1e3
-            self._around.tell(f"schedule pipelined: the adapter holds replies for {held_ms:.2g} ms")
+        self.pipelined = asked == "pipelined"
+        longest_s = 0.0 if bus.traffic is None else bus.traffic.longest_s
+        if asked == "auto" and longest_s > COLLECT_SHARE * config.period_ns * 1e-9:
+            self.pipelined = True
+            told = f"the adapter holds replies for {longest_s * 1e3:.2g} ms"
+            self._around.tell(f"schedule pipelined: {told}")
         self._know()
         shared = Shared()
         self.axes = [
-            assembled(one, servo, telemetry, self._inbox, shared, decided, self._program)
+            assembled(one, servo, telemetry, self._inbox, shared, *decided, self._program)
             for (one, servo), decided in zip(self._each(), self.decided, strict=True)
         ]
         self._inbox.tell(self.servos)

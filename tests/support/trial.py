@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.backstop import Shared
 from haptic_wall.controller.detector.watch import oscillation_report
+from haptic_wall.controller.guard.bins import Bins
 from haptic_wall.controller.guard.schedule import Allowed, GainTable
 from haptic_wall.controller.guard.types import Decision
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.runtime.assembly import (
-    Decided,
     assembled,
     bins_of,
-    guard_decisions,
+    gain_table,
     most_injected,
 )
 from haptic_wall.controller.runtime.cycle import Cycle
@@ -180,7 +180,7 @@ def run_trial(
     telemetry.words[Word.HELD_NS] = NO_DEAD_MAN
     known = KnownServo(servo.facts[0], None)
     decided, inbox = _decided(config, known, tuple(sets), wall), Inbox(telemetry)
-    axis = assembled(config, known, telemetry, inbox, Shared(), decided, ())
+    axis = assembled(config, known, telemetry, inbox, Shared(), *decided, ())
     cycle = Cycle(clock, servo, [axis], telemetry.words, inbox, config.period_ns, pipelined=False)
     cycle.wall_on()
     blocks: list[NDArray[np.void]] = []
@@ -229,17 +229,20 @@ def _with_wall(config: Config, wall: WallAsked) -> Config:
     return config.model_copy(update={"wall": config.wall.model_copy(update=changed)})
 
 
-def _decided(config: Config, servo: KnownServo, sets: tuple[str, ...], wall: WallAsked) -> Decided:
+def _decided(
+    config: Config, servo: KnownServo, sets: tuple[str, ...], wall: WallAsked
+) -> tuple[Bins, GainTable]:
     """Return the guard's decisions, or the wall as requested at the guard's delay."""
     if not wall.forced:
-        return guard_decisions(config, servo)
+        bins = bins_of(config, servo)
+        return bins, gain_table(config, bins)
     decision = _decision(sets, servo.facts.torque_limit, servo.facts.counts_per_rev)
     asked = replace(decision, stiffness=wall.stiffness, damping=wall.damping)
     bins = bins_of(config, servo)
     (most,) = most_injected(config, bins.situation, [asked])
     gains = Allowed(asked.stiffness, asked.damping, asked.delay, injected=most)
     bins = replace(bins, ages_ns=[0], intervals_ns=[config.period_ns])
-    return Decided(bins, GainTable([gains, gains]))
+    return bins, GainTable([gains, gains])
 
 
 @lru_cache(maxsize=64)

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from haptic_wall.controller.detector.detection import position_step
-from haptic_wall.controller.logs.detected import Detected, detect_all
+from haptic_wall.controller.detector.detection import DetectionRecord, position_step
+from haptic_wall.controller.logs.detected import detect_all
 from haptic_wall.controller.logs.recording import Part, Recording
 from haptic_wall.controller.theory.checks import FloatArray
 
@@ -25,10 +25,11 @@ class Drawn(NamedTuple):
     """-1: it decays; 0; +1: it grows"""
 
 
-def found(period: float, positions: FloatArray, torques: FloatArray | None) -> Detected:
+def found(period: float, positions: FloatArray, torques: FloatArray | None) -> DetectionRecord:
     times = np.asarray(np.arange(positions.size) * period, np.float64)
     part = Part(times, positions, torques)
-    return detect_all(Recording(period, (part,), position_step(positions), ()), NOTHING)
+    recording = Recording(period, (part,), position_step(positions), ())
+    return detect_all(recording, NOTHING)[0][0]
 
 
 def rounded(values: FloatArray, step: float) -> FloatArray:
@@ -60,9 +61,9 @@ def test_the_state_is_that_of_the_envelope(thorough: bool) -> None:
     for number in range(count):
         one = drawn(np.random.default_rng([7, number]))
         seen = found(one.period, one.positions, one.torques)
-        wrong += seen.state.name.lower() != STATES[one.way]
-        if one.way and seen.state:
-            assert seen.growth * one.way > 0.0, number
+        wrong += seen.worst.name.lower() != STATES[one.way]
+        if one.way and seen.worst:
+            assert seen.growth[seen.worst_at] * one.way > 0.0, number
         assert one.way >= 0 or math.isnan(seen.first_alarm_s), number
     assert wrong <= 0.02 * count
 
@@ -93,8 +94,8 @@ def test_a_wall_with_a_held_torque_grows_or_decays_as_its_friction_says(damping:
     for angle in (0.05, 0.15, 0.25, 0.4):
         for lag in (0, 1):
             seen = found(0.01, *ringing(0.01, angle, damping, lag))
-            assert seen.state.name == ("GROWING" if damping < 1.0 else "DECAYING"), (angle, lag)
-            assert (seen.growth > 0.0) == (damping < 1.0)
+            assert seen.worst.name == ("GROWING" if damping < 1.0 else "DECAYING"), (angle, lag)
+            assert (seen.growth[seen.worst_at] > 0.0) == (damping < 1.0)
             assert math.isnan(seen.first_alarm_s) == (damping > 1.0)
 
 
@@ -121,5 +122,5 @@ def test_unkind_motions(positions: FloatArray, state: str) -> None:
     for torques in (-2.0 * counted, None):
         if torques is None or state != "quiet":
             seen = found(1e-3, counted, torques)
-            assert seen.state.name.lower() == state
+            assert seen.worst.name.lower() == state
             assert math.isnan(seen.first_alarm_s) == (state in ("quiet", "decaying"))

@@ -61,7 +61,7 @@ def test_two_motions_that_beat_are_found_though_no_half_cycle_is_like_the_one_be
 def test_beating_takes_the_torque_of_a_wall_and_no_free_range(pull: float) -> None:
     settings = WatchSettings(1e-3, math.tau / 4096, "reduce", 0, torque_limit=2.0)
     motion = SimpleNamespace(last=deque[HalfCycle](maxlen=4), gain=0.0)
-    seen = Regularity(motion, settings, contacts=False)
+    seen = Regularity(motion, settings)
     for i in range(16):
         duration, end = 0.1 + 0.03 * (i % 3), 0.5 * (-1) ** i
         motion.last.append(HalfCycle(duration, 0.4 + 0.1 * (i % 3), 0.01, pull, 0.0, -end, end))

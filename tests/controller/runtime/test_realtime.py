@@ -1,12 +1,11 @@
 """Real time: the loop's core, what the kernel refuses, and what of the machine could be better."""
 
 import os
-from pathlib import Path
 
 import pytest
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.runtime.machine_setup import machine_setup, start_text
+from haptic_wall.controller.runtime.machine_setup import start_text
 from haptic_wall.controller.runtime.realtime import pick_cores
 from haptic_wall.hw.servo import Check
 
@@ -15,13 +14,6 @@ FIFO = Check("scheduler", True, "SCHED_FIFO 80, reset on fork", "SCHED_FIFO 80")
 REFUSED = Check("memory", False, "refused: no rights", "all memory locked", "sudo prlimit")
 SHARED = Check("core isolation", True, "core 1 is shared", "a core of its own", "isolcpus=1")
 WELL = Check("kernel", True, "PREEMPT_RT", "PREEMPT_RT")
-KERNEL = "proc/sys/kernel/sched_rt"
-
-
-def put(root: Path, files: dict[str, str]) -> None:
-    for path, text in files.items():
-        (root / path).parent.mkdir(parents=True, exist_ok=True)
-        (root / path).write_text(text + "\n")
 
 
 @pytest.mark.parametrize(
@@ -62,16 +54,3 @@ def test_a_refusal_is_told_with_its_remedy() -> None:
         "  memory: wanted all memory locked, refused: no rights; to grant it: sudo prlimit",
         "  could be better: core 1 is shared",
     ]
-
-
-@pytest.mark.parametrize(
-    ("runtime", "found", "well"),
-    [("950000", "after 95 % of 1 s", True), ("-1", "never", True), ("100000", "10 %", False)],
-)
-def test_throttling_matters_where_it_leaves_little(
-    tmp_path: Path, runtime: str, found: str, well: bool
-) -> None:
-    put(tmp_path, {f"{KERNEL}_runtime_us": runtime, f"{KERNEL}_period_us": "1000000"})
-    (row,) = (each for each in machine_setup(1, tmp_path) if each.name == "throttling")
-    assert found in row.found
-    assert (row.fix == "") is well

@@ -143,18 +143,18 @@ def test_an_error_before_the_start_touches_no_servo(
     def broken(*_: object, **__: object) -> NoReturn:
         raise ZeroDivisionError("boom")
 
-    monkeypatch.setattr(session_start, "guard_decisions", broken)
+    monkeypatch.setattr(session_start, "gain_table", broken)
     with pytest.raises(ZeroDivisionError):
         scene.run()
     assert scene.words[Word.STATE] == LoopState.PREPARING
     assert scene.sent == 0
 
 
-def broken_report(*_: object) -> NoReturn:
+def broken_report(*_: object, **__: object) -> NoReturn:
     raise ZeroDivisionError("boom")
 
 
-@pytest.mark.parametrize("part", ["guard_report", "oscillation_report", "delay_report"])
+@pytest.mark.parametrize("part", ["decision_report", "oscillation_report", "delay_report"])
 def test_a_defect_after_the_run_costs_no_more_than_what_it_was_to_tell(
     scene: Scene, part: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -6,7 +6,7 @@ import random
 import pytest
 
 from haptic_wall.controller.errors import ConfigError
-from haptic_wall.controller.runtime.assembly import guard_decisions
+from haptic_wall.controller.runtime.assembly import bins_of, gain_table
 from haptic_wall.controller.runtime.handover import KnownServo
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
@@ -58,7 +58,7 @@ def test_each_accepted_belief_about_a_rigid_servo_has_limits(seed: int) -> None:
         return
     bus = open_bus(config.servos(), SimulatedClock(), None)
     known = KnownServo(bus.facts[0], bus.traffic)
-    decided = guard_decisions(config, known)
-    bins = decided.bins
+    bins = bins_of(config, known)
+    table = gain_table(config, bins)
     indices = range(len(bins.ages_ns) * len(bins.intervals_ns))
-    assert all(0.0 <= decided.table.at(k).stiffness < math.inf for k in indices)
+    assert all(0.0 <= table.at(k).stiffness < math.inf for k in indices)
