@@ -18,11 +18,19 @@ from typing import Final
 from haptic_wall.hw.dynamixel.codec import BROADCAST, Frame, Parser
 from haptic_wall.hw.dynamixel.wire import wire_ns
 from haptic_wall.hw.emulated.adapter import BLOCKS, Adapter
-from haptic_wall.hw.emulated.answers import Answer, addressed, answer
+from haptic_wall.hw.emulated.answers import addressed, answer
 from haptic_wall.hw.emulated.faults import Fault, parse_fault
 from haptic_wall.hw.emulated.injection import SILENCING, FaultEvent, Faults, apply_fault
 from haptic_wall.hw.emulated.servo import EmulatedServo
-from haptic_wall.hw.emulated.traffic import Part, Piece, Reply, id_of, instruction_of, pieces
+from haptic_wall.hw.emulated.traffic import (
+    Answer,
+    Part,
+    Piece,
+    Reply,
+    id_of,
+    instruction_of,
+    pieces,
+)
 from haptic_wall.hw.emulated.witness import Event, Witness
 from haptic_wall.hw.plant.arm import couple
 from haptic_wall.hw.truth import TrueArm
