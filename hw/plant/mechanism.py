@@ -165,10 +165,7 @@ class Mechanism:
                 self._pass(acts_ns)
             self._act(torque)
         if now_ns > self.time_ns:
-            if self._loop is None:
-                self._move(now_ns)
-            else:
-                self._pass(now_ns)
+            self._pass(now_ns)
         if self._hand is not None:
             self._grasp = self._hand.look(now_ns)
 
@@ -250,11 +247,6 @@ class Mechanism:
         while pending and pending[0][0] <= now_ns:
             self._act(pending.popleft()[1])
         end_ns = pending[0][0] if pending else FOREVER_NS
-        if self._operator_ns is not None:
-            if now_ns >= self._operator_ns:
-                self._take_up(self._operator_ns)
-            else:
-                end_ns = min(end_ns, self._operator_ns)
         self.held, turn_ns = self._grip(now_ns)
         if self._loop is not None:
             end_ns = min(end_ns, self._loop.end_ns)
@@ -298,8 +290,8 @@ class Mechanism:
                 self._z = self._z[:]
                 self.time_ns = loop.begin_ns
             end_ns = until_ns if loop.steady else loop.end_ns
-            if self._operator_ns is not None:
-                end_ns = min(end_ns, max(self._operator_ns, self.time_ns + 1))
+            if self._operator_ns is not None and self._operator_ns > self.time_ns:
+                end_ns = min(end_ns, self._operator_ns)
             stop_ns = min(end_ns, until_ns)
             self._torque, self._braking = loop.hold(stop_ns)
             self._move(stop_ns)
@@ -312,13 +304,6 @@ class Mechanism:
 
     def _move(self, until_ns: int) -> None:
         """Move under the acting torque, divided where the operator starts or changes its slope."""
-        if self._operator_ns is not None and until_ns >= self._operator_ns:
-            begin_ns, self._operator_ns = self._operator_ns, None
-            if begin_ns > self.time_ns:
-                self._move(begin_ns)
-            self._take_up(begin_ns)
-            if until_ns == begin_ns:
-                return
         now_ns = self.time_ns
         while now_ns < until_ns:
             hand, turn_ns = self._grip(now_ns)
@@ -327,19 +312,23 @@ class Mechanism:
             now_ns = cut_ns
         self.time_ns = until_ns
 
-    def _take_up(self, begin_ns: int) -> None:
-        """Let the scripted operator act from ``begin_ns`` [ns] on."""
-        self._operator = operator_of(replace(self._true, position=self.position))
-        self._start_ns, self._operator_ns = begin_ns, None
-
     def _grip(self, now_ns: int) -> tuple[Hand, int]:
-        """Return the operator at ``now_ns``, and until when the reference keeps its slope [ns]."""
+        """Return the operator at ``now_ns``, and until when the reference keeps its slope [ns].
+
+        A scripted operator that has waited until then takes the shaft.
+        """
+        begin_ns = FOREVER_NS if self._operator_ns is None else self._operator_ns
+        if now_ns >= begin_ns:
+            self._operator = operator_of(replace(self._true, position=self.position))
+            self._start_ns, self._operator_ns, begin_ns = begin_ns, None, FOREVER_NS
         if self._grasp is not None:
-            return held_by(self._grasp, now_ns)
-        if self._operator is None:
-            return NOBODY, FOREVER_NS
-        hand, turn_ns = self._operator.pull(now_ns - self._start_ns)
-        return hand, self._start_ns + turn_ns
+            hand, turn_ns = held_by(self._grasp, now_ns)
+        elif self._operator is None:
+            hand, turn_ns = NOBODY, FOREVER_NS
+        else:
+            hand, turn_ns = self._operator.pull(now_ns - self._start_ns)
+            turn_ns += self._start_ns
+        return hand, min(turn_ns, begin_ns)
 
     def _step(self, hand: Hand, length_ns: int) -> None:
         """Move for a time under the acting torque."""
