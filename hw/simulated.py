@@ -70,7 +70,7 @@ class SimulatedBus:
     def start(self) -> list[list[Check]]:
         """Start their time; there is nothing to check."""
         now_ns = self._instant()
-        self._mechanisms = [Mechanism(true, now_ns, operator_waits=True) for true in self._trues]
+        self._mechanisms = [Mechanism(true, now_ns) for true in self._trues]
         couple(self._arm, self._mechanisms)
         for mechanism in self._mechanisms:
             mechanism.engage_operator(now_ns)

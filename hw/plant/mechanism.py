@@ -43,7 +43,6 @@ class Mechanism:
         *,
         velocity: float = 0.0,
         winding: Winding | None = None,
-        operator_waits: bool = False,
         operator: OperatorModel | None = None,
     ) -> None:
         """Create a servo at ``true.position``, with no torque, at ``start_ns`` [ns].
@@ -54,8 +53,8 @@ class Mechanism:
             velocity: Velocity of the shaft at that time, of both masses [rad/s].
             winding: Its motor; None: ``true.torque_limit`` and ``true.no_load_speed``. Only a servo
                 with back-EMF has a use for it.
-            operator_waits: The scripted operator does not act until ``engage_operator``.
-            operator: Moves the servo from ``start_ns`` on, in place of ``true.hand``.
+            operator: Moves the servo from ``start_ns`` on; the one of ``true.hand`` only does
+                after ``engage_operator``.
         """
         self.mechanics = mechanics_of(true)
         self.arm: Callable[[int], None] | None = None
@@ -71,8 +70,7 @@ class Mechanism:
         self._z = [velocity, 0.0, velocity] + [0.0] * (ROOM - 3)
         self._on_motor = true.encoder == "motor"
         self._true = true
-        scripted = None if operator_waits else operator_of(true)
-        self._operator: OperatorModel | None = scripted if operator is None else operator
+        self._operator = operator
         self._hand: SharedHand | None = None
         self._grasp: Grasp | None = None
         self._operator_ns: int | None = None
@@ -88,8 +86,7 @@ class Mechanism:
         self._loop = CurrentLoop(true, drive, start_ns) if drive.acts else None
         self._stepped = self._state()
         """The state where the present step of the current loop began"""
-        errors = EncoderErrors(true)
-        self._errors = None if errors.none else errors
+        self._errors = EncoderErrors(true)
         self._origin_ns = start_ns
         self.time_ns = start_ns
 
@@ -230,12 +227,10 @@ class Mechanism:
     def measured(self) -> tuple[float, int]:
         """Return the encoder's position [rad] and its counts; 0 if it does not count."""
         per_radian, errors = self._counts_per_radian, self._errors
-        seen, noise = self._followed, 0.0
-        if errors is not None:
-            seen, noise = errors.position(seen), errors.noise(self.time_ns - self._origin_ns)
+        seen = errors.position(self._followed)
         if per_radian == 0.0:
             return seen, 0
-        counts = round(seen * per_radian + noise)
+        counts = round(seen * per_radian + errors.noise(self.time_ns - self._origin_ns))
         return counts / per_radian, counts
 
     def begin(self) -> int:
