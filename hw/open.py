@@ -136,7 +136,6 @@ def open_bus(
         return simulated
     from haptic_wall.hw.dynamixel.group import DynamixelGroup
 
-    drivers = [one.driver() for one in servos]
     if descriptor is None and not bus.port and bus.true is not None:
         if not isinstance(clock, SimulatedClock):
             raise PortError(
@@ -144,13 +143,13 @@ def open_bus(
                 advice="set loop.clock=simulated, or start `haptic-wall emulate` and set "
                 "servo.port to its path.",
             )
-        return DynamixelGroup(drivers, _memory_line(servos, clock))
+        return DynamixelGroup(servos, _memory_line(servos, clock))
 
     from haptic_wall.hw.serialport.line import FdLine
 
     line = FdLine(_opened(bus) if descriptor is None else descriptor, clock)
     try:
-        return DynamixelGroup(drivers, line)
+        return DynamixelGroup(servos, line)
     except BaseException:
         line.close()
         raise

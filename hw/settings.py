@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Final, Literal
 
 from haptic_wall.hw.truth import TrueArm, TrueServo
@@ -63,8 +63,3 @@ class ServoSettings(DriverSettings):
     """Injected faults of an emulated bus, in the syntax of ``haptic_wall.hw.emulated.faults``"""
     fault_seed: int = 0
     """Seed of those faults' random choices"""
-
-    def driver(self) -> DriverSettings:
-        """Return the driver's part."""
-        names = (part.name for part in fields(DriverSettings))
-        return DriverSettings(**{name: getattr(self, name) for name in names})

@@ -45,9 +45,6 @@ class SimulatedBus:
         self._trues = trues
         self._arm = arm
         self._now_ns = clock.now_ns
-        self._written: Sequence[float] = ()
-        """The last torques, which act from ``_written_ns`` on; applied when time advances"""
-        self._written_ns = 0
         self._grain_ns = 1 if isinstance(clock, SimulatedClock) else GRAIN_NS
         self._mechanisms = [Mechanism(true, self._instant()) for true in trues]
         couple(arm, self._mechanisms)
@@ -73,22 +70,22 @@ class SimulatedBus:
     def start(self) -> list[list[Check]]:
         """Start their time; there is nothing to check."""
         now_ns = self._instant()
-        self._mechanisms = [Mechanism(true, now_ns, operator_waits=True) for true in self._trues]
+        self._mechanisms = [Mechanism(true, now_ns) for true in self._trues]
         couple(self._arm, self._mechanisms)
         for mechanism in self._mechanisms:
             mechanism.engage_operator(now_ns)
         for mechanism, hand in zip(self._mechanisms, self._hands, strict=False):
             mechanism.take_hand(hand)
-        self._readings, self._written = [], ()
+        self._readings = []
         self._running = True
         return [[] for _ in self._mechanisms]
 
     def request(self) -> None:
         """Sample the positions now."""
         now_ns = self._now_ns()
-        self._pass_until(now_ns - now_ns % self._grain_ns)
         self._readings = []
         for mechanism in self._mechanisms:
+            mechanism.advance(now_ns - now_ns % self._grain_ns)
             position, counts = mechanism.measured()
             self._readings.append(Reading(Outcome.OK, position, counts, now_ns, math.nan, False))
 
@@ -120,17 +117,16 @@ class SimulatedBus:
             for mechanism, torque in zip(self._mechanisms, torques, strict=True)
         ]
         now_ns = self._instant()
-        if self._written:  # the last torques acted until now
-            self._pass_until(now_ns)
-        self._written, self._written_ns = acting, now_ns
+        for mechanism, torque in zip(self._mechanisms, acting, strict=True):
+            mechanism.take(torque, now_ns)
         return acting
 
     def stop(self) -> bool:
         """Switch the torques off; the servos move on by themselves. Always succeeds."""
         if self._running:
-            self._pass_until(self._instant())
+            now_ns = self._instant()
             for mechanism in self._mechanisms:
-                mechanism.release(mechanism.time_ns)
+                mechanism.release(now_ns)
             self._running = False
         return True
 
@@ -143,14 +139,6 @@ class SimulatedBus:
         self._hands = [hand.of(axis) for axis in range(len(self._mechanisms))]
         for mechanism, own in zip(self._mechanisms, self._hands, strict=True):
             mechanism.take_hand(own)
-
-    def _pass_until(self, now_ns: int) -> None:
-        """Move until ``now_ns`` [ns], with the last torques."""
-        written, self._written = self._written, ()
-        for mechanism, torque in zip(self._mechanisms, written, strict=False):
-            mechanism.take(torque, self._written_ns)
-        for mechanism in self._mechanisms:
-            mechanism.advance(now_ns)
 
     def _instant(self) -> int:
         now_ns = self._now_ns()

@@ -72,7 +72,7 @@ def examine(
         servos = config.servos()
         with _port_of(config, servos) as path:
             axes = zip(config.each, servos, strict=True)
-            checkup.bus({name: replace(one.driver(), port=path) for name, one in axes})
+            checkup.bus({name: replace(one, port=path) for name, one in axes})
     else:
         why = f"a servo of the backend {config.servo.backend} is not examined"
         if config.servo.kind == "simulated":

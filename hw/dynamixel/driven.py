@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from contextlib import suppress
-from dataclasses import replace
 from typing import Final
 
 from haptic_wall.hw.dynamixel.exchange import Exchange
@@ -144,7 +143,7 @@ class Driven:
     def begin(self, seen: Seen) -> None:
         """Take the limits that the start has read; from now on watch for pauses: torque is on."""
         self.law = seen.law
-        self.bounds = seen.bounds(self.units)
+        self.bounds = seen.bounds
         self.heard_ns = self.table.clock.now_ns()
         if self.table.read("bus_watchdog") != self.units:
             self.look(0)  # a stall in the start has tripped it
@@ -194,12 +193,12 @@ class Driven:
             )
         for kind, find in (("supply", bounds.supply_fault), ("temperature", bounds.heat_fault)):
             if kind in values:
-                fault = find(values[kind])
+                fault, advice = find(values[kind])
                 self.health[kind] = values[kind]
                 self._strikes[kind] = self._strikes[kind] + 1 if fault else 0
-                if fault is not None and self._strikes[kind] >= _TWICE:
-                    raise ServoHealthError(replace(fault, what=f"The {name} {fault.what}"))
-        if values.get("bus watchdog", bounds.watchdog) != bounds.watchdog:
+                if self._strikes[kind] >= _TWICE:
+                    raise ServoHealthError(f"The {name} {fault}", advice=f"{advice}.")
+        if values.get("bus watchdog", self.units) != self.units:
             self.look(0)
 
     def resume(self, now_ns: int) -> None:

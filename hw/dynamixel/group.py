@@ -131,18 +131,15 @@ class DynamixelGroup:
                     with _about(one):
                         one.resume(self._now_ns())  # idle meanwhile
             self._polls = HealthPolls(exchange, self._baud, self._period_s, hold_s)
-        except ServoError as error:
+        except BaseException as error:
             self._off()
             left = ", ".join(one.facts.name for one in self.left_on if one.known)
-            if not left:
+            if not left or not isinstance(error, ServoError):
                 raise
             told = f"Torque off of {left} could not be read back: switch the power off."
             more = type(error)(Problem(str(error), advice=told, mark=" "))
             more.id = error.id
             raise more from error.__cause__
-        except BaseException:
-            self._off()
-            raise
         traffic = self.traffic
         traffic.longest_s = self._polls.longest_s
         traffic.counts = []

@@ -23,7 +23,6 @@ from haptic_wall.hw.dynamixel.samples import LENGTHS, SAMPLE_ADDRESS, SAMPLE_END
 from haptic_wall.hw.dynamixel.station import Station
 from haptic_wall.hw.dynamixel.tables import REGISTERS
 from haptic_wall.hw.dynamixel.wire import asking_s, poll_bytes, wire_s
-from haptic_wall.hw.errors import Problem, ServoError
 
 EVERY_NS: Final = 200_000_000
 """Period of the polls of a single servo"""
@@ -56,8 +55,6 @@ _BLOCKS: Final = (
 class DrivingRange:
     """The range in which a servo may be driven: the limits in its registers, read at the start."""
 
-    watchdog: int
-    """Setting of Bus Watchdog [20 ms]"""
     lowest: int
     """Min Voltage Limit [0.1 V]"""
     highest: int
@@ -70,27 +67,20 @@ class DrivingRange:
         """Return the highest temperature at which the servo is driven [°C]."""
         return self.hottest - _HEAT_MARGIN
 
-    def supply_fault(self, volts: int) -> Problem | None:
-        """Return the fault of a supply voltage [0.1 V]; None if it is in range."""
+    def supply_fault(self, volts: int) -> tuple[str, str]:
+        """Return the fault of a supply voltage [0.1 V], and the remedy; empty: it is in range."""
         if self.lowest <= volts <= self.highest:
-            return None
-        return Problem(
-            f"is supplied with {volts / 10:g} V, wanted {self.lowest / 10:g} to "
-            f"{self.highest / 10:g} V",
-            advice="check the supply, its current limit and the cable.",
-            mark=ServoError.mark,
-        )
+            return "", ""
+        wanted = f"wanted {self.lowest / 10:g} to {self.highest / 10:g} V"
+        advice = "check the supply, its current limit and the cable"
+        return f"is supplied with {volts / 10:g} V, {wanted}", advice
 
-    def heat_fault(self, celsius: int) -> Problem | None:
-        """Return the fault of a temperature [°C]; None if it is low enough."""
+    def heat_fault(self, celsius: int) -> tuple[str, str]:
+        """Return the fault of a temperature [°C], and the remedy; empty: it is low enough."""
         if celsius <= self.warmest:
-            return None
-        return Problem(
-            f"has {celsius} °C, wanted at most {self.warmest} °C (it shuts down above "
-            f"{self.hottest} °C)",
-            advice="let it cool, and ask for less torque.",
-            mark=ServoError.mark,
-        )
+            return "", ""
+        wanted = f"wanted at most {self.warmest} °C (it shuts down above {self.hottest} °C)"
+        return f"has {celsius} °C, {wanted}", "let it cool, and ask for less torque"
 
 
 class HealthPolls:

@@ -1,4 +1,4 @@
-"""Registers of a servo, with their addresses and units, from family, supply and firmware.
+"""Registers of a servo, with their addresses and units, and what differs between the families.
 
 Registers below 64 live in EEPROM and are locked while torque is enabled. Position 0 rad is count 0.
 Where the manual gives no number: Model Information reads 0; External Port Data takes 12 bits; goals
@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Final, Literal, NamedTuple
 
 Family = Literal["X430", "X540", "XW430", "XW540", "X330"]
@@ -80,7 +79,7 @@ WATCHDOG_FIRMWARE: Final = 38
 """First firmware with Bus Watchdog and Drive Mode; the X330 always had them"""
 
 # name, address, size, writable, default, (minimum, maximum)
-_COMMON: Final[tuple[tuple[str, int, int, bool, int, tuple[int, int]], ...]] = (
+COMMON: Final[tuple[tuple[str, int, int, bool, int, tuple[int, int]], ...]] = (
     ("model_number", 0, 2, False, 0, (0, 0xFFFF)),
     ("model_information", 2, 4, False, 0, (0, 0xFFFF_FFFF)),
     ("firmware_version", 6, 1, False, 0, _ANY_8),
@@ -137,8 +136,8 @@ _COMMON: Final[tuple[tuple[str, int, int, bool, int, tuple[int, int]], ...]] = (
 )
 
 # Per family: missing registers, other (default, minimum, maximum), additional registers.
-_ABSENT: Final[Mapping[str, tuple[str, ...]]] = {"XW430": ("led",), "XW540": ("led",)}
-_OTHERWISE: Final[Mapping[str, Mapping[str, tuple[int, int, int]]]] = {
+ABSENT: Final[Mapping[str, tuple[str, ...]]] = {"XW430": ("led",), "XW540": ("led",)}
+OTHERWISE: Final[Mapping[str, Mapping[str, tuple[int, int, int]]]] = {
     "X330": {
         "baud_rate": (1, 0, 6),
         # The values between 2 and 20 are unused; 20 to 22 are protocols of remote controls.
@@ -147,67 +146,10 @@ _OTHERWISE: Final[Mapping[str, Mapping[str, tuple[int, int, int]]]] = {
         "velocity_limit": (0, 0, 2047),
     },
 }
-_BESIDES: Final[Mapping[str, tuple[Register, ...]]] = {
+BESIDES: Final[Mapping[str, tuple[Register, ...]]] = {
     "X540": (
         *(Register(f"external_port_mode_{n}", 55 + n, 1, True, 3, 0, 3) for n in (1, 2, 3)),
         *(Register(f"external_port_data_{n}", 150 + 2 * n, 2, True, 0, 0, 4095) for n in (1, 2, 3)),
     ),
     "X330": (Register("pwm_slope", 62, 1, True, 140, 1, 255),),
 }
-
-
-def fast_read_firmware(family: Family) -> int:
-    """Return the first firmware with fast reads, torque-on-by-goal-update and backup."""
-    return 46 if family == "X330" else 45
-
-
-def control_table(
-    family: Family,
-    firmware: int,
-    *,
-    voltage: float,
-    current_limit: int,
-    factory: Mapping[str, int],
-) -> Mapping[str, Register]:
-    """Return the registers of a servo, by name, in the order of addresses.
-
-    Args:
-        family: Decides which registers exist.
-        firmware: Decides which of them exist already.
-        voltage: Nominal supply [V], which decides the range of its limits.
-        current_limit: Largest and factory value [current units].
-        factory: Factory settings that differ from the family's.
-    """
-    absent = {*_ABSENT.get(family, ()), *_not_yet(family, firmware)}
-    otherwise = dict(_OTHERWISE.get(family, {}))
-    otherwise["current_limit"] = (current_limit, 0, current_limit)
-    otherwise["drive_mode"] = (0, 0, 15 if family == "X540" else 13)
-    highest, lowest, low, high = _voltage_limits(family, voltage)
-    otherwise["max_voltage_limit"] = (highest, low, high)
-    otherwise["min_voltage_limit"] = (lowest, low, high)
-    table = []
-    for name, address, size, writable, default, (minimum, maximum) in _COMMON:
-        if name not in absent:
-            values = otherwise.get(name, (default, minimum, maximum))
-            table.append(Register(name, address, size, writable, *values))
-    table += _BESIDES.get(family, ())
-    table = [r._replace(default=factory.get(r.name, r.default)) for r in table]
-    table.sort(key=lambda register: register.address)
-    return MappingProxyType({register.name: register for register in table})
-
-
-def _not_yet(family: Family, firmware: int) -> set[str]:
-    """Return the registers that came with a later firmware."""
-    missing = set()
-    if firmware < fast_read_firmware(family):
-        missing |= {"startup_configuration", "backup_ready"}
-    if firmware < WATCHDOG_FIRMWARE and family != "X330":
-        missing |= {"bus_watchdog", "drive_mode"}
-    return missing
-
-
-def _voltage_limits(family: Family, voltage: float) -> tuple[int, int, int, int]:
-    """Return Max and Min Voltage Limit from the factory, and the range of both [0.1 V]."""
-    if family == "X330":
-        return (140, 55, 55, 140) if voltage > 10 else (70, 35, 31, 70)
-    return (300, 110, 110, 300) if voltage > 20 else (160, 95, 95, 160)

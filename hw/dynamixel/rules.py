@@ -63,14 +63,11 @@ class Seen:
         """Return the factory setting of a register."""
         return self.table.registers[name].default
 
-    def bounds(self, watchdog: int) -> DrivingRange:
-        """Return the range in which the servo may be driven.
-
-        Args:
-            watchdog: Setting of Bus Watchdog [20 ms].
-        """
+    @property
+    def bounds(self) -> DrivingRange:
+        """Return the range in which the servo may be driven."""
         names = ("min_voltage_limit", "max_voltage_limit", "temperature_limit")
-        return DrivingRange(watchdog, *(self[name] for name in names))
+        return DrivingRange(*(self[name] for name in names))
 
 
 class Verdict(NamedTuple):
@@ -255,20 +252,17 @@ def _current_limit(seen: Seen) -> Verdict:
 
 
 def _supply(seen: Seen) -> Verdict:
-    volts, bounds = seen.volts, seen.bounds(0)
-    why = advice = ""
-    if fault := bounds.supply_fault(seen["present_input_voltage"]):
-        why, advice = f"It {fault.what}", fault.advice.rstrip(".")
+    bounds = seen.bounds
+    fault, advice = bounds.supply_fault(seen["present_input_voltage"])
     wanted = f"{bounds.lowest / 10:g} to {bounds.highest / 10:g} V"
-    return Verdict(f"{volts:g} V", wanted, why, advice)
+    return Verdict(f"{seen.volts:g} V", wanted, fault and f"It {fault}", advice)
 
 
 def _temperature(seen: Seen) -> Verdict:
-    celsius, bounds = seen["present_temperature"], seen.bounds(0)
-    why = advice = ""
-    if fault := bounds.heat_fault(celsius):
-        why, advice = f"It {fault.what}", fault.advice.rstrip(".")
-    return Verdict(f"{celsius} °C", f"at most {bounds.warmest} °C", why, advice)
+    celsius, bounds = seen["present_temperature"], seen.bounds
+    fault, advice = bounds.heat_fault(celsius)
+    wanted = f"at most {bounds.warmest} °C"
+    return Verdict(f"{celsius} °C", wanted, fault and f"It {fault}", advice)
 
 
 _SUPPLY: Final = ("present_input_voltage", "min_voltage_limit", "max_voltage_limit")

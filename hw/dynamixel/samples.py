@@ -117,7 +117,6 @@ class SampleRequest:
 
     Attributes:
         blocks: Address and length of each servo's block, by id.
-        length: Of the blocks that are not wide.
         used: All lengths.
         frames: The request on the wire; of servos that are read one by one, one for each.
         expected: Recognises the undisturbed replies; None: each is searched for.
@@ -135,7 +134,6 @@ class SampleRequest:
         self.blocks = dict.fromkeys(ids, (address, length))
         if wide is not None:
             self.blocks[wide[0]] = wide[1:]
-        self.length = length
         self.used = {size for _, size in self.blocks.values()}
         self.expected: ExpectedReplies | None = None
         self.parts: Sequence[int] = ()

@@ -15,8 +15,6 @@ _DRIFT: Final = 0.02
 _TRUST_NS: Final = 10_000_000_000
 """Pause after which a tick, which wraps every 33 s, proves nothing"""
 _NEVER_NS: Final = -1 << 62
-_PROOFS: Final = 3
-"""Samples that prove that the last accepted one was a late one"""
 
 
 class Station:
@@ -45,16 +43,12 @@ class Station:
         self._tick = 0
         """Of the last accepted sample; the servo has read it between these two [ns]:"""
         self._since_ns = self._until_ns = _NEVER_NS
-        self._ahead = 0
-        """How many samples since then are newer than that one allows"""
-        self._ahead_ns = 0  # when the last of these was requested [ns]
 
     def accept(self, tick: int, sent_ns: int, now_ns: int) -> bool:
         """Whether a sample answers this request: its tick has advanced by the time that passed.
 
         A stall of computer or adapter delays requests and replies, in their order. So a servo has
-        read a tick before its reply was received, and after the tick of the reply before. Samples
-        that are too new show that the last accepted one was late.
+        read a tick before its reply was received, and after the tick of the reply before.
 
         Args:
             tick: The servo's tick.
@@ -63,7 +57,7 @@ class Station:
         """
         passed_ns = sent_ns - self._since_ns
         ahead_ns = (tick - self._tick) % TICK_MODULUS * 1_000_000 - passed_ns
-        if -_SLACK_NS <= ahead_ns <= _SLACK_NS >= passed_ns and not self._ahead:
+        if -_SLACK_NS <= ahead_ns <= _SLACK_NS >= passed_ns:
             self._tick, self._since_ns, self._until_ns = tick, sent_ns, sent_ns  # the usual case
             return True
         if passed_ns > _TRUST_NS:
@@ -71,12 +65,7 @@ class Station:
         advance_ns = ((tick - self._tick + _HALF) % TICK_MODULUS - _HALF) * 1_000_000
         first_ns, end_ns = self._since_ns + advance_ns, self._until_ns + advance_ns
         slack_ns = _SLACK_NS + _DRIFT * passed_ns
-        if first_ns > sent_ns + slack_ns:
-            if sent_ns != self._ahead_ns:
-                self._ahead += 1
-                self._ahead_ns = sent_ns
-            return self._ahead >= _PROOFS and self._take(tick, sent_ns, now_ns)
-        if advance_ns < 0 or sent_ns > end_ns + slack_ns:
+        if advance_ns < 0 or sent_ns > end_ns + slack_ns or first_ns > sent_ns + slack_ns:
             return False
         # The tick was read between the bounds that both samples give.
         begin_ns = min(max(sent_ns, first_ns), now_ns)
@@ -84,5 +73,4 @@ class Station:
 
     def _take(self, tick: int, since_ns: int, until_ns: int) -> bool:
         self._tick, self._since_ns, self._until_ns = tick, since_ns, until_ns
-        self._ahead = 0
         return True

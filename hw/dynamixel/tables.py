@@ -17,17 +17,23 @@ from types import MappingProxyType
 from typing import Final
 
 from haptic_wall.hw.dynamixel.registers import (
+    ABSENT,
+    BESIDES,
+    COMMON,
+    OTHERWISE,
     VELOCITY_UNIT,
+    WATCHDOG_FIRMWARE,
     Family,
     Register,
-    control_table,
-    fast_read_firmware,
 )
 
-_SHUTDOWN_OF: Final[Mapping[str, int]] = {"XL330-M077": 53, "XL330-M288": 53}
-"""Shutdown from the factory where it is not the family's"""
-_SLOPE_OF: Final[Mapping[str, int]] = {"XC330-T181": 255, "XC330-T288": 255}
-"""The same of PWM Slope"""
+_FACTORY: Final[Mapping[str, Mapping[str, int]]] = {
+    "XL330-M077": {"shutdown": 53},
+    "XL330-M288": {"shutdown": 53},
+    "XC330-T181": {"pwm_slope": 255},
+    "XC330-T288": {"pwm_slope": 255},
+}
+"""Settings from the factory that are not the family's, by the model's name"""
 NO_CURRENT_MODE: Final[dict[int, str]] = {
     1060: "XL430-W250",
     1070: "XC430-W150",
@@ -94,7 +100,7 @@ class Model:
     @property
     def fast_sync_read_firmware(self) -> int:
         """Return the first firmware with fast reads, torque-on-by-goal-update and backup."""
-        return fast_read_firmware(self.family)
+        return 46 if self.family == "X330" else 45
 
     def knows_fast_reads(self, firmware: int) -> bool:
         """Whether it replies to fast sync and fast bulk reads."""
@@ -122,18 +128,37 @@ class Model:
 
 @cache
 def _control_table(model: Model, firmware: int) -> Mapping[str, Register]:
+    family, limit = model.family, model.current_limit
+    highest, lowest, low, high = _voltage_limits(family, model.voltage)
+    otherwise = {
+        **OTHERWISE.get(family, {}),
+        "current_limit": (limit, 0, limit),
+        "drive_mode": (0, 0, 15 if family == "X540" else 13),
+        "max_voltage_limit": (highest, low, high),
+        "min_voltage_limit": (lowest, low, high),
+    }
+    absent = {*ABSENT.get(family, ())}
+    if not model.knows_fast_reads(firmware):
+        absent |= {"startup_configuration", "backup_ready"}
+    if firmware < WATCHDOG_FIRMWARE and family != "X330":
+        absent |= {"bus_watchdog", "drive_mode"}
+    table = [*BESIDES.get(family, ())]
+    for name, address, size, writable, default, (minimum, maximum) in COMMON:
+        if name not in absent:
+            values = otherwise.get(name, (default, minimum, maximum))
+            table.append(Register(name, address, size, writable, *values))
     factory = {"model_number": model.number, "velocity_limit": model.velocity_limit}
-    if model.name in _SHUTDOWN_OF:
-        factory["shutdown"] = _SHUTDOWN_OF[model.name]
-    if model.name in _SLOPE_OF:
-        factory["pwm_slope"] = _SLOPE_OF[model.name]
-    return control_table(
-        model.family,
-        firmware,
-        voltage=model.voltage,
-        current_limit=model.current_limit,
-        factory=factory,
-    )
+    factory |= _FACTORY.get(model.name, {})
+    table = [r._replace(default=factory.get(r.name, r.default)) for r in table]
+    table.sort(key=lambda register: register.address)
+    return MappingProxyType({register.name: register for register in table})
+
+
+def _voltage_limits(family: Family, voltage: float) -> tuple[int, int, int, int]:
+    """Return Max and Min Voltage Limit from the factory, and the range of both [0.1 V]."""
+    if family == "X330":
+        return (140, 55, 55, 140) if voltage > 10 else (70, 35, 31, 70)
+    return (300, 110, 110, 300) if voltage > 20 else (160, 95, 95, 160)
 
 
 _ALL: Final = (

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
-from typing import NamedTuple
 
 from haptic_wall.hw.dynamixel.codec import (
     BROADCAST,
@@ -15,7 +14,7 @@ from haptic_wall.hw.dynamixel.codec import (
     encode_fast_status,
     encode_status,
 )
-from haptic_wall.hw.emulated.collision import Sending, collide, pull_low
+from haptic_wall.hw.emulated.collision import collide, pull_low
 from haptic_wall.hw.emulated.instructions import (
     READS,
     Entry,
@@ -23,7 +22,7 @@ from haptic_wall.hw.emulated.instructions import (
     entries,
 )
 from haptic_wall.hw.emulated.servo import EmulatedServo
-from haptic_wall.hw.emulated.traffic import Part, id_of
+from haptic_wall.hw.emulated.traffic import Answer, Part
 
 SLOT_NS = 3_000_000
 """Time for a missing id in a ping for all [ns]"""
@@ -31,18 +30,6 @@ _AHEAD = 8
 """Bytes of a joint reply before its parts"""
 _FAST = (Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ)
 _ById = Mapping[int, Sequence[EmulatedServo]]
-
-
-class Answer(NamedTuple):
-    """A reply to be sent."""
-
-    delay_ns: int
-    """Time from the end of the bytes before it on the wire to its first byte [ns]"""
-    frame: Frame
-    """The first one where several servos with one id reply at once"""
-    parts: Sequence[Part]
-    """The frame's bytes, or the result of a collision; a joint reply has a part for each servo
-    behind its beginning, perhaps not for all"""
 
 
 def addressed(frame: Frame) -> list[int] | None:
@@ -77,7 +64,7 @@ def _direct(frame: Frame, servos: Sequence[EmulatedServo], now_ns: int) -> list[
     The reply uses the servo's settings before the instruction: a write may change its id, delay or
     level.
     """
-    sendings = []
+    replies = []
     for servo in servos:
         if frame.error != ErrorCode.CRC:
             servo.heard(now_ns)
@@ -86,8 +73,8 @@ def _direct(frame: Frame, servos: Sequence[EmulatedServo], now_ns: int) -> list[
         error, params = carry_out(frame, servo, now_ns)
         ping, read = frame.instruction == Instruction.PING, frame.instruction == Instruction.READ
         if ping or level == 2 or (read and level == 1):
-            sendings.append(_status(servo, frame.id, error, params, delay_ns, baud))
-    return _on_the_wire(sendings)
+            replies.append(_status(servo, frame.id, error, params, delay_ns))
+    return collide(replies, baud) if len(replies) > 1 else replies
 
 
 def _broadcast(
@@ -130,13 +117,12 @@ def _listed(frame: Frame, listed: Iterable[Entry], by_id: _ById, now_ns: int) ->
     answers = []
     for entry in listed:
         part = Frame(entry.id, single, 0, entry.params)
-        sendings = []
+        replies = []
         for servo in by_id.get(entry.id, ()):
             error, params = carry_out(part, servo, now_ns)
             if reads and servo.memory["status_return_level"]:
-                delay_ns, baud = servo.return_delay_ns, servo.baud
-                sendings.append(_status(servo, entry.id, error, params, delay_ns, baud))
-        answers += _on_the_wire(sendings)
+                replies.append(_status(servo, entry.id, error, params, servo.return_delay_ns))
+        answers += collide(replies, servo.baud) if len(replies) > 1 else replies
     return answers
 
 
@@ -188,24 +174,7 @@ def _share(entry: Entry, servos: Sequence[EmulatedServo], now_ns: int) -> FastRe
     return FastReply(entry.id, share[0], share[1:])
 
 
-def _status(
-    servo: EmulatedServo,
-    id: int,  # noqa: A002
-    error: int,
-    params: bytes,
-    delay_ns: int,
-    baud: int,
-) -> Sending:
+def _status(servo: EmulatedServo, id_: int, error: int, params: bytes, delay_ns: int) -> Answer:
     error |= servo.alert
-    frame = Frame(id, Instruction.STATUS, error, params)
-    return Sending(delay_ns, baud, frame, encode_status(id, error, params))
-
-
-def _on_the_wire(sendings: Sequence[Sending]) -> list[Answer]:
-    if len(sendings) == 1:  # the normal case
-        (sending,) = sendings
-        return [Answer(sending.delay_ns, sending.frame, [Part(sending.frame.id, sending.wire)])]
-    return [
-        Answer(delay_ns, frame, [Part(id_of(wire), wire)])
-        for delay_ns, frame, wire in collide(sendings)
-    ]
+    frame = Frame(id_, Instruction.STATUS, error, params)
+    return Answer(delay_ns, frame, [Part(id_, encode_status(id_, error, params))])

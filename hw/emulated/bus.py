@@ -18,11 +18,19 @@ from typing import Final
 from haptic_wall.hw.dynamixel.codec import BROADCAST, Frame, Parser
 from haptic_wall.hw.dynamixel.wire import wire_ns
 from haptic_wall.hw.emulated.adapter import BLOCKS, Adapter
-from haptic_wall.hw.emulated.answers import Answer, addressed, answer
+from haptic_wall.hw.emulated.answers import addressed, answer
 from haptic_wall.hw.emulated.faults import Fault, parse_fault
 from haptic_wall.hw.emulated.injection import SILENCING, FaultEvent, Faults, apply_fault
 from haptic_wall.hw.emulated.servo import EmulatedServo
-from haptic_wall.hw.emulated.traffic import Part, Piece, Reply, id_of, instruction_of, pieces
+from haptic_wall.hw.emulated.traffic import (
+    Answer,
+    Part,
+    Piece,
+    Reply,
+    id_of,
+    instruction_of,
+    pieces,
+)
 from haptic_wall.hw.emulated.witness import Event, Witness
 from haptic_wall.hw.plant.arm import couple
 from haptic_wall.hw.truth import TrueArm
@@ -212,11 +220,8 @@ class EmulatedBus:
         self._coming.append(Piece(arrival_ns, duration_ns, self.host_baud, data))
 
     def _send_damaged(self, piece: bytes, now_ns: int) -> None:
-        """Put bytes from the host on the wire, changed by the faults."""
+        """Put bytes from the host on the wire, as the faults leave them."""
         passage = self._faults.pass_frame([Part(id_of(piece), piece)], "request", now_ns)
-        if passage is None:
-            self._put(piece, now_ns, len(piece))
-            return
         for id_, name in passage.names:
             shown, code = BROADCAST if id_ is None else id_, instruction_of(piece)
             self._note(now_ns, "fault", shown, id_, code=code, fault=name)
@@ -265,8 +270,7 @@ class EmulatedBus:
         names: Sequence[tuple[int | None, str]] = ()
         if self._faults.strikes_frames:
             passage = self._faults.pass_frame(reply.parts, "reply", begin_ns)
-            if passage is not None:
-                wire, gaps, names = b"".join(passage.chunks), passage.gaps, passage.names
+            wire, gaps, names = b"".join(passage.chunks), passage.gaps, passage.names
         self._free_ns = begin_ns + wire_ns(max(len(wire), count), baud)
         self._going.append(
             Reply(begin_ns, self._free_ns, baud, reply.frame, reply.parts, wire, gaps, names)

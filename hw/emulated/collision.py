@@ -9,38 +9,30 @@ differ, but be as useless.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
 
-from haptic_wall.hw.dynamixel.codec import Frame
 from haptic_wall.hw.dynamixel.wire import wire_ns
+from haptic_wall.hw.emulated.traffic import Answer, Part, id_of
 
 
-class Sending(NamedTuple):
-    """Bytes that one servo begins to send after its return delay."""
-
-    delay_ns: int
-    baud: int
-    frame: Frame
-    wire: bytes
-
-
-def collide(sendings: Sequence[Sending]) -> Iterator[tuple[int, Frame, bytes]]:
-    """Yield overlaid replies: delay behind the bytes before [ns], first frame, received bytes."""
-    waiting = sorted(sendings, key=lambda sending: sending.delay_ns)
-    over_ns = 0
+def collide(replies: Sequence[Answer], baud: int) -> list[Answer]:
+    """Overlay the replies of servos that begin to send after their return delays [bit/s]."""
+    waiting = sorted(replies, key=lambda reply: reply.delay_ns)
+    byte_ns, over_ns, heard = wire_ns(1, baud), 0, []
     while waiting:
         first = waiting[0]
-        byte_ns = wire_ns(1, first.baud)
-        end_ns = first.delay_ns + len(first.wire) * byte_ns
+        end_ns = first.delay_ns + len(first.parts[0].wire) * byte_ns
         together = []
         while waiting and waiting[0].delay_ns < end_ns:
-            sending = waiting.pop(0)
-            lead = b"\xff" * round((sending.delay_ns - first.delay_ns) / byte_ns)
-            together.append(lead + sending.wire)
+            reply = waiting.pop(0)
+            lead = b"\xff" * round((reply.delay_ns - first.delay_ns) / byte_ns)
+            together.append(lead + reply.parts[0].wire)
             end_ns = max(end_ns, first.delay_ns + len(together[-1]) * byte_ns)
-        yield max(0, first.delay_ns - over_ns), first.frame, pull_low(together)
+        wire = pull_low(together)
+        delay_ns = max(0, first.delay_ns - over_ns)
+        heard.append(Answer(delay_ns, first.frame, [Part(id_of(wire), wire)]))
         over_ns = end_ns
+    return heard
 
 
 def pull_low(sent: Sequence[bytes]) -> bytes:

@@ -190,8 +190,8 @@ class Faults:
         """Return the active faults, and how often each has occurred."""
         return [(acting.fault.text, acting.done) for acting in self._all()]
 
-    def pass_frame(self, parts: Sequence[Part], way: str, now_ns: int) -> Passage | None:
-        """Pass a frame through the faults; None: no fault hits it.
+    def pass_frame(self, parts: Sequence[Part], way: str, now_ns: int) -> Passage:
+        """Pass a frame through the faults.
 
         Args:
             parts: The frame; of a joint reply its beginning, with the id for all, and then the part
@@ -203,7 +203,7 @@ class Faults:
         passage = Passage([wire]) if len(parts) == 1 else self._pass_parts(parts, now_ns)
         struck = [acting for acting in self._frames if acting.strikes(id_, way, now_ns)]
         self._strike(struck, passage, id_)
-        return passage if passage.names else None
+        return passage
 
     def deaf(self, ids: Collection[int], now_ns: int) -> list[tuple[int, str]]:
         """Return which of the servos with these ids do not hear a joint instruction, and why."""

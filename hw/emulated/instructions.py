@@ -5,61 +5,40 @@ Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0", instruction details.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from types import MappingProxyType
 from typing import NamedTuple
 
 from haptic_wall.hw.dynamixel.codec import ErrorCode, Frame, Instruction
 from haptic_wall.hw.emulated.servo import EmulatedServo
 
-_Done = tuple[int, bytes]
 
-
-def carry_out(frame: Frame, servo: EmulatedServo, now_ns: int) -> _Done:
+def carry_out(frame: Frame, servo: EmulatedServo, now_ns: int) -> tuple[int, bytes]:
     """Execute ``frame`` at ``now_ns`` [ns]; the caller decides whether a reply is sent.
 
     Returns:
         The error code and the reply's parameters.
     """
+    params = frame.params
     if frame.error == ErrorCode.CRC:
         return ErrorCode.CRC, b""
-    act = _INSTRUCTIONS.get(frame.instruction)
-    return (ErrorCode.INSTRUCTION, b"") if act is None else act(frame, servo, now_ns)
-
-
-def _ping(_frame: Frame, servo: EmulatedServo, _now_ns: int) -> _Done:
-    return ErrorCode.NONE, servo.model.number.to_bytes(2, "little") + bytes([servo.firmware])
-
-
-def _read(frame: Frame, servo: EmulatedServo, now_ns: int) -> _Done:
-    address = int.from_bytes(frame.params[:2], "little")
-    size = int.from_bytes(frame.params[2:4], "little")
-    if len(frame.params) != 4 or not size:
-        return ErrorCode.DATA_LENGTH, b""
-    data = servo.read(address, size, now_ns)
-    return (ErrorCode.ACCESS, b"") if data is None else (ErrorCode.NONE, data)
-
-
-def _write(frame: Frame, servo: EmulatedServo, now_ns: int) -> _Done:
-    params = frame.params
-    if len(params) < 3:
-        return ErrorCode.DATA_LENGTH, b""
-    return servo.write(int.from_bytes(params[:2], "little"), params[2:], now_ns), b""
-
-
-def _reboot(_frame: Frame, servo: EmulatedServo, now_ns: int) -> _Done:
-    servo.reboot(now_ns)
-    return ErrorCode.NONE, b""
-
-
-_INSTRUCTIONS: Mapping[int, Callable[[Frame, EmulatedServo, int], _Done]] = MappingProxyType(
-    {
-        Instruction.PING: _ping,
-        Instruction.READ: _read,
-        Instruction.WRITE: _write,
-        Instruction.REBOOT: _reboot,
-    }
-)
+    address = int.from_bytes(params[:2], "little")
+    match frame.instruction:
+        case Instruction.PING:
+            number = servo.model.number.to_bytes(2, "little")
+            return ErrorCode.NONE, number + bytes([servo.firmware])
+        case Instruction.READ:
+            size = int.from_bytes(params[2:4], "little")
+            if len(params) != 4 or not size:
+                return ErrorCode.DATA_LENGTH, b""
+            data = servo.read(address, size, now_ns)
+            return (ErrorCode.ACCESS, b"") if data is None else (ErrorCode.NONE, data)
+        case Instruction.WRITE:
+            if len(params) < 3:
+                return ErrorCode.DATA_LENGTH, b""
+            return servo.write(address, params[2:], now_ns), b""
+        case Instruction.REBOOT:
+            servo.reboot(now_ns)
+            return ErrorCode.NONE, b""
+    return ErrorCode.INSTRUCTION, b""
 
 
 READS = frozenset(

@@ -94,9 +94,7 @@ class EmulatedServo:
         # Servos of one bus share their truth, but not their noise.
         seed = (true.noise_seed << 8) + id
         own = replace(true, noise_seed=seed, counts_per_rev=COUNTS_PER_REV)
-        self.mechanism = Mechanism(
-            own, start_ns, winding=motor.winding(model.voltage), operator_waits=True
-        )
+        self.mechanism = Mechanism(own, start_ns, winding=motor.winding(model.voltage))
         self._held = self._by_hand = False
         self.answers_from_ns = start_ns
         """End of its boot [ns]"""

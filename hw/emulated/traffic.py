@@ -33,6 +33,18 @@ class Piece(NamedTuple):
     data: bytes
 
 
+class Answer(NamedTuple):
+    """A reply to be sent."""
+
+    delay_ns: int
+    """Time from the end of the bytes before it on the wire to its first byte [ns]"""
+    frame: Frame
+    """The first one where several servos with one id reply at once"""
+    parts: Sequence[Part]
+    """The frame's bytes, or the result of a collision; a joint reply has a part for each servo
+    behind its beginning, perhaps not for all"""
+
+
 class Reply(NamedTuple):
     """A reply that is scheduled or on the wire."""
 

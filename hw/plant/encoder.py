@@ -24,13 +24,10 @@ class EncoderErrors:
         self._amplitude, self._phase = true.encoder_eccentricity, true.encoder_phase
         self._noise, self._seed = true.encoder_noise, true.noise_seed
 
-    @property
-    def none(self) -> bool:
-        """Whether the encoder has no errors."""
-        return self._amplitude == 0.0 and self._noise == 0.0
-
     def position(self, position: float) -> float:
         """Return the position that the encoder sees [rad], without noise."""
+        if self._amplitude == 0.0:
+            return position
         return position + self._amplitude * math.sin(position + self._phase)
 
     def noise(self, elapsed_ns: int) -> float:

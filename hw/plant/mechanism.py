@@ -43,7 +43,6 @@ class Mechanism:
         *,
         velocity: float = 0.0,
         winding: Winding | None = None,
-        operator_waits: bool = False,
         operator: OperatorModel | None = None,
     ) -> None:
         """Create a servo at ``true.position``, with no torque, at ``start_ns`` [ns].
@@ -54,8 +53,8 @@ class Mechanism:
             velocity: Velocity of the shaft at that time, of both masses [rad/s].
             winding: Its motor; None: ``true.torque_limit`` and ``true.no_load_speed``. Only a servo
                 with back-EMF has a use for it.
-            operator_waits: The scripted operator does not act until ``engage_operator``.
-            operator: Moves the servo from ``start_ns`` on, in place of ``true.hand``.
+            operator: Moves the servo from ``start_ns`` on; the one of ``true.hand`` only does
+                after ``engage_operator``.
         """
         self.mechanics = mechanics_of(true)
         self.arm: Callable[[int], None] | None = None
@@ -71,8 +70,7 @@ class Mechanism:
         self._z = [velocity, 0.0, velocity] + [0.0] * (ROOM - 3)
         self._on_motor = true.encoder == "motor"
         self._true = true
-        scripted = None if operator_waits else operator_of(true)
-        self._operator: OperatorModel | None = scripted if operator is None else operator
+        self._operator = operator
         self._hand: SharedHand | None = None
         self._grasp: Grasp | None = None
         self._operator_ns: int | None = None
@@ -88,8 +86,7 @@ class Mechanism:
         self._loop = CurrentLoop(true, drive, start_ns) if drive.acts else None
         self._stepped = self._state()
         """The state where the present step of the current loop began"""
-        errors = EncoderErrors(true)
-        self._errors = None if errors.none else errors
+        self._errors = EncoderErrors(true)
         self._origin_ns = start_ns
         self.time_ns = start_ns
 
@@ -165,10 +162,7 @@ class Mechanism:
                 self._pass(acts_ns)
             self._act(torque)
         if now_ns > self.time_ns:
-            if self._loop is None:
-                self._move(now_ns)
-            else:
-                self._pass(now_ns)
+            self._pass(now_ns)
         if self._hand is not None:
             self._grasp = self._hand.look(now_ns)
 
@@ -233,12 +227,10 @@ class Mechanism:
     def measured(self) -> tuple[float, int]:
         """Return the encoder's position [rad] and its counts; 0 if it does not count."""
         per_radian, errors = self._counts_per_radian, self._errors
-        seen, noise = self._followed, 0.0
-        if errors is not None:
-            seen, noise = errors.position(seen), errors.noise(self.time_ns - self._origin_ns)
+        seen = errors.position(self._followed)
         if per_radian == 0.0:
             return seen, 0
-        counts = round(seen * per_radian + noise)
+        counts = round(seen * per_radian + errors.noise(self.time_ns - self._origin_ns))
         return counts / per_radian, counts
 
     def begin(self) -> int:
@@ -250,11 +242,6 @@ class Mechanism:
         while pending and pending[0][0] <= now_ns:
             self._act(pending.popleft()[1])
         end_ns = pending[0][0] if pending else FOREVER_NS
-        if self._operator_ns is not None:
-            if now_ns >= self._operator_ns:
-                self._take_up(self._operator_ns)
-            else:
-                end_ns = min(end_ns, self._operator_ns)
         self.held, turn_ns = self._grip(now_ns)
         if self._loop is not None:
             end_ns = min(end_ns, self._loop.end_ns)
@@ -298,8 +285,8 @@ class Mechanism:
                 self._z = self._z[:]
                 self.time_ns = loop.begin_ns
             end_ns = until_ns if loop.steady else loop.end_ns
-            if self._operator_ns is not None:
-                end_ns = min(end_ns, max(self._operator_ns, self.time_ns + 1))
+            if self._operator_ns is not None and self._operator_ns > self.time_ns:
+                end_ns = min(end_ns, self._operator_ns)
             stop_ns = min(end_ns, until_ns)
             self._torque, self._braking = loop.hold(stop_ns)
             self._move(stop_ns)
@@ -312,13 +299,6 @@ class Mechanism:
 
     def _move(self, until_ns: int) -> None:
         """Move under the acting torque, divided where the operator starts or changes its slope."""
-        if self._operator_ns is not None and until_ns >= self._operator_ns:
-            begin_ns, self._operator_ns = self._operator_ns, None
-            if begin_ns > self.time_ns:
-                self._move(begin_ns)
-            self._take_up(begin_ns)
-            if until_ns == begin_ns:
-                return
         now_ns = self.time_ns
         while now_ns < until_ns:
             hand, turn_ns = self._grip(now_ns)
@@ -327,19 +307,23 @@ class Mechanism:
             now_ns = cut_ns
         self.time_ns = until_ns
 
-    def _take_up(self, begin_ns: int) -> None:
-        """Let the scripted operator act from ``begin_ns`` [ns] on."""
-        self._operator = operator_of(replace(self._true, position=self.position))
-        self._start_ns, self._operator_ns = begin_ns, None
-
     def _grip(self, now_ns: int) -> tuple[Hand, int]:
-        """Return the operator at ``now_ns``, and until when the reference keeps its slope [ns]."""
+        """Return the operator at ``now_ns``, and until when the reference keeps its slope [ns].
+
+        A scripted operator that has waited until then takes the shaft.
+        """
+        begin_ns = FOREVER_NS if self._operator_ns is None else self._operator_ns
+        if now_ns >= begin_ns:
+            self._operator = operator_of(replace(self._true, position=self.position))
+            self._start_ns, self._operator_ns, begin_ns = begin_ns, None, FOREVER_NS
         if self._grasp is not None:
-            return held_by(self._grasp, now_ns)
-        if self._operator is None:
-            return NOBODY, FOREVER_NS
-        hand, turn_ns = self._operator.pull(now_ns - self._start_ns)
-        return hand, self._start_ns + turn_ns
+            hand, turn_ns = held_by(self._grasp, now_ns)
+        elif self._operator is None:
+            hand, turn_ns = NOBODY, FOREVER_NS
+        else:
+            hand, turn_ns = self._operator.pull(now_ns - self._start_ns)
+            turn_ns += self._start_ns
+        return hand, min(turn_ns, begin_ns)
 
     def _step(self, hand: Hand, length_ns: int) -> None:
         """Move for a time under the acting torque."""

@@ -73,11 +73,6 @@ class FdLine:
         poll.register(descriptor, select.POLLIN)
         self._poll = poll.poll
 
-    @property
-    def descriptor(self) -> int:
-        """Return the port's descriptor; -1 once it is closed."""
-        return self._descriptor
-
     def write(self, data: bytes) -> None:
         """Send all of ``data``, in one piece unless the output buffer is full.
 

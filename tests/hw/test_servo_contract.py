@@ -11,12 +11,15 @@ import pytest
 
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.errors import ServoError
+from haptic_wall.hw.open import open_bus
 from haptic_wall.hw.servo import Bus, Check, Outcome, Reading
+from haptic_wall.hw.settings import ServoSettings
 from haptic_wall.hw.simulated import SimulatedBus
 from haptic_wall.hw.truth import TrueServo
-from tests.support.buses import TRUE, emulated_bus
 
 PERIOD_NS = 1_000_000
+TRUE = TrueServo(inertia=0.012, damping=0.012, coulomb=0.09)
+EMULATED = ServoSettings(baud=4_000_000, model="XM430-W350", probe_torque=0.0, backend="dynamixel")
 LOADED = TrueServo(
     inertia=0.012,
     damping=0.012,
@@ -244,7 +247,8 @@ class TestEmulated(BusContract):
     def make_rig(self) -> Rig:
         clock = SimulatedClock(start_ns=7 * PERIOD_NS)
         period_ns = PERIOD_NS if len(self.trues) < 6 else 2 * PERIOD_NS  # their replies take long
-        return Rig(emulated_bus(self.trues, clock), clock, period_ns)
+        servos = [replace(EMULATED, id=n, true=true) for n, true in enumerate(self.trues, start=1)]
+        return Rig(open_bus(servos, clock), clock, period_ns)
 
 
 class TestEmulatedTwoWithALoad(TestEmulated):

@@ -107,7 +107,7 @@ def run_in_memory(
             adapter=None if adapter is None else Adapter(*adapter, 0),
         )
         buses.append(bus)
-        return DynamixelGroup([one.driver() for one in servos], MemoryLine(bus, clock))
+        return DynamixelGroup(servos, MemoryLine(bus, clock))
 
     def tell(text: str) -> None:
         if "torque is on" in text:

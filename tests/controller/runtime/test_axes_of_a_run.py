@@ -183,7 +183,7 @@ def opened(
     ]
     assert isinstance(clock, SimulatedClock)
     line = MemoryLine(EmulatedBus(truths, baud=servos[0].baud, start_ns=0), clock)
-    return DynamixelGroup([one.driver() for one in servos], line), truths
+    return DynamixelGroup(servos, line), truths
 
 
 def test_a_servo_that_is_refused_is_named_with_its_axis() -> None:

@@ -16,16 +16,13 @@ from haptic_wall.hw.dynamixel.codec import (
     encode_fast_status,
     encode_status,
 )
+from haptic_wall.hw.emulated.instructions import READS, entries
 from haptic_wall.hw.serialport.line import Line
 
 US = 1_000
 MS = 1_000_000
 APART = 100_000_000
 """Distance of the positions of two servos [counts]"""
-
-
-SYNC_READS = (Instruction.SYNC_READ, Instruction.FAST_SYNC_READ)
-BULK_READS = (Instruction.BULK_READ, Instruction.FAST_BULK_READ)
 
 
 class ClockLine:
@@ -61,14 +58,8 @@ class ClockLine:
                 reply = encode_status(frame.id, 0, bytes([0xFC, 0x03, 48]))  # an XM430-W350
             elif frame.instruction == Instruction.READ:
                 reply = encode_status(frame.id, 0, self.block(frame.id, frame.params, now))
-            elif frame.instruction in (*SYNC_READS, *BULK_READS):
-                wanted = [(id_, frame.params[:4]) for id_ in frame.params[4:]]
-                if frame.instruction in BULK_READS:
-                    wanted = [
-                        (frame.params[at], frame.params[at + 1 : at + 5])
-                        for at in range(0, len(frame.params), 5)
-                    ]
-                blocks = {id_: self.block(id_, params, now) for id_, params in wanted}
+            elif frame.instruction in READS:
+                blocks = {id_: self.block(id_, params, now) for id_, params in entries(frame)}
                 if frame.instruction in (Instruction.SYNC_READ, Instruction.BULK_READ):
                     reply = b"".join(encode_status(id_, 0, block) for id_, block in blocks.items())
                 else:

@@ -15,6 +15,7 @@ from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.errors import SpecError
 from haptic_wall.hw.plant.arm import Arm, bias_of, couple, inertia_of
 from haptic_wall.hw.plant.mechanism import Mechanism
+from haptic_wall.hw.plant.operator_model import operator_of
 from haptic_wall.hw.simulated import SimulatedBus
 from haptic_wall.hw.truth import TrueArm, TrueServo
 
@@ -73,7 +74,9 @@ def test_links_without_inertia_change_nothing() -> None:
     )
     held = TrueServo(inertia=0.01, damping=0.0, coulomb=0.05, hand="tap", hand_origin=0.3)
     trues = [uneven, quick, quick, held]
-    alone, joined = ([Mechanism(true, 0) for true in trues] for _ in range(2))
+    alone, joined = (
+        [Mechanism(true, 0, operator=operator_of(true)) for true in trues] for _ in range(2)
+    )
     Arm(NONE, joined[:2])
     Arm(NONE, joined[2:])
     for step in range(500):

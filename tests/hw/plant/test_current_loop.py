@@ -84,7 +84,7 @@ def test_the_instants_at_which_it_is_looked_at_do_not_matter(
         **values,
     )
     rng = random.Random(3)
-    often, seldom = (Mechanism(true, 0, operator_waits=True) for _ in range(2))
+    often, seldom = (Mechanism(true, 0) for _ in range(2))
     for mechanism in (often, seldom):
         mechanism.engage_operator(123_457)
     for k in range(1500):
