@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,7 +53,7 @@ def _report(made: list[Made], files: list[Path]) -> dict[str, Any]:
     from haptic_wall.controller.paper.table2 import SOURCES
 
     table = next((entry.table for entry in made if entry.table is not None), None)
-    worst = table and {source: dataclasses.asdict(table.worst(source)) for source in SOURCES}
+    worst = table and {source: table.worst(source) for source in SOURCES}
     return {"files": files, "table2": worst}
 
 

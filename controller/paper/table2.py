@@ -32,17 +32,6 @@ SOURCES = ("theory", "simulation")
 
 
 @dataclass(frozen=True, slots=True)
-class Worst:
-    """The cell with the largest error."""
-
-    error_percent: float
-    """Signed: positive where ours is above the printed value"""
-    delay_samples: float
-    virtual_damping: float
-    """[N·s/m]"""
-
-
-@dataclass(frozen=True, slots=True)
 class Table2:
     """All cells; stiffness [N/m] of shape (delays, virtual dampings)."""
 
@@ -60,15 +49,20 @@ class Table2:
         result: FloatArray = 100.0 * (values / self.printed - 1.0)
         return result
 
-    def worst(self, source: str) -> Worst:
-        """Return the cell with the largest error of ``theory`` or ``simulation``."""
+    def worst(self, source: str) -> dict[str, float]:
+        """Return the cell with the largest error of ``theory`` or ``simulation``.
+
+        Returns:
+            ``error_percent`` (positive where ours is above the printed value), ``delay_samples``
+            and ``virtual_damping`` [N·s/m].
+        """
         error = self.error_percent(source)
         row, column = np.unravel_index(np.argmax(np.abs(error)), error.shape)
-        return Worst(
-            float(error[row, column]),
-            float(self.delay_samples[row]),
-            float(self.virtual_damping[column]),
-        )
+        return {
+            "error_percent": float(error[row, column]),
+            "delay_samples": float(self.delay_samples[row]),
+            "virtual_damping": float(self.virtual_damping[column]),
+        }
 
 
 def compare() -> Table2:
@@ -165,10 +159,9 @@ def text(table: Table2) -> str:
 def worst_text(table: Table2) -> list[str]:
     """Return a line for theory and one for simulation: the worst cell."""
     return [
-        f"worst by {source}: {worst.error_percent:+.4f} % at t_d/T = {worst.delay_samples:g},"
-        f" B = {worst.virtual_damping:g} N·s/m"
+        "worst by {}: {error_percent:+.4f} % at t_d/T = {delay_samples:g},"
+        " B = {virtual_damping:g} N·s/m".format(source, **table.worst(source))
         for source in SOURCES
-        for worst in [table.worst(source)]
     ]
 
 
