@@ -42,7 +42,7 @@ def test_a_released_shaft_swings_as_its_spring_says(tmp_path: Path) -> None:
             Phase(2.0, stiffness),
         ],
     )
-    swing = played.phase(1)["position"]
+    swing = played.rows["position"][played.rows["phase"] == 1]
     origin = played.rows["position"][0]
     crossings = np.flatnonzero(np.diff(np.sign(swing - origin)))
     period = 2 * np.mean(np.diff(crossings)) * 1e-3
@@ -50,7 +50,6 @@ def test_a_released_shaft_swings_as_its_spring_says(tmp_path: Path) -> None:
         2 * np.pi * np.sqrt(not_none(config.servo.inertia) / stiffness), rel=0.01
     )
     assert swing[0] - origin == pytest.approx(0.05, abs=1e-3)
-    assert played.ended.stop_reason == "duration"
     assert played.log.exists()
 
 
