@@ -9,13 +9,11 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from haptic_wall.controller.report import style
 from haptic_wall.controller.theory import critical_stiffness
+from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.truth import TrueServo
-
-FloatArray = NDArray[np.float64]
 
 INERTIA = 1.0
 """[kg]"""
