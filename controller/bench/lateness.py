@@ -146,11 +146,10 @@ def _limiter(core: int) -> Turn:
         PlatformError: It reported nothing.
     """
     ticks = _WARM_UP_TICKS + _TICKS
-    orders = {"core": core, "ticks": ticks, "parent": os.getpid()}
-    module = "haptic_wall.controller.bench.lateness_client"
+    words = ["haptic_wall.controller.bench.lateness_client", str(ticks), str(os.getpid())]
     with _elsewhere(core):
         seconds = 2e-9 * PERIOD_NS * ticks
-        told = told_by("the rate limiter", [module], orders, seconds, {core})
+        told = told_by("the rate limiter", words, seconds, {core})
     late = 1e-3 * np.array(told["lateness_ns"][_WARM_UP_TICKS:], dtype=np.float64)
     return Turn(late, _rate(ticks, told["elapsed_ns"]))
 

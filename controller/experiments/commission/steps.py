@@ -131,7 +131,7 @@ def run_sweep(bench: StepContext) -> StepResult:
     asked = Sweep(config, bench.points or short_sweep(config), OPTIONS, bench.folder / SWEEP)
     kept = asked.kept(fresh=True)
 
-    def progress(_setting: PlanePoint, point: PointResult) -> None:
+    def progress(point: PointResult) -> None:
         bench.partly.update(asked.report(kept))
         bench.tell(f"{len(kept.done)}/{len(asked.settings)}  {point_text(point)}")
 

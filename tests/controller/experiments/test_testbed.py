@@ -38,7 +38,7 @@ def test_a_released_shaft_swings_as_its_spring_says(tmp_path: Path) -> None:
     played = bed(tmp_path).play(
         "swing",
         [
-            Phase(5.0, 1.0, 0.1, 0.05, speed=0.2, integral=1.0, still_s=0.05, still_band=1e-6),
+            Phase(5.0, 10.0, 0.2, 0.05, speed=0.2, still_s=0.05, still_band=1e-6),
             Phase(2.0, stiffness),
         ],
     )
