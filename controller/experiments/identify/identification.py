@@ -239,7 +239,7 @@ def _judged(
     heaviest: float,
 ) -> Identified:
     rounding = rounding_of(bounds.step)
-    noise = fit.noise_over(rounding)
+    noise = max(fit.noise, rounding)
     warnings = tuple(misfit(fit, noise, rounding))
     if fit["inertia"] <= _ERRORS * fit.error("inertia"):
         raise UnidentifiableError(

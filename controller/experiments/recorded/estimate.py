@@ -83,8 +83,8 @@ class Recorded:
     @property
     def friction(self) -> dict[str, Estimated]:
         """Return the parameters of the friction model beside damping and Coulomb friction."""
-        terms = MODELS[self.chosen][2:] if self.chosen else ()
-        return {term.name: self.known[term.name] for term in terms if term.name in self.known}
+        names = MODELS[self.chosen][2:] if self.chosen else ()
+        return {name: self.known[name] for name in names if name in self.known}
 
     @property
     def residual(self) -> float | None:
