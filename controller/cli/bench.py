@@ -15,6 +15,7 @@ from haptic_wall.controller.system.signals import on_signals
 SECTIONS = {
     "lateness": "haptic_wall.controller.bench.lateness",
     "boundary": "haptic_wall.controller.bench.boundary",
+    "array_simulation": "haptic_wall.controller.bench.array_simulation",
     "torque_frames": "haptic_wall.controller.bench.torque_frames",
     "rates": "haptic_wall.controller.bench.rates",
     "lost_reply": "haptic_wall.controller.bench.lost_reply",
@@ -32,7 +33,7 @@ SECTIONS = {
 )
 @json_option
 def command(names: tuple[str, ...]) -> None:
-    """Measure timing, limits and bus cycles of this program on this machine.
+    """Measure timing, limits, simulation and bus cycles of this program on this machine.
 
     Compared programs take turns over several rounds, six minutes in all; the figures are medians.
     Times hold for this machine at this moment. Ctrl-C ends the command with a report of the

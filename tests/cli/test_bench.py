@@ -80,7 +80,7 @@ def test_a_section_that_fails_costs_no_other(
     made_up(measure)
     status, out, err = cli("bench", "--json")
     assert status == 0
-    assert "measuring lateness (1 of 5)" in err.splitlines()[0]
+    assert "measuring lateness (1 of 6)" in err.splitlines()[0]
     first, *others = json.loads(out)["sections"].values()
     assert first["rows"] == []
     assert first["notes"][0].startswith(f"not measured: {said}")
