@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
@@ -43,7 +42,7 @@ def measure() -> Section:
         walls = _random_walls(rough, _WALLS)
         together(walls[:1], periods)  # compiles
         work[what] = partial(together, walls, periods)
-    times = interleaved(work, _ROUNDS, time.process_time)
+    times = interleaved(work, _ROUNDS)
     how = "compiled" if fast else "not compiled"
     rows = [
         over_rounds(

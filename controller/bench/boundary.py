@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import importlib
-import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -16,13 +14,10 @@ from haptic_wall.controller.theory import (
     critical_stiffness,
     max_virtual_damping,
 )
-from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
-from haptic_wall.controller.theory.chain import two_masses
 from haptic_wall.controller.theory.checks import FloatArray
 
 _ROUNDS = 7
 _MIXED, _COMPARED = 2_000, 25
-_LOADED = 4096
 _SAME = 1e-6
 """Relative difference up to which two answers agree."""
 _NOT_A_MARGIN = 1e-9
@@ -43,13 +38,9 @@ def measure() -> Section:
     else:
         work["control"] = lambda: [margins(compared, i) for i in range(_COMPARED)]
     times = interleaved(work, _ROUNDS)
-    loads = interleaved({"loads": _random_loads()}, _ROUNDS, time.process_time)["loads"]
     rows = [
         over_rounds(
             f"{_MIXED} mixed settings", [_MIXED / one for one in times["mixed"]], "settings/s"
-        ),
-        over_rounds(
-            f"{_LOADED} mixed servos with a load", [_LOADED / one for one in loads], "settings/s"
         ),
     ]
     if margins is None:
@@ -98,23 +89,6 @@ def _random(count: int, seed: int, whole: bool = False) -> _Settings:
     delay = np.floor(delay) if whole else delay
     ceiling = max_virtual_damping(1.0, delta, 1.0, delay)
     return _Settings(delta, random.uniform(0, 0.9, count) * ceiling, delay)
-
-
-def _random_loads() -> Callable[[], object]:
-    """Return the boundary of as many servos, all of them different.
-
-    Loads have 0.01 to 10 times the motor's inertia and vibrate at 5 to 250 Hz.
-    """
-    random = np.random.default_rng(3)
-    inertia = 10 ** random.uniform(-4, -1, _LOADED)
-    load = inertia * 10 ** random.uniform(-2, 1, _LOADED)
-    moving, rate = inertia * load / (inertia + load), np.pi * 10 ** random.uniform(1, 2.7, _LOADED)
-    damping = inertia * 10 ** random.uniform(-3, 1.5, _LOADED)
-    joint = 2.0 * 10 ** random.uniform(-3, -0.7, _LOADED) * rate * moving
-    servo, times = (inertia, damping, load, moving * rate**2, joint), random.uniform(0, 4, _LOADED)
-    ceiling = chain_ceiling(*two_masses(*servo), 1e-3, 1e-3 * times)
-    dampings = random.uniform(0.0, 0.99, _LOADED) * ceiling
-    return partial(chain_boundary, *two_masses(*servo), dampings, 1e-3, 1e-3 * times)
 
 
 def _margins_by_control() -> Callable[[_Settings, int], float] | None:

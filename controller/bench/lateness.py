@@ -10,7 +10,7 @@ import os
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -53,32 +53,20 @@ class Turn:
 Client = Callable[[], Turn]
 
 
-@dataclass(slots=True)
-class _Seen:
-    """The rounds of one client."""
-
-    turns: list[Turn] = field(default_factory=list)
-
-    def percentile(self, q: float) -> list[float]:
-        """Return the percentile of each round [µs]."""
-        late = [np.percentile(turn.late_us, q, method="inverted_cdf") for turn in self.turns]
-        return [float(each) for each in late]
-
-
 def measure() -> Section:
     """Measure percentiles of the lateness, and the achieved rate, of each client."""
     core, _ = pick_cores()
     clients, notes = _clients(core)
-    seen = {name: _Seen() for name in clients}
+    seen: dict[str, list[Turn]] = {name: [] for name in clients}
     for _ in range(_ROUNDS):
         for name, client in clients.items():
-            seen[name].turns.append(client())
+            seen[name].append(client())
     rows = [row for name, each in seen.items() for row in _rows(name, each)]
     if _YARDSTICK in seen:
         rows += _compared(seen)
         words = " ".join(cyclictest.options(core, _TICKS))
         notes.append(f"cyclictest was run as: cyclictest {words}")
-    notes.append(_granted(seen[_PROGRAM].turns[-1].settings))
+    notes.append(_granted(seen[_PROGRAM][-1].settings))
     return Section(tuple(rows), tuple(notes))
 
 
@@ -112,25 +100,30 @@ def _clients(core: int) -> tuple[dict[str, Client], list[str]]:
     return clients, notes
 
 
-def _rows(name: str, seen: _Seen) -> list[Measurement]:
+def _percentile(turns: Sequence[Turn], q: float) -> list[float]:
+    """Return the percentile of each round [µs]."""
+    return [float(np.percentile(turn.late_us, q, method="inverted_cdf")) for turn in turns]
+
+
+def _rows(name: str, turns: Sequence[Turn]) -> list[Measurement]:
     rows = [
-        over_rounds(f"{name}, lateness, p{q:g}", seen.percentile(q), "µs") for q in _PERCENTILES
+        over_rounds(f"{name}, lateness, p{q:g}", _percentile(turns, q), "µs") for q in _PERCENTILES
     ]
-    rates = [turn.rate_hz for turn in seen.turns if turn.rate_hz is not None]
+    rates = [turn.rate_hz for turn in turns if turn.rate_hz is not None]
     if rates:
         what = f"{name}, rate delivered of {1e9 / PERIOD_NS:g} Hz asked"
         rows.append(over_rounds(what, rates, "Hz"))
     return rows
 
 
-def _compared(seen: Mapping[str, _Seen]) -> list[Measurement]:
+def _compared(seen: Mapping[str, Sequence[Turn]]) -> list[Measurement]:
     """Return our p99 over cyclictest's of the same round."""
     # It reports whole µs, rounded down: 0 only means below 1.
-    theirs = [max(p99, 1.0) for p99 in seen[_YARDSTICK].percentile(99.0)]
+    theirs = [max(p99, 1.0) for p99 in _percentile(seen[_YARDSTICK], 99.0)]
     return [
         ratio(
             f"{_PROGRAM}: p99 of lateness over cyclictest's",
-            seen[_PROGRAM].percentile(99.0),
+            _percentile(seen[_PROGRAM], 99.0),
             theirs,
         )
     ]
@@ -153,11 +146,10 @@ def _limiter(core: int) -> Turn:
         PlatformError: It reported nothing.
     """
     ticks = _WARM_UP_TICKS + _TICKS
-    orders = {"core": core, "ticks": ticks, "parent": os.getpid()}
-    module = "haptic_wall.controller.bench.lateness_client"
+    words = ["haptic_wall.controller.bench.lateness_client", str(ticks), str(os.getpid())]
     with _elsewhere(core):
         seconds = 2e-9 * PERIOD_NS * ticks
-        told = told_by("the rate limiter", [module], orders, seconds, {core})
+        told = told_by("the rate limiter", words, seconds, {core})
     late = 1e-3 * np.array(told["lateness_ns"][_WARM_UP_TICKS:], dtype=np.float64)
     return Turn(late, _rate(ticks, told["elapsed_ns"]))
 

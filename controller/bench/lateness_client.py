@@ -1,21 +1,19 @@
 """Runs a loop of ``loop_rate_limiters``, in a process of its own, that only wakes up.
 
-It reads its orders on standard input and prints the lateness of each wake-up on one line. It
-imports little, so that a round starts quickly.
+Its arguments are the number of wake-ups and its parent; it prints the lateness of each wake-up on
+one line. It imports little, so that a round starts quickly.
 """
 
 from __future__ import annotations
 
 import importlib
 import json
-import os
 import signal
 import sys
 import time
 from typing import Any, Final
 
 from haptic_wall.controller.runtime import realtime
-from haptic_wall.controller.system.orders import read_orders
 
 PERIOD_NS: Final = 1_000_000
 
@@ -45,12 +43,11 @@ def rate_limited(ticks: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Run the ordered loop."""
-    orders = read_orders()
-    realtime.die_with_parent(orders["parent"], signal.SIGTERM)
-    os.sched_setaffinity(0, {orders["core"]})
+    """Run the loop."""
+    ticks, parent = map(int, sys.argv[1:])
+    realtime.die_with_parent(parent, signal.SIGTERM)
     realtime.freeze_garbage()
-    sys.stdout.write(json.dumps(rate_limited(orders["ticks"])) + "\n")
+    sys.stdout.write(json.dumps(rate_limited(ticks)) + "\n")
 
 
 if __name__ == "__main__":

@@ -81,23 +81,17 @@ def bare(path: str, seconds: float, rate_hz: float, servos: int) -> Turn:
     """
     options = ["--rate", str(rate_hz), "--servos", str(servos)]
     words = ["haptic_wall.controller.bench.bare_loop", path, str(seconds), *options]
-    told = told_by("the bare loop", words, None, seconds, os.sched_getaffinity(0))
+    told = told_by("the bare loop", words, seconds, os.sched_getaffinity(0))
     return Turn(int(told["missed_ticks"]), {p: told[f"work_us_p{p}"] for p in PERCENTILES})
 
 
-def told_by(
-    name: str,
-    words: Sequence[str],
-    orders: dict[str, Any] | None,
-    seconds: float,
-    cores: set[int],
-) -> dict[str, Any]:
+def told_by(name: str, words: Sequence[str], seconds: float, cores: set[int]) -> dict[str, Any]:
     """Run a loop (its module and arguments) for so long [s]; return the figures that it tells.
 
     Raises:
         PlatformError: It told nothing.
     """
-    loop = Child(name, list(words), orders, cores=cores)
+    loop = Child(name, list(words), None, cores=cores)
     try:
         told = first_line(loop, seconds + START_S)
     finally:

@@ -77,11 +77,7 @@ def compared(what: str, rounds: Mapping[str, Sequence[float]], unit: str) -> lis
     ]
 
 
-def interleaved(
-    work: Mapping[str, Callable[[], object]],
-    rounds: int,
-    clock: Callable[[], float] = time.perf_counter,
-) -> dict[str, list[float]]:
+def interleaved(work: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, list[float]]:
     """Time every piece of work once in each round; return the times by name [s].
 
     Other load of the machine then affects all of them alike. The first round is not counted: it
@@ -90,15 +86,13 @@ def interleaved(
     Args:
         work: Functions to time, by name.
         rounds: Number of counted rounds, >= 1.
-        clock: What is counted [s]; ``time.process_time``: time of the processor, which depends
-            little on what else the machine does.
     """
     times: dict[str, list[float]] = {name: [] for name in work}
     for counted in range(rounds + 1):
         for name, function in work.items():
-            begin = clock()
+            begin = time.perf_counter()
             function()
-            elapsed = clock() - begin
+            elapsed = time.perf_counter() - begin
             if counted:
                 times[name].append(elapsed)
     return times

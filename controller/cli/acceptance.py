@@ -50,9 +50,10 @@ def command(asked: Asked) -> None:
     Exit status: that of the first step that failed.
     """
     from haptic_wall.controller.experiments import acceptance, bundle
-    from haptic_wall.controller.experiments.commission.plan import announce
+    from haptic_wall.controller.experiments.commission.plan import announce, short_sweep
     from haptic_wall.controller.experiments.commission.sequence import FILES, run_steps
     from haptic_wall.controller.experiments.commission.steps import StepContext
+    from haptic_wall.controller.experiments.holding import without_hand
 
     config, out = asked.config, asked.out
     assert out is not None
@@ -62,7 +63,7 @@ def command(asked: Asked) -> None:
     announced(asked, announcement)
 
     bench = StepContext(config, asked.name, REACH, out / _MEASURED, say, step_plots())
-    bench = replace(bench, points=acceptance.points(config))
+    bench = replace(bench, points=short_sweep(without_hand(config)))  # of both servos
     with writing("--out", out):
         with moving(config, announcement.seconds):
             real = run_steps(bench)
@@ -101,7 +102,6 @@ def _packed(asked: Asked, out: Path, real: Ended, twin: Ended) -> dict[str, Any]
         sum(row["verdict"] == verdict for row in found)
         for verdict in (acceptance.HOLDS, acceptance.FAILS)
     )
-    scrubber = bundle.Scrubber([out])
     report = {
         **RESULT_MARK,
         "name": Path(asked.name).name,
@@ -115,12 +115,12 @@ def _packed(asked: Asked, out: Path, real: Ended, twin: Ended) -> dict[str, Any]
         "emulated_steps": twin.steps(),
         "versions": bundle.versions(),
     }
-    clean: dict[str, Any] = scrubber.values(json.loads(as_json(report)))
+    clean: dict[str, Any] = json.loads(bundle.scrubbed(as_json(report), out))
     own = {_JSON: as_json(clean) + "\n", _REPORT: _text(clean) + "\n"}
     write_all(out, own)
     folders = {name: out / name for name in (_MEASURED, _EMULATED)}
     with whole(out / bundle.FILE) as part:
-        bundle.pack(part, folders, own, scrubber)
+        bundle.pack(part, out, folders, own)
     return clean | {"bundle": str(out / bundle.FILE), "report": str(out / _REPORT)}
 
 

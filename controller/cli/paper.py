@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import click
 
 from haptic_wall.controller.cli.options import answer, json_option, say, writing
 from haptic_wall.controller.cli.places import force_option, take_folder
 from haptic_wall.controller.cli.working import working
-from haptic_wall.controller.paper.items import ITEMS
-
-if TYPE_CHECKING:
-    from haptic_wall.controller.paper.items import Made
+from haptic_wall.controller.paper import table2
+from haptic_wall.controller.paper.items import ITEMS, TABLE2, make
 
 _NAMES = list(ITEMS)
 _ALL = "all"
@@ -36,34 +32,21 @@ def command(item: str, out: Path) -> None:
     Source: Gil et al., "Stability Boundary for Haptic Rendering: Influence of Damping and Delay",
     ICRA 2007.
     """  # noqa: D205 - the first paragraph is the help's summary
-    from haptic_wall.controller.paper.items import make
-
     wanted = _NAMES if item == _ALL else [item]
     files = [f"{name}{end}" for name in wanted for end in (".csv", ".png")]
     take_folder("--out", out, files)
-    made = []
+    made = {}
     with working("computing", _ITEM_S * len(wanted)), writing("--out", out):
         for name in wanted:
             say(f"{name} ...")
-            made.append(make(name, out))
-    paths = [path for entry in made for path in (entry.csv, entry.png)]
-    answer(_report(made, paths), lambda: _text(made, paths))
+            made[name] = make(name, out / f"{name}.csv", out / f"{name}.png")
+    table, paths = made.get(TABLE2), [out / file for file in files]
+    worst = table and {source: table.worst(source) for source in table2.SOURCES}
+    answer({"files": paths, "table2": worst}, lambda: _text(table, len(made) > 1, paths))
 
 
-def _report(made: list[Made], files: list[Path]) -> dict[str, Any]:
-    from haptic_wall.controller.paper.table2 import SOURCES
-
-    table = next((entry.table for entry in made if entry.table is not None), None)
-    worst = table and {source: dataclasses.asdict(table.worst(source)) for source in SOURCES}
-    return {"files": files, "table2": worst}
-
-
-def _text(made: list[Made], files: list[Path]) -> str:
-    from haptic_wall.controller.paper.table2 import text, worst_text
-
+def _text(table: table2.Table2 | None, briefly: bool, files: list[Path]) -> str:
     lines = []
-    for entry in made:
-        if entry.table is not None:
-            lines = [*(worst_text(entry.table) if len(made) > 1 else [text(entry.table)]), ""]
-    lines += ["written"]
-    return "\n".join([*lines, *(f"  {path}" for path in files)])
+    if table is not None:
+        lines = [*(table2.worst_text(table) if briefly else [table2.text(table)]), ""]
+    return "\n".join([*lines, "written", *(f"  {path}" for path in files)])

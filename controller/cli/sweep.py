@@ -103,7 +103,7 @@ def command(
     if left:
         asked.may_move()
 
-    def progress(_setting: PlanePoint, result: PointResult) -> None:
+    def progress(result: PointResult) -> None:
         say(f"{len(kept.done)}/{len(settings)}  {point_text(result)}")
 
     said, status = "interrupted", INTERRUPTED

@@ -13,10 +13,8 @@ from dataclasses import asdict
 from typing import Any
 
 from haptic_wall.controller.experiments.commission.agreement import expected
-from haptic_wall.controller.experiments.commission.plan import short_sweep
 from haptic_wall.controller.experiments.commission.sequence import Ended
-from haptic_wall.controller.experiments.holding import torque_limit_of, without_hand
-from haptic_wall.controller.experiments.sweep.plan import PlanePoint
+from haptic_wall.controller.experiments.holding import torque_limit_of
 from haptic_wall.controller.settings.config import Config
 
 HOLDS, FAILS, MISSING = "holds", "does not hold", "not measured"
@@ -31,11 +29,6 @@ _PARAMETERS = {
     "backlash": ("backlash", "rad"),
 }
 _TRUTH = ("inertia", "damping", "coulomb", "delay", "backlash")
-
-
-def points(config: Config) -> tuple[PlanePoint, ...]:
-    """Return the points of the boundary that both servos are measured at."""
-    return short_sweep(without_hand(config))
 
 
 def twin_of(config: Config) -> Config:

@@ -7,16 +7,14 @@ become placeholders. Logs go in as CSV tables of their rows.
 from __future__ import annotations
 
 import getpass
-import json
 import platform
 import re
 import socket
 import tempfile
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
 
 from haptic_wall import __version__
 from haptic_wall.controller.errors import LogFormatError
@@ -47,33 +45,23 @@ def versions() -> dict[str, str | None]:
     return found
 
 
-class Scrubber:
-    """Replaces personal names in texts.
+def scrubbed(text: str, folder: Path) -> str:
+    """Return a text without personal names.
 
     Args:
-        folders: Folders of this call, which may name a person too.
+        text: Any text, JSON too.
+        folder: The folder of this call, which may name a person too.
     """
-
-    def __init__(self, folders: Sequence[Path] = ()) -> None:
-        paths = [(str(folder.resolve()), "DIR") for folder in folders]
-        paths += [(str(Path.home()), "HOME"), (str(Path.home().resolve()), "HOME")]
-        names = [(_user(), "USER")]
-        for host in {socket.gethostname(), platform.node(), socket.gethostname().split(".")[0]}:
-            names.append((host, "HOST"))
-        self._paths = sorted({p for p in paths if len(p[0]) > 1}, key=lambda p: -len(p[0]))
-        self._names = sorted({n for n in names if len(n[0]) >= _LEAST}, key=lambda n: -len(n[0]))
-
-    def text(self, text: str) -> str:
-        """Return a text without personal names."""
-        for found, place in self._paths:
-            text = text.replace(found, place)
-        for found, place in self._names:
-            text = re.sub(rf"(?<![^\W_]){re.escape(found)}(?![^\W_])", place, text)
-        return text
-
-    def values(self, values: Any) -> Any:  # noqa: ANN401 - JSON
-        """Return JSON-ready values without personal names."""
-        return json.loads(self.text(json.dumps(values, ensure_ascii=False)))
+    home, host = Path.home(), socket.gethostname()
+    paths = {str(folder.resolve()): "DIR", str(home): "HOME", str(home.resolve()): "HOME"}
+    names = {_user(): "USER", **dict.fromkeys((host, platform.node(), host.split(".")[0]), "HOST")}
+    for found in sorted(paths, key=len, reverse=True):
+        if len(found) > 1:
+            text = text.replace(found, paths[found])
+    for found in sorted(names, key=len, reverse=True):
+        if len(found) >= _LEAST:
+            text = re.sub(rf"(?<![^\W_]){re.escape(found)}(?![^\W_])", names[found], text)
+    return text
 
 
 def _user() -> str:
@@ -83,35 +71,33 @@ def _user() -> str:
         return ""
 
 
-def pack(
-    path: Path, folders: Mapping[str, Path], own: Mapping[str, str], scrubber: Scrubber
-) -> None:
+def pack(path: Path, out: Path, folders: Mapping[str, Path], own: Mapping[str, str]) -> None:
     """Write the bundle.
 
     Args:
         path: The zip file.
+        out: The folder of this call, as for ``scrubbed``.
         folders: Folders to pack, by their names in the bundle; logs of ``measured`` only.
         own: Texts that are given, by name.
-        scrubber: Removes personal names.
 
     Raises:
         OSError: It cannot be written.
     """
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as bundle:
         for name, content in own.items():
-            _add(bundle, name, scrubber.text(content))
+            _add(bundle, name, scrubbed(content, out))
         for title, folder in folders.items():
             for file in sorted(folder.rglob("*")):
                 if file.is_symlink() or not file.is_file():
                     continue
-                name = scrubber.text(f"{title}/{file.relative_to(folder)}")
+                name = scrubbed(f"{title}/{file.relative_to(folder)}", out)
                 if file.suffix == SUFFIX and title == "measured":
                     _add(bundle, f"{name}.csv", _table(file))
                 elif file.suffix == ".png":
                     _add(bundle, name, file.read_bytes())
                 elif file.suffix in _TEXTS:
                     text = file.read_text(encoding="utf-8", errors="replace")
-                    _add(bundle, name, scrubber.text(text))
+                    _add(bundle, name, scrubbed(text, out))
 
 
 def _add(bundle: zipfile.ZipFile, name: str, content: str | bytes) -> None:

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
 
@@ -24,10 +23,6 @@ _CEILING = 0.5
 _STEP_SHARE = 0.02
 """Fraction of the torque limit that one encoder count may command, by spring and by damper each."""
 _DAMPINGS = 40
-_SPEED = 0.5
-"""Speed of the moving centre [rad/s]"""
-_COUNTS = 2.5
-"""Motion within this many encoder counts is rest"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,33 +33,6 @@ class Hold:
     """[N·m/rad]"""
     damping: float
     """[N·m·s/rad]"""
-    position_step: float
-    """One encoder count [rad]; 0: none"""
-
-    def phase(
-        self,
-        seconds: float,
-        center: float = 0.0,
-        speed: float = _SPEED,
-        still_s: float | None = None,
-    ) -> Phase:
-        """Return a phase that moves the centre to a place and holds the shaft there.
-
-        Args:
-            seconds: Longest duration [s].
-            center: Goal [rad].
-            speed: Speed of the centre [rad/s].
-            still_s: The phase ends when the shaft has rested for this time [s].
-        """
-        return Phase(
-            seconds,
-            self.stiffness,
-            self.damping,
-            center,
-            speed=speed,
-            still_s=still_s,
-            still_band=max(_COUNTS * self.position_step, 1e-4),
-        )
 
 
 def hold_of(config: Config, torque_limit: float, delay_steps: int) -> Hold:
@@ -90,7 +58,7 @@ def hold_of(config: Config, torque_limit: float, delay_steps: int) -> Hold:
     limits = _MARGIN * critical_stiffness(inertia, damping, dampings, period, delay, samples)
     limits = np.minimum(limits, stiffest)
     best = int(np.argmax(limits))
-    return Hold(float(limits[best]), float(dampings[best]), float(step))
+    return Hold(float(limits[best]), float(dampings[best]))
 
 
 def sample_age(config: Config) -> float:

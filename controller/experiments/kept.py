@@ -50,7 +50,9 @@ class Kept(Generic[Key, Value]):
     ) -> None:
         self.done: dict[Key, Value] = {}
         self._path, self._read, self._write = path, read, write
-        self._head = _line({**RESULT_MARK, "fingerprint": fingerprint(settings)})
+        text = json.dumps({"program": __version__, **settings}, sort_keys=True)
+        fingerprint = hashlib.sha256(text.encode()).hexdigest()
+        self._head = _line({**RESULT_MARK, "fingerprint": fingerprint})
         self._size = 0
         try:
             kept = b"" if fresh or not path.exists() else path.read_bytes()
@@ -93,12 +95,6 @@ class Kept(Generic[Key, Value]):
             raise refused(self._path.parent, what, advice) from error
         self.done[key] = self._read(json.loads(line))[1]
         return self.done[key]
-
-
-def fingerprint(described: Mapping[str, Any]) -> str:
-    """Return a text that differs when any description differs, or the program's version."""
-    text = json.dumps({"program": __version__, **described}, sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def refused(folder: Path, found: str, advice: str) -> UserError:

@@ -28,7 +28,6 @@ from haptic_wall.controller.runtime.safety import AFTER_STALL, End, StopReason, 
 from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP, ROW
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.files import would_be_lost
-from haptic_wall.controller.theory.checks import IntArray
 from haptic_wall.hw.errors import Problem, ServoLostError, ServoMissingError
 
 _GONE = {Trip.SERVO_LOST, Trip.HARDWARE_ERROR, Trip.TORQUE_LOST, Trip.SERVO_HEALTH}
@@ -98,17 +97,9 @@ class Played:
 
     rows: NDArray[np.void]
     """Shape (n,), dtype ``telemetry.ROW``; without the warm-up"""
-    phases: tuple[Phase, ...]
-    ended: Ended
     log: Path
     repeated: StopReason | None = None
     """Trip that ended a first run of the same program; None: there was none"""
-
-    def phase(self, number: int) -> NDArray[np.void]:
-        """Return the rows of one phase, from the first torque that it decided."""
-        numbers: IntArray = self.rows["phase"]
-        rows: NDArray[np.void] = self.rows[numbers == number]
-        return rows
 
 
 class Testbed:
@@ -122,7 +113,6 @@ class Testbed:
         config: The servo and its settings.
         folder: Folder for the logs; made if necessary, and removed where no run left one in it.
         tell: Called with messages for a person.
-        option: Command-line option of the folder, for error messages.
 
     Attributes:
         config: Configuration of the runs.
@@ -140,7 +130,6 @@ class Testbed:
         config: Config,
         folder: Path,
         tell: Callable[[str], None] = lambda _text: None,
-        option: str = "--out",
     ) -> None:
         self.config = changed(config, guard={"mode": "off"}, wall={"side": "both"})
         self.folder = folder
@@ -152,7 +141,7 @@ class Testbed:
         except OSError as error:
             raise UserError(
                 f"the folder cannot be made ({error.strerror})",
-                field=option,
+                field="--out",
                 given=folder,
                 advice="name another place",
             ) from error
@@ -234,7 +223,7 @@ class Testbed:
         rows = recorded(log)
         if rows.size == 0:
             raise UserError(_unusable(f"the log {log} holds no rows"))
-        return Played(rows, tuple(phases), ended, log)
+        return Played(rows, log)
 
     def _tell_new(self, text: str) -> None:
         """Pass messages on, but the machine's granted settings only once."""

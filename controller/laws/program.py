@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from haptic_wall.controller.laws.wall import Derating, Side, Wall
+from haptic_wall.controller.laws.wall import Derating, Wall
 
 Wave = Literal["constant", "sine"]
 
@@ -27,9 +27,6 @@ class Phase:
         damping: Damping of the damper on the estimated velocity [N·m·s/rad].
         center: Goal of the centre [rad].
         speed: Speed at which the centre travels from the shaft to its goal [rad/s]; None: it jumps.
-        integral: Gain of an integral action that overcomes friction [N·m/(rad·s)]; stable while it
-            is below stiffness × total damping / inertia.
-        side: ``both``, or a one-sided wall at the centre that never pulls.
         torque: Amplitude of the additional torque [N·m].
         bias: Constant torque beside it [N·m].
         wave: ``constant``, or a ``sine`` with a linear frequency sweep.
@@ -45,8 +42,6 @@ class Phase:
     damping: float = 0.0
     center: float = 0.0
     speed: float | None = None
-    integral: float = 0.0
-    side: Side = "both"
     torque: float = 0.0
     bias: float = 0.0
     wave: Wave = "constant"
@@ -89,7 +84,7 @@ class Program:
         self._origin = self._goal = math.nan
         self._wall = Wall(0.0, 0.0, 0.0, "both")
         self._ticks = self._still = 0
-        self._resting_at = self._wave_phase = self._integral = 0.0
+        self._resting_at = self._wave_phase = 0.0
         self.phase = -1
         self.done = False
         self.stiffness = self.damping = self.injected = self.position = self.held = 0.0
@@ -127,12 +122,7 @@ class Program:
         phase = self._phases[self.phase]
         self._travel(phase)
         self._wall.position = self.position
-        torque = self._wall.torque(position, velocity)
-        if phase.integral:
-            self._integral += phase.integral * (self.position - position) * self._period
-            self._integral = min(max(self._integral, -self._limit), self._limit)
-            torque += self._integral
-        torque += self._beside(phase)
+        torque = self._wall.torque(position, velocity) + self._beside(phase)
         self._ticks += 1
         return min(max(torque, -self._limit), self._limit)
 
@@ -141,11 +131,10 @@ class Program:
         self.phase = number
         self._ticks = 0
         self._wave_phase = 0.0
-        self._integral = 0.0
         self._goal = self._origin + phase.center
         self.position = self._goal if phase.speed is None else position
         self.stiffness, self.damping = phase.stiffness, phase.damping
-        self._wall = Wall(phase.stiffness, phase.damping, self.position, phase.side)
+        self._wall = Wall(phase.stiffness, phase.damping, self.position, "both")
         self._still = 0
         self._resting_at = position
 

@@ -8,11 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from haptic_wall.controller.theory import critical_stiffness, linear_limit, max_virtual_damping
-
-FloatArray = NDArray[np.float64]
+from haptic_wall.controller.theory.checks import FloatArray
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,8 +14,10 @@ from haptic_wall.controller.paper.curves import (
     exact_at,
     linear_at,
 )
-from haptic_wall.controller.paper.error_points import ErrorPoint, error_points
 from haptic_wall.controller.report import style
+from haptic_wall.controller.theory import max_virtual_damping
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.roots import zeros
 
 DELTAS = (0.0, 0.01)
 """Viscous damping of the two panels"""
@@ -23,6 +25,8 @@ ERRORS_PERCENT = (2.0, 5.0)
 """Errors of the linear condition, in either direction"""
 _REACH = 0.07
 """Figure 10 ends at this beta: it contains all of its points."""
+_POINTS, _START = 1024, 1e-6
+"""Of the search on one boundary: points, and where it begins, as a fraction of the damping range"""
 
 
 def figure_10() -> FigureData:
@@ -35,20 +39,41 @@ def figure_10() -> FigureData:
     for delta in DELTAS:
         for delay in DELAYS:
             for percent in ERRORS_PERCENT:
-                curves += [
-                    _mark(delta, delay, point)
-                    for point in error_points(delta, delay, percent / 100.0)
-                ]
+                curves += error_points(delta, delay, percent)
     return dimensionless(curves)
 
 
-def _mark(delta: float, delay: float, point: ErrorPoint) -> Curve:
-    settings = {
-        "delta": delta,
-        "delay_periods": delay,
-        "error_percent": round(100.0 * point.error, 9),  # 0.02 is 2 %, not 2.0000000000000004
-    }
-    return Curve("error point", settings, np.array([point.beta]), np.array([point.alpha]))
+def error_points(delta: float, delay: float, percent: float) -> list[Curve]:
+    """Return the points of one boundary where the linear condition errs so much, by rising beta.
+
+    With light damping there is one, with the exact limit below the linear one. With more damping
+    and delay the boundary starts above it, and the error can pass ``+percent`` first and
+    ``-percent`` later; or it is greater from the start.
+
+    Args:
+        delta: Viscous damping b T / m >= 0.
+        delay: d >= 0 [periods].
+        percent: The exact limit over the linear one, minus one, either way, > 0 [%].
+
+    Source: Gil et al., ICRA 2007, Fig. 10.
+    """
+    width = float(max_virtual_damping(1.0, delta, 1.0, delay)) + delta
+    # Denser towards the start, where the error changes as the damping does.
+    shares = np.linspace(np.sqrt(_START), 1.0, _POINTS)[:-1] ** 2
+
+    def error(share: FloatArray) -> FloatArray:
+        beta = width * share - delta
+        return exact_at(delta, delay, beta).y / linear_at(delta, delay, beta).y - 1.0
+
+    points = []
+    for signed in (-percent, percent):
+        found = zeros(lambda share, level=signed / 100.0: error(share) - level, shares)  # type: ignore[misc]
+        settings = {"delta": delta, "delay_periods": delay, "error_percent": signed}
+        for share in found.tolist():
+            beta = np.array([width * share - delta])
+            alpha = exact_at(delta, delay, beta).y
+            points.append(Curve("error point", settings, beta, alpha))
+    return sorted(points, key=lambda point: float(point.x[0]))
 
 
 def draw_figure_10(data: FigureData, path: Path) -> None:

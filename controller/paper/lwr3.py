@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from haptic_wall.controller.paper.curves import Curve, FigureData, FloatArray
+from haptic_wall.controller.paper.curves import Curve, FigureData
 from haptic_wall.controller.report import style
 from haptic_wall.controller.theory import (
     critical_stiffness,
@@ -20,6 +20,7 @@ from haptic_wall.controller.theory import (
 )
 from haptic_wall.controller.theory.boundary import chain_peak
 from haptic_wall.controller.theory.chain import one_mass
+from haptic_wall.controller.theory.checks import FloatArray
 
 INERTIA = 0.8
 """[kg·m²], printed with figure 9"""

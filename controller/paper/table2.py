@@ -9,13 +9,11 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from haptic_wall.controller.report import style
 from haptic_wall.controller.theory import critical_stiffness
+from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.truth import TrueServo
-
-FloatArray = NDArray[np.float64]
 
 INERTIA = 1.0
 """[kg]"""
@@ -29,17 +27,6 @@ PRINTED_STEP = 0.01
 """The table's last digit [N/m]"""
 SOURCES = ("theory", "simulation")
 """Origins of our values"""
-
-
-@dataclass(frozen=True, slots=True)
-class Worst:
-    """The cell with the largest error."""
-
-    error_percent: float
-    """Signed: positive where ours is above the printed value"""
-    delay_samples: float
-    virtual_damping: float
-    """[N·s/m]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,15 +47,20 @@ class Table2:
         result: FloatArray = 100.0 * (values / self.printed - 1.0)
         return result
 
-    def worst(self, source: str) -> Worst:
-        """Return the cell with the largest error of ``theory`` or ``simulation``."""
+    def worst(self, source: str) -> dict[str, float]:
+        """Return the cell with the largest error of ``theory`` or ``simulation``.
+
+        Returns:
+            ``error_percent`` (positive where ours is above the printed value), ``delay_samples``
+            and ``virtual_damping`` [N·s/m].
+        """
         error = self.error_percent(source)
         row, column = np.unravel_index(np.argmax(np.abs(error)), error.shape)
-        return Worst(
-            float(error[row, column]),
-            float(self.delay_samples[row]),
-            float(self.virtual_damping[column]),
-        )
+        return {
+            "error_percent": float(error[row, column]),
+            "delay_samples": float(self.delay_samples[row]),
+            "virtual_damping": float(self.virtual_damping[column]),
+        }
 
 
 def compare() -> Table2:
@@ -165,10 +157,9 @@ def text(table: Table2) -> str:
 def worst_text(table: Table2) -> list[str]:
     """Return a line for theory and one for simulation: the worst cell."""
     return [
-        f"worst by {source}: {worst.error_percent:+.4f} % at t_d/T = {worst.delay_samples:g},"
-        f" B = {worst.virtual_damping:g} N·s/m"
+        "worst by {}: {error_percent:+.4f} % at t_d/T = {delay_samples:g},"
+        " B = {virtual_damping:g} N·s/m".format(source, **table.worst(source))
         for source in SOURCES
-        for worst in [table.worst(source)]
     ]
 
 

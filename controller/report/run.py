@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -13,10 +13,11 @@ from haptic_wall.controller.logs.file import ONE_AXIS
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.walls import walls_of
 from haptic_wall.controller.report import run_panels
-from haptic_wall.controller.report.sketch import Sketch, sketched
+from haptic_wall.controller.report.run_panels import DrawnRun
+from haptic_wall.controller.report.sketch import sketched
 from haptic_wall.controller.report.style import RUN_STYLE, picture, titled
 from haptic_wall.controller.runtime.safety import Trip
-from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_PROBED, FLAG_WARM_UP
+from haptic_wall.controller.runtime.telemetry import FLAG_PROBED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 MOST_AXES: Final = 6
 """Axes in one picture"""
+Panel = Callable[["Axes", DrawnRun], None]
 
 
 def plot_log(log: LogReader, path: Path, stop_reason: str | None = None) -> None:
@@ -32,35 +34,37 @@ def plot_log(log: LogReader, path: Path, stop_reason: str | None = None) -> None
     Args:
         log: The log, or a stretch of it.
         path: Path of the picture.
-        stop_reason: As for ``plot_run``.
+        stop_reason: Stop reason of the report; the title names a trip. None: not known.
 
     Raises:
-        LogFormatError: As ``plot_run``; or there are no rows.
+        LogFormatError: There are no rows, or its metadata holds no known configuration.
         OSError: The log cannot be read, or the picture not be written.
     """
     count = log.count()
     if not count:
         raise LogFormatError(f"{log.path} holds no rows")
-    if log.axes == ONE_AXIS:
-        sketch = sketched(log.blocks(), count, log.origin_ns)
-        plot_run(sketch, log.metadata, path, stop_reason, log.changes, log.end)
-        return
-    runs = {}
-    for name in log.axes[:MOST_AXES]:
-        one = log.axis(name)
+
+    def drawn(one: LogReader) -> DrawnRun:
         sketch = sketched(one.blocks(), count, log.origin_ns)
-        runs[name] = _drawn(sketch, one.metadata, one.changes, one.end)
-    shown = f"{_name(log.metadata)}: {len(log.axes)} axes"
+        return DrawnRun.of(sketch, walls_of(one.metadata, one.changes), one.end)
+
+    name = log.metadata.get("name")
+    name = titled(name if isinstance(name, str) else "run")
+    if log.axes == ONE_AXIS:
+        plot_run(drawn(log), name, path, stop_reason or "")
+        return
+    runs = {axis: drawn(log.axis(axis)) for axis in log.axes[:MOST_AXES]}
+    shown = f"{name}: {len(log.axes)} axes"
     if len(log.axes) > MOST_AXES:
         shown += f", of which the first {MOST_AXES} are shown: `haptic-wall log LOG --axis NAME`"
     _plot_axes(runs, f"{shown}{_trip(stop_reason or '')}", path)
 
 
-def _plot_axes(runs: Mapping[str, run_panels.DrawnRun], title: str, path: Path) -> None:
+def _plot_axes(runs: Mapping[str, DrawnRun], title: str, path: Path) -> None:
     """Draw position and torque of each axis, one row an axis."""
     size = 11.0, 1.2 + 1.6 * len(runs)
     with picture(path, *size, RUN_STYLE) as figure:
-        figure.suptitle(titled(title), fontsize=12, ha="left", x=0.01)
+        figure.suptitle(title, fontsize=12, ha="left", x=0.01)
         rows = figure.subplots(len(runs), 2, sharex=True, squeeze=False)
         panels = (run_panels.position, "{}\n[rad]"), (run_panels.torque, "torque [N·m]")
         for (name, run), row in zip(runs.items(), rows, strict=True):
@@ -81,9 +85,7 @@ def _plot_axes(runs: Mapping[str, run_panels.DrawnRun], title: str, path: Path) 
         figure.align_ylabels(rows)
 
 
-def _draw(
-    panel: Callable[[Axes, run_panels.DrawnRun], None], ax: Axes, run: run_panels.DrawnRun
-) -> None:
+def _draw(panel: Panel, ax: Axes, run: DrawnRun) -> None:
     """Draw a panel over the time of its run, without a legend."""
     panel(ax, run)
     run_panels.shade_warm_up(ax, run)
@@ -95,30 +97,19 @@ def _draw(
     ax.set_xlim(run.time[0], max(run.time[-1], run.time[0] + 1e-3))
 
 
-def plot_run(
-    sketch: Sketch,
-    metadata: Mapping[str, Any],
-    path: Path,
-    stop_reason: str | None = None,
-    changes: Sequence[Mapping[str, Any]] = (),
-    report: Mapping[str, Any] | None = None,
-) -> None:
+def plot_run(run: DrawnRun, name: str, path: Path, stop_reason: str) -> None:
     """Draw the selected rows of a run as PNG: panels over one time axis.
 
     Args:
-        sketch: The selected rows of the run, see ``sketched``.
-        metadata: Metadata of the log: its ``config``, and its ``name`` for the title.
+        run: The run of one servo.
+        name: Its name, for the title.
         path: Path of the picture.
-        stop_reason: Stop reason of the report; the title names a trip. None: not known.
-        changes: Changes of the running wall, from the log.
-        report: The report in the log, for the servo's torque limit; None: there is none.
+        stop_reason: Of its report; empty: not known.
 
     Raises:
-        LogFormatError: The metadata holds no known configuration.
         OSError: The picture cannot be written.
     """
-    run = _drawn(sketch, metadata, changes, report)
-    panels: list[tuple[Callable[[Axes, run_panels.DrawnRun], None], float]] = [
+    panels: list[tuple[Panel, float]] = [
         (run_panels.position, 3.0),
         (run_panels.torque, 2.0),
         (run_panels.stiffness_or_velocity, 1.6),
@@ -128,8 +119,7 @@ def plot_run(
     heights = [height for _, height in panels]
     with picture(path, 11.0, 1.1 * sum(heights), RUN_STYLE) as figure:
         axes = figure.subplots(len(panels), 1, sharex=True, height_ratios=heights)
-        title = _title(run, _name(metadata), stop_reason or "")
-        figure.suptitle(title, fontsize=12, ha="left", x=0.01)
+        figure.suptitle(_title(run, name, stop_reason), fontsize=12, ha="left", x=0.01)
         for (panel, _), ax in zip(panels, axes, strict=True):
             _draw(panel, ax, run)
             handles, labels = ax.get_legend_handles_labels()
@@ -146,19 +136,7 @@ def plot_run(
         figure.align_ylabels(axes)
 
 
-def _drawn(
-    sketch: Sketch,
-    metadata: Mapping[str, Any],
-    changes: Sequence[Mapping[str, Any]],
-    report: Mapping[str, Any] | None,
-) -> run_panels.DrawnRun:
-    on = (sketch.rows["flags"] & (FLAG_WARM_UP | FLAG_OFF)) == 0
-    facts = (report or {}).get("servo")
-    limit = facts.get("torque_limit") if isinstance(facts, dict) else None
-    return run_panels.DrawnRun(sketch, on, walls_of(metadata, changes), limit)
-
-
-def _title(run: run_panels.DrawnRun, name: str, stop_reason: str) -> str:
+def _title(run: DrawnRun, name: str, stop_reason: str) -> str:
     wall, servo = run.config.wall, run.config.servo
     what = servo.model or f"{servo.kind} servo"
     where = f" at {titled(servo.port)}" if servo.port and servo.kind == "hardware" else ""
@@ -178,12 +156,7 @@ def _title(run: run_panels.DrawnRun, name: str, stop_reason: str) -> str:
         parts.append("simulated clock")
     if not run.on.any():
         parts = ["the wall was never on"]
-    return f"{titled(name)}: {what}{where}{_trip(stop_reason)}\n" + "   ".join(parts)
-
-
-def _name(metadata: Mapping[str, Any]) -> str:
-    name = metadata.get("name")
-    return name if isinstance(name, str) else "run"
+    return f"{name}: {what}{where}{_trip(stop_reason)}\n" + "   ".join(parts)
 
 
 def _trip(stop_reason: str) -> str:

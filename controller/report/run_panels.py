@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from haptic_wall.controller.report.style import shade
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_ALARM,
     FLAG_CONTACT,
+    FLAG_OFF,
     FLAG_PROBED,
     FLAG_SATURATED,
     FLAG_WARM_UP,
@@ -53,6 +54,14 @@ class DrawnRun:
     walls: Walls
     torque_limit: float | None
     """Torque limit of the servo, by the report of the run [N·m]; None: unknown"""
+
+    @classmethod
+    def of(cls, sketch: Sketch, walls: Walls, report: Mapping[str, Any] | None) -> DrawnRun:
+        """Return the data of a run whose log has this report; None: it has none."""
+        on = (sketch.rows["flags"] & (FLAG_WARM_UP | FLAG_OFF)) == 0
+        facts = (report or {}).get("servo")
+        limit = facts.get("torque_limit") if isinstance(facts, dict) else None
+        return cls(sketch, on, walls, limit)
 
     @property
     def config(self) -> Config:

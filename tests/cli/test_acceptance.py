@@ -10,7 +10,7 @@ import pytest
 
 from haptic_wall.controller.cli.acceptance import _text
 from haptic_wall.controller.experiments import acceptance
-from haptic_wall.controller.experiments.commission import steps
+from haptic_wall.controller.experiments.commission import plan, steps
 from haptic_wall.controller.experiments.commission.sequence import Ended
 from haptic_wall.controller.experiments.commission.steps import StepOutcome
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
@@ -45,7 +45,7 @@ def accepted(
     folder = home / "bench" / "accepted"
     home.mkdir()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(acceptance, "short_sweep", lambda _config: SWEPT)
+        patch.setattr(plan, "short_sweep", lambda _config: SWEPT)
         named(patch, home)
         assert call("acceptance", *SIMULATED, "--yes", "--out", folder) == 0
     return folder
@@ -56,7 +56,7 @@ def test_an_emulated_servo_is_accepted_to_the_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Down to the bytes: each step through the driver, on a bus in memory."""
-    monkeypatch.setattr(acceptance, "short_sweep", lambda _config: SWEPT[:1])
+    monkeypatch.setattr(plan, "short_sweep", lambda _config: SWEPT[:1])
     assert call("acceptance", *EMULATED, "--yes", "--out", tmp_path / "out") == 0
     report = report_of(tmp_path / "out")
     assert [s["step"] for s in report["steps"] if s["state"] != "done"] == ["doctor"]

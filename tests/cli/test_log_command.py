@@ -1,16 +1,14 @@
 """``log`` tells what a run's log holds, and exports it for other tools."""
 
 import csv
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from haptic_wall.controller.logs.writer import LogWriter, append_end
+from haptic_wall.controller.report.run_panels import DrawnRun
 from haptic_wall.controller.report.run_text import report_text
-from haptic_wall.controller.report.sketch import Sketch
 from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_WARM_UP
 from tests.cli.test_text import REPORT
 from tests.support.program import Cli
@@ -85,8 +83,8 @@ def test_a_stretch_is_shown_and_exported_by_the_log_s_time(
     assert (table[0]["time_s"], table[-1]["time_s"], len(table)) == ("0.3", "0.599", 300)
     drawn = []
 
-    def keep(sketch: Sketch, _metadata: Mapping[str, Any], path: Path, *_: object) -> None:
-        drawn.append(sketch.time)
+    def keep(run: DrawnRun, _name: str, path: Path, _reason: str) -> None:
+        drawn.append(run.time)
         path.touch()
 
     monkeypatch.setattr("haptic_wall.controller.report.run.plot_run", keep)

@@ -99,23 +99,18 @@ def short_sweep(config: Config) -> tuple[PlanePoint, ...]:
     Args:
         config: Configuration with the best known model of the servo.
     """
-    steps = config.delay.steps
-    return points_at(config, steps) + points_at(config, steps + _MORE)
-
-
-def points_at(config: Config, steps: int) -> tuple[PlanePoint, ...]:
-    """Return the points of ``short_sweep`` at one delay.
-
-    Args:
-        config: Configuration with the best known model of the servo.
-        steps: Inserted delay [periods].
-    """
-    top = _sensible(config, Device.of(config), steps)
-    points = (PlanePoint(float(f"{share * top:.3g}"), steps) for share in _SHARES)
+    device, own = Device.of(config), config.delay.steps
+    tops = {steps: _sensible(config, device, steps) for steps in (own, own + _MORE)}
+    points = (
+        PlanePoint(float(f"{share * top:.3g}"), steps)
+        for steps, top in tops.items()
+        for share in _SHARES
+    )
     return tuple(dict.fromkeys(points))
 
 
 def _sensible(config: Config, device: Device, steps: int) -> float:
+    """Return the largest useful virtual damping at an inserted delay [N·m·s/rad]."""
     # A sample may be younger than assumed, and the limit then higher.
     delay = steps * device.period + device.lag
     top = _CEILING * device.loop.ceiling(delay + sample_age(config))

@@ -10,7 +10,6 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.commission.plan import OPTIONS, short_sweep
 from haptic_wall.controller.experiments.delay import high_age
 from haptic_wall.controller.experiments.holding import without_hand
@@ -123,24 +122,19 @@ def run_identify(bench: StepContext) -> StepResult:
 
 
 def run_sweep(bench: StepContext) -> StepResult:
-    """Measure the critical stiffness at a few points; an interrupted sweep continues.
+    """Measure the critical stiffness at a few points.
 
     Raises:
         ExperimentInterruptedError: A person has ended it; finished points are kept.
     """
     config = without_hand(bench.config)
     asked = Sweep(config, bench.points or short_sweep(config), OPTIONS, bench.folder / SWEEP)
-    try:
-        kept = asked.kept()
-    except UserError:  # of an older model
-        kept = asked.kept(fresh=True)
+    kept = asked.kept(fresh=True)
 
-    def progress(_setting: PlanePoint, point: PointResult) -> None:
+    def progress(point: PointResult) -> None:
         bench.partly.update(asked.report(kept))
         bench.tell(f"{len(kept.done)}/{len(asked.settings)}  {point_text(point)}")
 
-    if kept.done:
-        bench.partly.update(asked.report(kept))
     if not sweep(asked, kept, tell=bench.tell, progress=progress):
         raise ExperimentInterruptedError(
             "interrupted", advice=f"{len(kept.done)} of {len(asked.settings)} points are kept"

@@ -9,7 +9,7 @@ shaft coasts without torque.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
@@ -152,7 +152,7 @@ def _shaking(guess: Guess, bounds: Bounds, amplitude: float) -> list[Phase]:
         to_hz=slow,
         reach=bounds.reach,
     )
-    return [shake, *_home(guess, bounds)]
+    return [shake, _held(guess, bounds)]
 
 
 def _shaken(guess: Guess, amplitude: float, hertz: float, limit: float) -> tuple[float, float]:
@@ -175,7 +175,7 @@ def _steps(guess: Guess, bounds: Bounds, amplitude: float) -> list[Phase]:
             Phase(length * STEP_S, torque=way * torque, bias=guess.cosine, reach=bounds.reach)
             for way, length in ((1, 1), (-1, 2), (1, 2), (-1, 1))
         ),
-        *_home(guess, bounds),
+        _held(guess, bounds),
     ]
 
 
@@ -196,49 +196,36 @@ def _coasts(guess: Guess, bounds: Bounds, amplitude: float) -> list[Phase]:
         torque = side * min(torque + weight, 0.7 * bounds.torque)
         reach, band = 2.0 * bounds.reach, 1.5 * bounds.step  # it starts from the other side
         phases += [
-            *_held(guess, bounds, begin),
+            _held(guess, bounds, begin),
             Phase(STEP_S, torque=torque, reach=reach),
             Phase(COASTING_S, reach=reach, still_s=0.05, still_band=band),
         ]
-    return [*phases, *_home(guess, bounds)]
+    return [*phases, _held(guess, bounds)]
 
 
 def undamped_home(guess: Guess, bounds: Bounds) -> Phase:
     """Move the shaft back to its start without virtual damping, which could drive a vibration."""
-    return Phase(
-        2.0,
-        stiffness=_spring(guess, bounds, _WIDTH),
-        speed=0.5,
-        reach=_LOST * bounds.reach,
-        still_s=0.03,
-        still_band=1.5 * bounds.step + 1e-5,
-    )
+    return replace(_held(guess, bounds), stiffness=_spring(guess, bounds, _WIDTH), damping=0.0)
 
 
-def _home(guess: Guess, bounds: Bounds) -> list[Phase]:
-    return _held(guess, bounds, 0.0)
-
-
-def _held(guess: Guess, bounds: Bounds, center: float) -> list[Phase]:
-    """Move the shaft somewhere at constant speed, and wait until it rests."""
+def _held(guess: Guess, bounds: Bounds, center: float = 0.0) -> Phase:
+    """Move the shaft somewhere at constant speed, by default home, and wait until it rests."""
     loop = (guess.inertia, guess.damping)
     ceiling = float(max_virtual_damping(*loop, bounds.period, guess.delay))
     damping = min(1.4 * guess.inertia * _WIDTH, 0.25 * ceiling)
     if bounds.step > 0.0:  # one encoder count makes a step of the torque
         damping = min(damping, 0.03 * bounds.torque * bounds.period / bounds.step)
     most = float(critical_stiffness(*loop, damping, bounds.period, guess.delay))
-    return [
-        Phase(
-            2.0,
-            stiffness=min(guess.inertia * _WIDTH**2, 0.4 * most),
-            damping=damping,
-            center=center,
-            speed=0.5,
-            reach=_LOST * bounds.reach,
-            still_s=0.03,
-            still_band=1.5 * bounds.step + 1e-5,
-        )
-    ]
+    return Phase(
+        2.0,
+        stiffness=min(guess.inertia * _WIDTH**2, 0.4 * most),
+        damping=damping,
+        center=center,
+        speed=0.5,
+        reach=_LOST * bounds.reach,
+        still_s=0.03,
+        still_band=1.5 * bounds.step + 1e-5,
+    )
 
 
 def _spring(guess: Guess, bounds: Bounds, width: float) -> float:

@@ -149,21 +149,13 @@ class Fit:
         changes = np.diff(self.fitted - self.pieces.position, 3, axis=1)[self.pieces.held[:, 3:]]
         return math.sqrt(float(np.mean(changes**2)) / _WHITE) if changes.size else 0.0
 
-    def noise_over(self, rounding: float) -> float:
-        """Return the root mean square residual of noise and rounding of the readings [rad].
-
-        Args:
-            rounding: That of rounding alone [rad].
-        """
-        return max(self.noise, rounding)
-
     def smooth_part(self, rounding: float) -> float:
         """Return the root mean square residual as if the readings had no noise but rounding [rad].
 
         Args:
             rounding: Root mean square of rounding [rad].
         """
-        more = max(self.residual**2 - self.noise_over(rounding) ** 2, 0.0)
+        more = max(self.residual**2 - max(self.noise, rounding) ** 2, 0.0)
         return math.sqrt(more + rounding**2)
 
     @property

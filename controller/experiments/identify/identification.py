@@ -239,7 +239,7 @@ def _judged(
     heaviest: float,
 ) -> Identified:
     rounding = rounding_of(bounds.step)
-    noise = fit.noise_over(rounding)
+    noise = max(fit.noise, rounding)
     warnings = tuple(misfit(fit, noise, rounding))
     if fit["inertia"] <= _ERRORS * fit.error("inertia"):
         raise UnidentifiableError(
@@ -267,7 +267,7 @@ def _judged(
         damping_least=None if fit.least is None else scale * fit.least,
         coulomb=three[2],
         delay=Estimated(max(fit["delay"], 0.0), fit.error("delay")),
-        torque_gain=Estimated(1.0, 0.0) if gain is None else Estimated(gain.value, gain.stderr),
+        torque_gain=gain or Estimated(1.0, 0.0),
         gain_measured=gain is not None,
         friction=fit.friction,
         backlash=None if backlash <= 0.0 else Estimated(backlash, fit.error("backlash")),

@@ -62,20 +62,14 @@ class Linear:
         rest: FloatArray = lines - np.einsum("kqs,qsn->ksn", self.own_part(lines), self.own)
         return rest
 
-    def step(self, away: FloatArray | float = 0.0) -> FloatArray:
-        """Return the change of the shared values to the least squares of the linear model.
-
-        Args:
-            away: How far each is from what is known of it beforehand.
-        """
+    def step(self) -> FloatArray:
+        """Return the change of the shared values to the least squares, without prior knowledge."""
         root, count = np.sqrt(self.weights), len(self.shared)
-        rest = (root * self.without_own(self.shared)).reshape(count, -1)
-        columns = np.concatenate([rest.T, np.diag(np.sqrt(self.precision))])
-        right = np.concatenate([(root * self.left).ravel(), np.sqrt(self.precision) * away])
-        # With the prior, or one of a value known exactly would hide all other values.
+        columns = (root * self.without_own(self.shared)).reshape(count, -1).T
         scale = np.linalg.norm(columns, axis=0)
         scale[scale == 0.0] = 1.0
-        found: FloatArray = np.linalg.lstsq(columns / scale, -right, rcond=_ALIKE)[0] / scale
+        right = -(root * self.left).ravel()
+        found: FloatArray = np.linalg.lstsq(columns / scale, right, rcond=_ALIKE)[0] / scale
         return found
 
 

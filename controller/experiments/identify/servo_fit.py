@@ -108,7 +108,7 @@ def _loaded(
     """
 
     def unexplained(fit: Fit) -> bool:
-        return fit.residual > _LEFT * fit.noise_over(rounding_of(step))
+        return fit.residual > _LEFT * max(fit.noise, rounding_of(step))
 
     # In one direction every effect is nearly linear in its size.
     moving = fitted(begun(motion, step, turns=False).having(names), priors)

@@ -16,12 +16,7 @@ from haptic_wall.controller.experiments.recorded.friction import (
     MEANING,
     MODELS,
 )
-from haptic_wall.controller.experiments.recorded.record import (
-    Record,
-    is_too_slow,
-    pieces_of,
-    row_interval,
-)
+from haptic_wall.controller.experiments.recorded.record import Record, pieces_of
 from haptic_wall.controller.experiments.recorded.shooting import PIECE_S, first_terms, fit, judged
 from haptic_wall.controller.theory.checks import FloatArray
 
@@ -32,6 +27,8 @@ has 0.036 kg, for weights around 0.5 kg."""
 SPREAD: Mapping[str, float] = {"inertia_total": 0.007, "damping": 0.35, "coulomb": 0.08}
 """Relative standard deviation of the values from swing to swing of one servo. Source:
 docs/evidence/recordings.md"""
+_LONGEST_ROW_S = 0.05
+"""Rows that are further apart cannot show a servo's motion [s]"""
 FEW = 4
 """With fewer stretches than this the record does not show that spread itself"""
 _WEIGHED = 0.95
@@ -86,8 +83,8 @@ class Recorded:
     @property
     def friction(self) -> dict[str, Estimated]:
         """Return the parameters of the friction model beside damping and Coulomb friction."""
-        terms = MODELS[self.chosen][2:] if self.chosen else ()
-        return {term.name: self.known[term.name] for term in terms if term.name in self.known}
+        names = MODELS[self.chosen][2:] if self.chosen else ()
+        return {name: self.known[name] for name in names if name in self.known}
 
     @property
     def residual(self) -> float | None:
@@ -108,9 +105,8 @@ def identify_record(record: Record, pendulum: Pendulum | None = None) -> Recorde
         pendulum: Pendulum on the shaft; None: not known.
     """
     stretches = record.stretches
-    if not stretches or is_too_slow(record):
-        nothing = (*record.notes, _why_nothing(record))
-        return Recorded({}, {}, None, None, (), record.step, nothing)
+    if (why := _why_nothing(stretches)) is not None:
+        return Recorded({}, {}, None, None, (), record.step, (*record.notes, why))
     driven = any(stretch.driven for stretch in stretches)
     pieces, _ = pieces_of(stretches, PIECE_S, PIECE_S)
     whole, _ = pieces_of(stretches)
@@ -151,17 +147,21 @@ def identify_record(record: Record, pendulum: Pendulum | None = None) -> Recorde
     return Recorded(known, models, chosen, shot, stretches, record.step, tuple(notes))
 
 
-def _why_nothing(record: Record) -> str:
-    if record.stretches:
+def _why_nothing(stretches: tuple[Motion, ...]) -> str | None:
+    """Say why a record shows no motion of a servo; None: it does."""
+    if not stretches:
         return (
-            f"nothing can be determined: the rows are {row_interval(record):.3g} s apart, wanted"
-            " at most 0.05 s; is time_s in seconds?"
+            "nothing can be determined: no part of the record has a motion with a known torque;"
+            " wanted torque_nm or current_a, or torque_enabled 0 while the motor is off, in a part"
+            " of some tenths of a second in which the shaft moves"
         )
-    return (
-        "nothing can be determined: no part of the record has a motion with a known torque; wanted"
-        " torque_nm or current_a, or torque_enabled 0 while the motor is off, in a part of some"
-        " tenths of a second in which the shaft moves"
-    )
+    apart = float(np.median(np.concatenate([np.diff(each.sampled) for each in stretches])))
+    if apart > _LONGEST_ROW_S:
+        return (
+            f"nothing can be determined: the rows are {apart:.3g} s apart, wanted at most"
+            f" {_LONGEST_ROW_S:g} s; is time_s in seconds?"
+        )
+    return None
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,6 @@ Simulation of Servo Actuators", arXiv:2410.08650, and its code, Rhoban bam (``ba
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,13 +28,13 @@ class Term:
     least: float = 0.0
 
 
-COULOMB = Term("coulomb", "N·m", 1.0, 0.2, 1e4)
-VISCOUS = Term("damping", "N·m·s/rad", 1.0, 0.1, 200.0)
-STRIBECK = Term("excess", "N·m", 0.3, 0.2, 1e4)
-SPEED = Term("fading", "rad/s", 0.5, 0.1, 10.0, 0.02)
-LOAD = Term("gear", "", 0.03, 0.02, 0.9)
 LONGEST_DELAY_S = 0.1
-_OTHERS = (
+_EVERY = (
+    Term("damping", "N·m·s/rad", 1.0, 0.1, 200.0),
+    Term("coulomb", "N·m", 1.0, 0.2, 1e4),
+    Term("excess", "N·m", 0.3, 0.2, 1e4),
+    Term("fading", "rad/s", 0.5, 0.1, 10.0, 0.02),
+    Term("gear", "", 0.03, 0.02, 0.9),
     Term("drag", "N·m·s²/rad²", 0.02, 0.05, 1e3),
     Term("sine", "N·m", 1.0, 1.0, least=-np.inf),
     Term("cosine", "N·m", 1.0, 1.0, least=-np.inf),
@@ -43,14 +42,14 @@ _OTHERS = (
     Term("delay", "s", 5e-4, 1e-3, LONGEST_DELAY_S),
 )
 
-MODELS: dict[str, tuple[Term, ...]] = {
-    "M1": (VISCOUS, COULOMB),
-    "M2": (VISCOUS, COULOMB, STRIBECK, SPEED),
-    "M3": (VISCOUS, COULOMB, LOAD),
+TERMS = {term.name: term for term in _EVERY}
+"""All parameters, by name"""
+MODELS: dict[str, tuple[str, ...]] = {
+    "M1": ("damping", "coulomb"),
+    "M2": ("damping", "coulomb", "excess", "fading"),
+    "M3": ("damping", "coulomb", "gear"),
 }
 """The parameters of each model"""
-TERMS = {term.name: term for term in (*itertools.chain(*MODELS.values()), *_OTHERS)}
-"""All parameters, by name"""
 MEANING = {
     "M1": "Coulomb and viscous friction",
     "M2": "M1 and friction that fades with speed",

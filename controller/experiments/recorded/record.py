@@ -24,8 +24,6 @@ OPTION = "--record"
 _ROW_S = 0.006
 """Rows are thinned to about this interval [s]"""
 _LONGEST_GAP_S = 0.1
-_LONGEST_ROW_S = 0.05
-"""Rows that are further apart cannot show a servo's motion [s]"""
 _FASTEST = 60.0
 """Faster than any servo turns [rad/s]: such a jump is none of motion"""
 _LET_GO_S = 0.01
@@ -164,16 +162,6 @@ def _until_rest(time: FloatArray, position: FloatArray, rows: NDArray[np.intp]) 
         return rows[:1]
     end = int(np.searchsorted(time[rows], time[rows[away[-1]]] + _REST_S, side="right"))
     return rows[:end]
-
-
-def row_interval(record: Record) -> float:
-    """Return the median interval of the rows [s]."""
-    return float(np.median(np.concatenate([np.diff(each.sampled) for each in record.stretches])))
-
-
-def is_too_slow(record: Record) -> bool:
-    """Whether the rows are too far apart to show the motion."""
-    return row_interval(record) > _LONGEST_ROW_S
 
 
 def pieces_of(

@@ -114,9 +114,10 @@ def start_with(name: str, terms: Mapping[str, float]) -> dict[str, float]:
         name: Name of the model.
         terms: Parameters per inertia of a fit with a simpler model.
     """
-    others = {term.name for model in MODELS.values() for term in model}
+    others = {each for model in MODELS.values() for each in model}
     start = {key: value for key, value in terms.items() if key not in others}
-    for term in MODELS[name]:
+    for each in MODELS[name]:
+        term = TERMS[each]
         begin = term.start * terms["coulomb"] if term.unit == "N·m" else term.start
-        start[term.name] = terms.get(term.name, begin)
+        start[each] = terms.get(each, begin)
     return start

@@ -36,6 +36,8 @@ _HALF_CYCLES = 12
 _LEAST_S, _MOST_S = 0.5, 8.0
 """Least and largest duration of a trial [s]"""
 _LEAST_STILL_S = 0.1
+_STILL_COUNTS = 2.5
+"""Motion of the held shaft within this many encoder counts is rest"""
 _TRAVEL_S = 0.3
 """Time of the soft spring for one kick [s]"""
 
@@ -161,8 +163,15 @@ def soft_spring(config: Config, device: Device, delay_steps: int) -> Hold:
 def soft_phase(hold: Hold, device: Device, center: float, kick: float) -> Phase:
     """Return the phase that moves the shaft to a place [rad] and lets it rest there."""
     speed = kick / _TRAVEL_S
-    still = max(_LEAST_STILL_S, 1.5 * math.sqrt(device.heaviest / hold.stiffness))
-    return hold.phase(4.0 + 2.0 * abs(center) / speed, center, speed, still)
+    return Phase(
+        4.0 + 2.0 * abs(center) / speed,
+        hold.stiffness,
+        hold.damping,
+        center,
+        speed=speed,
+        still_s=max(_LEAST_STILL_S, 1.5 * math.sqrt(device.heaviest / hold.stiffness)),
+        still_band=max(_STILL_COUNTS * device.position_step, 1e-4),
+    )
 
 
 def trial_phase(

@@ -37,7 +37,7 @@ _SETTLE_S = 1.2
 LOGS, ROWS = "logs", "sweep.rows"
 """In a sweep's folder: the folder of its logs, the file of finished points"""
 
-Progress = Callable[[PlanePoint, PointResult], None]
+Progress = Callable[[PointResult], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +93,7 @@ def sweep(
     kept: Kept[PlanePoint, PointResult],
     *,
     tell: Callable[[str], None] = lambda _text: None,
-    progress: Progress = lambda _setting, _result: None,
+    progress: Progress = lambda _result: None,
 ) -> bool:
     """Measure the unfinished points; keep each at once.
 
@@ -117,7 +117,7 @@ def sweep(
         with interrupting():
             for setting in left:
                 found = PointSearch(bed, setting, asked.options, tell).run()
-                progress(setting, kept.add(setting, found))
+                progress(kept.add(setting, found))
     except (KeyboardInterrupt, ExperimentInterruptedError):
         return False
     return True

@@ -38,11 +38,11 @@ def test_a_released_shaft_swings_as_its_spring_says(tmp_path: Path) -> None:
     played = bed(tmp_path).play(
         "swing",
         [
-            Phase(5.0, 1.0, 0.1, 0.05, speed=0.2, integral=1.0, still_s=0.05, still_band=1e-6),
+            Phase(5.0, 10.0, 0.2, 0.05, speed=0.2, still_s=0.05, still_band=1e-6),
             Phase(2.0, stiffness),
         ],
     )
-    swing = played.phase(1)["position"]
+    swing = played.rows["position"][played.rows["phase"] == 1]
     origin = played.rows["position"][0]
     crossings = np.flatnonzero(np.diff(np.sign(swing - origin)))
     period = 2 * np.mean(np.diff(crossings)) * 1e-3
@@ -50,7 +50,6 @@ def test_a_released_shaft_swings_as_its_spring_says(tmp_path: Path) -> None:
         2 * np.pi * np.sqrt(not_none(config.servo.inertia) / stiffness), rel=0.01
     )
     assert swing[0] - origin == pytest.approx(0.05, abs=1e-3)
-    assert played.ended.stop_reason == "duration"
     assert played.log.exists()
 
 

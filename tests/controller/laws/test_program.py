@@ -34,14 +34,6 @@ def test_the_centre_travels_at_its_speed_and_arrives() -> None:
     assert play(program, [0.0] * 4) == pytest.approx([-0.001, -0.002, -0.0025, -0.0025])
 
 
-def test_the_integral_overcomes_what_the_spring_cannot() -> None:
-    program = Program([Phase(1.0, stiffness=1.0, center=0.1, integral=100.0)], T, 0.5)
-    torques = play(program, [0.0] * 100)
-    assert torques[0] == pytest.approx(0.11)
-    assert torques[10] - torques[9] == pytest.approx(0.01)
-    assert torques[-1] == 0.5
-
-
 def test_too_far_and_at_rest_end_a_phase() -> None:
     phases = [Phase(1.0, reach=0.2), Phase(1.0, still_s=0.005, still_band=0.001), Phase(1.0)]
     program = Program(phases, T, 5.0)
@@ -53,14 +45,6 @@ def test_too_far_and_at_rest_end_a_phase() -> None:
     assert program.phase == 1
     play(program, [0.35])
     assert program.phase == 2
-
-
-def test_a_one_sided_phase_never_pulls() -> None:
-    program = Program([Phase(1.0, stiffness=10.0, damping=1.0, center=0.1, side="above")], T, 5.0)
-    program.torque(0.0, 0.0)
-    assert program.torque(0.05, 3.0) == 0.0
-    assert program.torque(0.2, 0.0) == pytest.approx(-1.0)
-    assert program.torque(0.11, -3.0) == 0.0
 
 
 def test_a_sine_sweeps_evenly_between_its_frequencies() -> None:

@@ -79,9 +79,7 @@ def test_the_picture_has_each_wall_in_its_time(swung: Swung, tmp_path: Path, cli
     path, run, rows = swung
     read = LogReader.open(path)
     walls = walls_of(read.metadata, read.changes)
-    drawn = DrawnRun(
-        sketched([rows], len(rows), read.origin_ns), np.ones(len(rows), bool), walls, None
-    )
+    drawn = DrawnRun.of(sketched([rows], len(rows), read.origin_ns), walls, None)
     times, surfaces = drawn.over_time(drawn.surface)
     assert surfaces.tolist() == [0.0, 0.0, *[0.01] * 6]
     assert times[1] == times[2] == drawn.time[run.asked[0].row]

@@ -55,8 +55,8 @@ def test_the_worst_cell_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(table2, "_simulate", off_by_a_percent)
     table = table2.compare()
     worst = table.worst("simulation")
-    assert (worst.delay_samples, worst.virtual_damping) == (2.0, 0.3)
-    assert worst.error_percent == pytest.approx(-1.0, abs=0.05)
+    assert (worst["delay_samples"], worst["virtual_damping"]) == (2.0, 0.3)
+    assert worst["error_percent"] == pytest.approx(-1.0, abs=0.05)
     text = table2.text(table)
     assert "worst by simulation: -0.99" in text
     assert "t_d/T = 2, B = 0.3" in text

@@ -10,7 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from haptic_wall.controller.logs.walls import walls_of
 from haptic_wall.controller.report import run as plot
+from haptic_wall.controller.report.run_panels import DrawnRun
 from haptic_wall.controller.report.sketch import sketched
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_ALARM,
@@ -55,7 +57,8 @@ def draw(
 
     monkeypatch.setattr(Figure, "savefig", keep)
     sketch = sketched([rows[:70], rows[70:]], len(rows), int(rows["deadline_ns"][0]))
-    plot.plot_run(sketch, facts, tmp_path / "run.png", stop_reason, report=report)
+    run = DrawnRun.of(sketch, walls_of(facts, ()), report)
+    plot.plot_run(run, facts["name"], tmp_path / "run.png", stop_reason)
     assert (tmp_path / "run.png").read_bytes().startswith(PNG)
     (figure,) = figures
     return figure

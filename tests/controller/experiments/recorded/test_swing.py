@@ -64,8 +64,7 @@ def test_friction_is_that_of_the_published_models() -> None:
     motion = Motion(time, np.zeros(3), np.array([-1.0]), np.array([-0.1]))
     pieces = cut_at(motion, [(0, 3)])
     for name, each in wanted.items():
-        own = {term.name for term in MODELS[name]}
-        values = {key: value for key, value in given.items() if key in own}
+        values = {key: value for key, value in given.items() if key in MODELS[name]}
         # The weight of a horizontal pendulum pulls with 0.3 N·m.
         values |= {"inertia": 1e-3, "gain": 1.0, "cosine": -0.3, "exponent": GAUSSIAN}
         terms = {key: np.array([[value]]) for key, value in values.items()}
