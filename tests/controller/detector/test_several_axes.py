@@ -1,14 +1,12 @@
 """The watches of a two-link arm, which share one probe and one reduction, and hands at its tip."""
 
 import math
-from collections import deque
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from haptic_wall.controller.detector.half_cycles import HalfCycle
+from haptic_wall.controller.detector.half_cycles import HalfCycle, HalfCycles
 from haptic_wall.controller.detector.regularity import Regularity
 from haptic_wall.controller.detector.settings import WatchSettings
 from tests.support.judges import called_quiet, own_oscillation
@@ -60,7 +58,7 @@ def test_two_motions_that_beat_are_found_though_no_half_cycle_is_like_the_one_be
 @pytest.mark.parametrize("pull", [0.0, 1.0])
 def test_beating_takes_the_torque_of_a_wall_and_no_free_range(pull: float) -> None:
     settings = WatchSettings(1e-3, math.tau / 4096, "reduce", 0, torque_limit=2.0)
-    motion = SimpleNamespace(last=deque[HalfCycle](maxlen=4), gain=0.0)
+    motion = HalfCycles(1e-3, 0.0)
     seen = Regularity(motion, settings)
     for i in range(16):
         duration, end = 0.1 + 0.03 * (i % 3), 0.5 * (-1) ** i

@@ -10,6 +10,7 @@ import pytest
 
 from haptic_wall.controller.live import change_desk as module
 from haptic_wall.controller.live.change_desk import ChangeDesk
+from haptic_wall.controller.runtime import handover
 from haptic_wall.controller.runtime.handover import Inbox, KnownServo
 from haptic_wall.controller.runtime.safety import REASONS, Trip
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
@@ -149,7 +150,7 @@ def test_it_is_withdrawn_with_whoever_asked(side: Side, monkeypatch: pytest.Monk
     answer = side.change("wall.stiffness=1", lambda: side.settle(-1), gone=True)
     assert answer["error"] == closed
     assert side.telemetry.words[Word.WITHDRAWN] == side.telemetry.words[Word.OFFERED] == 1
-    monkeypatch.setattr(module.handover, "withdraw", lambda *_: side.settle(0))
+    monkeypatch.setattr(handover, "withdraw", lambda *_: side.settle(0))
     assert side.change("wall.stiffness=1", gone=True)["applied"], "it was too late"
     monkeypatch.undo()
     monkeypatch.setattr(module, "LOOP_S", 0.0)

@@ -26,5 +26,5 @@ def test_points_of_figure_10() -> None:
     # just above the line the loop is still stable there, and at the line unstable further on
     for point, stable in ((above, True), (below, False)):
         beta = float(point.x[0])
-        line = float(linear_limit(0.01, beta, 1.0, 3.0))
-        assert (radius(Loop(1.0, 0.01, line, beta, 1.0, 3.0)) < 1) == stable
+        limit = float(linear_limit(0.01, beta, 1.0, 3.0))
+        assert (radius(Loop(1.0, 0.01, limit, beta, 1.0, 3.0)) < 1) == stable
