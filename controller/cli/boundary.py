@@ -119,6 +119,13 @@ def _of_config(
                 advice="leave the option out, or change CONFIG with --set",
             )
     config = load_axis(name, sets, axis).config
+    if (law := config.wall.law) != "wall":
+        raise UserError(
+            f"found {law}",
+            field="wall.law",
+            wanted="wall: limits are those of walls",
+            advice=f"give --set wall.law=wall, and --side; haptic-wall run has the limits of {law}",
+        )
     belief, period = config.belief(), config.period_ns * 1e-9
     before, lag = config.delay.steps * period + config.guard.sample_age, belief.delay
     delay = Bounded(before + lag.value, before + lag.low, before + lag.high)

@@ -108,7 +108,9 @@ def _text(found: dict[str, Any], log: Path) -> str:
     name, program = (in_line(str(found[key] or "unknown")) for key in ("name", "program"))
     lines = entry("log", f"{name} ({program}): {rows}")
     if found["report"] is None:
-        return "\n".join([*lines, *entry("run", "not ended: it goes on, or was killed")])
+        return "\n".join(
+            [*lines, *entry("run", "not ended: it goes on, was killed, or its disk is full")]
+        )
     try:
         return "\n".join([*lines, report_text(found["report"] | {"changes": found["changes"]})])
     except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:

@@ -60,7 +60,7 @@ _ROWS = "map.rows"
 @click.option(
     "--kick",
     "kicks",
-    type=Number(0, above=True, unit="rad", form="list"),
+    type=Number(0, 3, above=True, unit="rad", form="list"),
     metavar="RAD[,RAD...]",
     help="Amplitude of the motion at the start [rad]; default: 0.003 to 0.3.",
 )

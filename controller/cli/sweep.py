@@ -17,6 +17,7 @@ from haptic_wall.controller.cli.experiment import (
     moving,
     results_in,
 )
+from haptic_wall.controller.cli.failure import EndedEarlyError
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
 from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import say
@@ -112,6 +113,8 @@ def command(
             finished = sweep(question, kept, tell=say, progress=progress)
         except ExperimentTrippedError as error:
             finished, said, status = False, str(error), error.exit_status
+    if not (finished or kept.done):
+        raise EndedEarlyError(f"{said}: nothing was measured, and nothing is written", status)
     found = question.points(kept)
     conclude(
         asked,

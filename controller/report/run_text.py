@@ -150,7 +150,9 @@ def _wall(report: Mapping[str, Any]) -> Lines:
     for key, unit in (("stiffness", "N·m/rad"), ("damping", "N·m·s/rad")):
         of = "" if asked[key] == commanded[key] else f" of {number(asked[key])} requested"
         parts.append(f"{number(commanded[key])} {unit}{of}")
-    if _left(report) < 1.0:
+    if report.get("wall_came_on") is False:
+        parts.append("was never on")
+    elif _left(report) < 1.0:
         parts.append("reduced after an oscillation")
     elif guard["binding"]:
         parts.append(f"limited by {guard['binding']}")

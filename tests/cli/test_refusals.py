@@ -73,6 +73,7 @@ REFUSED = [
     ("live a.hwlog --at localhost", "--at: found 'localhost', wanted HOST:PORT"),
     ("demo --at localhost", "--at: found 'localhost', wanted HOST:PORT"),
     # boundary
+    ("boundary simulated --set wall.law=damper", "wall.law: found damper, wanted wall"),
     ("boundary", "--inertia: missing; give it, or a CONFIG"),
     ("boundary --rate=3", "--rate: no such option .. `haptic-wall boundary --help` lists options"),
     (
@@ -101,8 +102,8 @@ REFUSED = [
     # experiments
     ("delay bed.yaml --out .", "servo.torque_limit: found none"),
     ("map xm430-w350 --out out", "CONFIG: found a real servo at /dev/ttyUSB0, wanted a simulated"),
-    ("map simulated --kick= --out out", "--kick: found , wanted a number above 0 rad"),
-    ("map simulated --kick 0 --out out", "--kick: found 0, wanted a number above 0 rad"),
+    ("map simulated --kick= --out out", "--kick: found , wanted a number above 0, up to 3 rad"),
+    ("map simulated --kick 0 --out out", "--kick: found 0, wanted a number above 0, up to 3 rad"),
     ("map x --workers=x", "--workers: found x, wanted a whole number from 1"),
     ("map --delay-steps=-1", "--delay-steps: found -1, wanted a whole number from 0, up to 1000"),
     ("map simulated --virtual-damping nan --out out", "--virtual-damping: found nan, wanted a"),

@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from haptic_wall.controller.experiments.sweep import sweep as sweeping
 from tests.support.program import Cli, call, started
 from tests.typed import not_none
 
@@ -97,6 +98,15 @@ def test_an_interrupted_sweep_keeps_what_is_finished(tmp_path: Path) -> None:
     assert kept[0]["virtual_damping"] == 9.0
     held = json.loads((tmp_path / "sweep.json").read_text())
     assert held["points"] == kept
+
+
+def test_a_sweep_that_measured_nothing_leaves_nothing(
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sweeping, "sweep", lambda *_, **__: False)
+    status, _, told = cli("sweep", "simulated", *PLANT, *POINTS, "--out", tmp_path)
+    assert (status, "nothing is written" in told) == (130, True)
+    assert not list(tmp_path.glob("sweep.*"))
 
 
 def test_a_line_that_no_sweep_wrote_is_refused(

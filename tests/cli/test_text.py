@@ -70,6 +70,11 @@ def joined(report: Mapping[str, Any]) -> str:
     return " ".join(report_text(report).split())
 
 
+def test_a_wall_that_was_never_on_is_not_as_requested() -> None:
+    assert "was never on" in joined(REPORT | {"wall_came_on": False})
+    assert "was never on" not in joined(REPORT | {"wall_came_on": True})
+
+
 def test_the_report_of_several_axes_has_a_line_for_each() -> None:
     part = {key: REPORT[key] for key in ("guard", "oscillation", "torque")}
     stop = {"stop_reason": "trip:travel", "stop_axis": "elbow", "guard": None}
