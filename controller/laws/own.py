@@ -105,7 +105,7 @@ def _class_of(name: str) -> Callable[..., OwnLaw]:
         )
     found = _loaded(name)
     if not isinstance(found, type):
-        raise LawError("law", f"found {name}, which is a {type(found).__name__}", _WANTED)
+        raise LawError("law", f"found {name}, of type {type(found).__name__}", _WANTED)
     if not hasattr(found, "torque"):
         raise LawError("law", f"found {name} without torque", _WANTED)
     return found
