@@ -10,6 +10,7 @@ from typing import Any, Final
 import click
 
 from haptic_wall.controller.cli.drawing import drawn_or_noted
+from haptic_wall.controller.cli.experiment import refuse_unknown
 from haptic_wall.controller.cli.numbers import Number
 from haptic_wall.controller.cli.options import (
     answer,
@@ -118,14 +119,9 @@ def _of_config(
                 field=f"--{option.replace('_', '-')}",
                 advice="leave the option out, or change CONFIG with --set",
             )
-    config = load_axis(name, sets, axis).config
-    if (law := config.wall.law) != "wall":
-        raise UserError(
-            f"found {law}",
-            field="wall.law",
-            wanted="wall: limits are those of walls",
-            advice=f"give --set wall.law=wall, and --side; haptic-wall run has the limits of {law}",
-        )
+    loaded = load_axis(name, sets, axis)
+    refuse_unknown(loaded, of_walls=True, filters=True)
+    config = loaded.config
     belief, period = config.belief(), config.period_ns * 1e-9
     before, lag = config.delay.steps * period + config.guard.sample_age, belief.delay
     delay = Bounded(before + lag.value, before + lag.low, before + lag.high)

@@ -27,6 +27,7 @@ from haptic_wall.controller.cli.options import (
     say,
     set_option,
     writing,
+    written,
 )
 from haptic_wall.controller.cli.places import force_option, new_stem, take_folder
 from haptic_wall.controller.cli.working import Work, working
@@ -116,7 +117,7 @@ def experiment(
             asked = None
             if config is not None:
                 loaded = load_axis(config, sets, axis, runs=not of_walls)
-                _refuse_unknown(loaded, of_walls=of_walls, filters=filters)
+                refuse_unknown(loaded, of_walls=of_walls, filters=filters)
                 asked = Asked(loaded, file_of(config), out, yes, sets)
                 servo = asked.config.servo
                 if moves and servo.kind == "hardware" and (yes or sys.stdin.isatty()):
@@ -131,8 +132,12 @@ def experiment(
     return decorated
 
 
-def _refuse_unknown(loaded: Loaded, *, of_walls: bool, filters: bool) -> None:
-    """Refuse a wall that has what the experiment does not know; see ``experiment``."""
+def refuse_unknown(loaded: Loaded, *, of_walls: bool, filters: bool) -> None:
+    """Refuse a wall that has what a command does not know; see ``experiment``.
+
+    Raises:
+        UserError: It has.
+    """
     section = f"axes.{loaded.axis}.wall" if loaded.axis else "wall"
     for name, known, wanted, why in (
         ("law", not of_walls, "wall", "only walls are measured"),
@@ -213,8 +218,7 @@ def conclude(
         held["files"] = paths
         part = all_or_none.enter_context(whole(result))
         part.write_text(as_json(held) + "\n", encoding="utf-8")
-    where = ["", "written", *(f"  {path}" for path in paths)]
-    answer(held, lambda: "\n".join([*text, *where]))
+    answer(held, lambda: "\n".join([*text, "", *written(paths)]))
 
 
 def _write_table(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:

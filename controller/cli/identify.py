@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from click.core import ParameterSource
@@ -23,15 +23,13 @@ from haptic_wall.controller.cli.options import (
     reading,
     say,
     writing,
+    written,
 )
 from haptic_wall.controller.cli.places import FileToWrite, new_stem
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.files import whole
 from haptic_wall.hw.errors import Problem
-
-if TYPE_CHECKING:
-    pass
 
 _FIT_S = 10.0
 """Usual duration of the fit of a record [s]"""
@@ -154,7 +152,7 @@ def command(
             failed, result["config"] = error.problem, None
     result["plot"] = drawn_or_noted("--plot", plot, partial(plot_identification, found, asked.name))
     paths = [each for each in (result.get("config"), result["plot"], logs) if each is not None]
-    answer(result, lambda: "\n".join([text(found), "", "written", *(f"  {p}" for p in paths)]))
+    answer(result, lambda: "\n".join([text(found), "", *written(paths)]))
     if sets and result.get("config"):
         say(f"{out} has {sets} too")
     if failed is not None:

@@ -21,8 +21,10 @@ INTERRUPTED = 130
 CLEAR = b"\r\x1b[K"
 """Removes the line of ``working`` from a terminal"""
 _ANSWER = b'{"error": "interrupted", "field": null, "advice": "", "exit_status": 130}\n'
+json = False
+"""Whether the command has ``--json``"""
 due = False
-"""Whether ``--json`` is given and nothing is printed yet"""
+"""Whether it has, and still owes its only answer"""
 
 
 def leave_at_once() -> None:

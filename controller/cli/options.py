@@ -7,7 +7,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import PurePath
 from typing import Any, TypeVar
@@ -22,14 +22,11 @@ from haptic_wall.controller.system.json_text import plain
 from haptic_wall.controller.system.printable import printable
 
 Command = TypeVar("Command", bound=Callable[..., Any])
-_JSON = "json"
-_state = {_JSON: False}
-"""Whether the command has ``--json``; ``interrupt.due`` is whether it still owes its only answer"""
 
 
 def begin(json: bool) -> None:
     """Note whether ``--json`` is given, and that nothing is printed yet."""
-    _state[_JSON] = interrupt.due = json
+    interrupt.json = interrupt.due = json
 
 
 def config_argument(
@@ -112,7 +109,7 @@ def as_json(value: Mapping[str, Any]) -> str:
 
 def wants_json() -> bool:
     """Whether the command has ``--json``."""
-    return _state[_JSON]
+    return interrupt.json
 
 
 def say(text: str) -> None:
@@ -141,6 +138,11 @@ def put(text: str) -> None:
 def answer(report: Mapping[str, Any], text: Callable[[], str]) -> None:
     """Print a command's answer: the report with ``--json``, else the text, made only then."""
     put(as_json(report) if wants_json() else text())
+
+
+def written(paths: Iterable[object]) -> list[str]:
+    """Return the lines of an answer that name the files which were written."""
+    return ["written", *(f"  {path}" for path in paths)]
 
 
 def answer_error(error: Mapping[str, Any]) -> None:

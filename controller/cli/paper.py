@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from haptic_wall.controller.cli.options import answer, json_option, say, writing
+from haptic_wall.controller.cli.options import answer, json_option, say, writing, written
 from haptic_wall.controller.cli.places import force_option, take_folder
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.paper import table2
@@ -49,4 +49,4 @@ def _text(table: table2.Table2 | None, briefly: bool, files: list[Path]) -> str:
     lines = []
     if table is not None:
         lines = [*(table2.worst_text(table) if briefly else [table2.text(table)]), ""]
-    return "\n".join([*lines, "written", *(f"  {path}" for path in files)])
+    return "\n".join([*lines, *written(files)])

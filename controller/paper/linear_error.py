@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -61,13 +62,13 @@ def error_points(delta: float, delay: float, percent: float) -> list[Curve]:
     # Denser towards the start, where the error changes as the damping does.
     shares = np.linspace(np.sqrt(_START), 1.0, _POINTS)[:-1] ** 2
 
-    def error(share: FloatArray) -> FloatArray:
+    def above(level: float, share: FloatArray) -> FloatArray:
         beta = width * share - delta
-        return exact_at(delta, delay, beta).y / linear_at(delta, delay, beta).y - 1.0
+        return exact_at(delta, delay, beta).y / linear_at(delta, delay, beta).y - 1.0 - level
 
     points = []
     for signed in (-percent, percent):
-        found = zeros(lambda share, level=signed / 100.0: error(share) - level, shares)  # type: ignore[misc]
+        found = zeros(partial(above, signed / 100.0), shares)
         settings = {"delta": delta, "delay_periods": delay, "error_percent": signed}
         for share in found.tolist():
             beta = np.array([width * share - delta])

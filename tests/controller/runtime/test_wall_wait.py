@@ -1,4 +1,4 @@
-"""What is told where a wall does not come on: where the shaft is, and where it must go."""
+"""The message about a wall that does not come on: where the shaft is, where it must go."""
 
 import math
 from types import SimpleNamespace
